@@ -33,7 +33,7 @@ def near(*views: View) -> np.ndarray:
 
 def believed(*fits: Fit) -> np.ndarray:
     """Return (M,) rows of which one or more of several fits to the same rows come near a reading; see `near`."""
-    return near(*(fit.view for fit in fits)).any(axis=1)
+    return np.any(near(*(fit.view for fit in fits)), axis=1)
 
 
 def judged_by(*fits: Fit) -> np.ndarray:
