@@ -17,7 +17,16 @@ from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_loads
+from armflex.measured.forces import (
+    FORCE_KINDS,
+    FORCE_TEXTS,
+    UNLOADED,
+    ForceTable,
+    Unnamed,
+    check_load_names,
+    force_columns,
+    read_loads,
+)
 from armflex.measured.table import Tabular, check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
@@ -345,8 +354,9 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         unnamed: What loads rows that name no payload, or no force.
 
     Raises:
-        TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown; a force
-            is given in part, or at no link; joints are far beyond their limits, as degrees are that should be radians.
+        TableError: A column is missing, misspelt, called as a load or not numeric; time does not increase; a payload is
+            unknown; a force is given in part, or at no link; joints are far beyond their limits, as degrees are that
+            should be radians.
     """
     kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
     table = unnamed.put(read_table(path, kinds))
@@ -354,6 +364,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     table.require(["time", *names["q"]])
     known = [*kinds, *FORCE_TEXTS, "payload", "via"]
     others = [name for name in table.columns if name not in known]
+    check_load_names(table, arm, others)
     for name in others:
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,15 @@ import pytest
 from support.command_line import Run, few_rows, fine, strict_json
 from support.small_arms import ROBOTS
 
-from armflex import Arm, InputError, Wrench, check, compensate
+from armflex import Arm, InputError, Wrench, check, compensate, load_arm
 from armflex.certainty import Certainty
 from armflex.cli.main import COMMANDS
 from armflex.cli.options import FILES
+from armflex.errors import TableError
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.measured.forces import read_force_table
+from armflex.measured.measurements import read_measurements
 from armflex.trajectory import read_trajectory, write_trajectory
 
 HEAVY = ROBOTS / "heavy_six"
@@ -228,3 +231,32 @@ def test_what_was_fitted_is_as_uncertain_as_under_the_load(heavy: Arm) -> None:
     sizes = np.array([np.sqrt(np.trace(covariance[0, :3, :3])) for covariance, _ in found])
     assert np.diff(sizes, n=2)[0] == pytest.approx(0.0, abs=0.05 * sizes[2]) and sizes[2] > 2.0 * sizes[0]
     assert not any(flags for _, flags in found) and without_declared_uncertainty(fitted) is not None
+
+
+@pytest.mark.parametrize(
+    ("column", "meant"),
+    [("fx", "force_fx"), ("Fz_kN", "force_fz"), ("F_y [N]", "force_fy"), ("force_x", "force_fx"), ("mz", "force_mz"),
+     ("M_x_Nm", "force_mx"), ("moment_y", "force_my")],
+)  # fmt: skip
+def test_a_column_called_as_a_load_is_no_covariate(heavy: Arm, tmp_path: Path, column: str, meant: str) -> None:
+    path = with_columns(few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 3), {column: ["-500"] * 3})
+    for read in (read_trajectory, partial(read_measurements, inputs_only=True)):
+        with pytest.raises(TableError, match=f"called as a load .* a load from outside is '{meant}'"):
+            read(path, heavy)
+
+
+def test_what_an_effect_depends_on_may_be_called_as_a_load(heavy: Arm, tmp_path: Path) -> None:
+    path = with_columns(few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 3), {"fx": ["1"] * 3, "flow": ["2"] * 3})
+    effect = '[[effect]]\nname = "unnamed"\nshape = "line"\nsite = "J2"\naxis = "rx"\ncovariates = ["fx"]\n'
+    text = (HEAVY / "arm.toml").read_text().replace('"robot.urdf"', f'"{HEAVY.as_posix()}/robot.urdf"')
+    (tmp_path / "arm.toml").write_text(text + effect + "parameters = { slope = 1e-5, middle = 0 }\n")
+    assert list(read_trajectory(path, load_arm(tmp_path / "arm.toml")).covariates) == ["fx", "flow"]
+
+
+def test_the_nearest_name_is_no_column_that_is_used_already(heavy: Arm, tmp_path: Path) -> None:
+    path = few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 3)
+    text = path.read_text()
+    path.write_text(text.replace("q_J5", "w", 1))
+    with pytest.raises(TableError, match="no column 'q_J5' ") as caught:
+        read_trajectory(path, heavy)
+    assert "did you mean" not in str(caught.value)
