@@ -160,6 +160,10 @@ class Unnamed(NamedTuple):
 UNLOADED = Unnamed()
 
 
+FAR = 20.0
+"""Times the length of a table of forces beyond which a path makes its unit doubtful."""
+
+
 @dataclass(frozen=True, eq=False)
 class ForceTable:
     """A load from outside that depends on how far along its path the tool is, linear between the table's rows.
@@ -174,6 +178,11 @@ class ForceTable:
     s: Array
     wrenches: tuple[Wrench, ...]
 
+    @property
+    def varies(self) -> bool:
+        """Whether it matters where along the path the tool is."""
+        return any(np.ptp(part, axis=0).any() for one in self.wrenches for part in (one.force, one.moment))
+
     def at(self, lengths: Array) -> tuple[Wrench, ...]:
         """Return the loads at (N,) lengths of path [m], for all N rows each.
 
@@ -184,7 +193,9 @@ class ForceTable:
         outside = (lengths < self.s[0] - slack) | (lengths > self.s[-1] + slack)
         for i in np.flatnonzero(outside)[:1]:
             has = f"{self.path}: the table of forces goes from {self.s[0]:.6g} to {self.s[-1]:.6g} m"
-            raise InputError(f"{has}, row {i} is at {lengths[i]:.6g} m of the path")
+            far = np.ptp(self.s) and lengths[-1] > FAR * np.ptp(self.s)
+            more = ": is the unit of s right?" if far else ""
+            raise InputError(f"{has}, row {i} is at {lengths[i]:.6g} m of the path{more}")
 
         def between(values: Array) -> Array:
             return np.column_stack([np.interp(lengths, self.s, column) for column in values.T])

@@ -203,6 +203,42 @@ def test_a_table_that_cannot_be_used(armflex: Run, tmp_path: Path, name: str) ->
     assert complaint in result.stderr and not (tmp_path / "o.csv").exists()
 
 
+def test_a_table_of_forces_in_other_commands(armflex: Run, heavy: Arm, tmp_path: Path) -> None:
+    """What predict and a compensated program do under a table is what they do under the rows' own forces."""
+    file, own = few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 12), tmp_path / "own.csv"
+    (tmp_path / "f.csv").write_text("s,force_fz_kN\n0,0\n9,-6\n")
+    path, _ = read_trajectory(file, heavy).under(read_force_table(tmp_path / "f.csv", heavy), heavy)
+    write_trajectory(path, own)
+    arm, table = HEAVY / "arm.toml", ("--force-table", "f.csv")
+    fine(armflex("predict", arm, file, "-o", "a.csv", *table))
+    fine(armflex("predict", arm, own, "-o", "b.csv"))
+    assert (tmp_path / "a.csv").read_text() == (tmp_path / "b.csv").read_text()
+    fine(armflex("predict", arm, file, "-o", "c.csv"))
+    assert (tmp_path / "c.csv").read_text() != (tmp_path / "b.csv").read_text()
+    command = ("export", arm, "--to", "urscript", "--compensate", "-o")
+    fine(armflex(*command, "a.script", "--traj", file, *table))
+    fine(armflex(*command, "b.script", "--traj", own))
+    assert (tmp_path / "a.script").read_text() == (tmp_path / "b.script").read_text()
+    assert "loads from outside up to" in (tmp_path / "a.script").read_text()
+    result = fine(armflex("export", arm, "--to", "krl", "-o", "c.src", "--traj", file, *table), 2)
+    assert "--force-table go with --compensate" in result.stderr
+
+
+def test_a_table_whose_unit_is_doubtful(heavy: Arm, tmp_path: Path) -> None:
+    """Of millimetres read as metres a path uses next to nothing; a constant one says the same anywhere."""
+    path, file = read_trajectory(few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30), heavy), tmp_path / "f.csv"
+    end = float(path.lengths(heavy)[-1])
+    file.write_text(f"s,force_fz\n0,0\n{1e3 * end},-800\n")
+    _, flags = path.under(read_force_table(file, heavy), heavy)
+    assert [flag.code for flag in flags] == ["force_table"] and "is its s in mm?" in flags[0].text
+    for table in (f"s,force_fz\n0,-800\n{1e3 * end},-800\n", f"s,force_fz\n0,0\n{2.0 * end},-800\n"):
+        file.write_text(table)
+        assert not path.under(read_force_table(file, heavy), heavy)[1]
+    file.write_text(f"s_mm,force_fz\n0,0\n{end},-800\n")
+    with pytest.raises(InputError, match="of the path: is the unit of s right"):
+        path.under(read_force_table(file, heavy), heavy)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_says_what_the_files_are_and_where_forces_go(armflex: Run, command: str) -> None:
     """What a newcomer needs is found from --help alone."""
