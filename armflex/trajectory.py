@@ -17,7 +17,16 @@ from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_loads
+from armflex.measured.forces import (
+    FORCE_KINDS,
+    FORCE_TEXTS,
+    UNLOADED,
+    ForceTable,
+    Unnamed,
+    check_load_names,
+    force_columns,
+    read_loads,
+)
 from armflex.measured.table import Tabular, check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
@@ -36,6 +45,9 @@ ARC = 8
 
 TOGETHER = 4096
 """Stretches whose length is measured together."""
+
+COVERED = 0.05
+"""Share of a table of forces below which a path that goes no further is asked about: a factor of 1000 is a unit."""
 
 NOTICED = 1e-3
 """Share of a table's largest force that loads linear between rows may leave out without a word."""
@@ -206,9 +218,13 @@ class Trajectory(Result):
             raise InputError(f"rows name forces already, which those of {table.path} would be beside")
         lengths = self.lengths(arm)
         lost, flags = table.missed(lengths), ()
+        whole, used = float(np.ptp(table.s)), float(lengths[-1])
+        if table.varies and 0.0 < used < COVERED * whole:
+            text = f"the path is {used:.3g} m long, {table.path} goes over {whole:.3g} m"
+            flags = (Flag("force_table", f"{text}: is its s in mm? Then call the column s_mm"),)
         if lost > NOTICED * max((one.sizes[0] for one in table.wrenches), default=0.0):
             text = f"loads are linear between rows, which leaves out up to {lost:.3g} N of {table.path}: give more rows"
-            flags = (Flag("force_table", text),)
+            flags = (*flags, Flag("force_table", text))
         return replace(self, wrenches=(*hung, *table.at(lengths))), flags
 
     def towards(self, desired: Trajectory) -> Trajectory:
@@ -353,8 +369,9 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         unnamed: What loads rows that name no payload, or no force.
 
     Raises:
-        TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown; a force
-            is given in part, or at no link; joints are far beyond their limits, as degrees are that should be radians.
+        TableError: A column is missing, misspelt, called as a load or not numeric; time does not increase; a payload is
+            unknown; a force is given in part, or at no link; joints are far beyond their limits, as degrees are that
+            should be radians.
     """
     names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in ("q", "v", "a", TARGET)}
     kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
@@ -363,6 +380,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     table.require(["time", *names["q"]])
     known = [*kinds, *FORCE_TEXTS, "payload", "via"]
     others = [name for name in table.columns if name not in known]
+    check_load_names(table, arm, others)
     for name in others:
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)

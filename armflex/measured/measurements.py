@@ -28,7 +28,15 @@ from armflex.measured.data_flags import (
     table_flags,
     unit_flags,
 )
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, force_columns, read_loads
+from armflex.measured.forces import (
+    FORCE_KINDS,
+    FORCE_TEXTS,
+    UNLOADED,
+    Unnamed,
+    check_load_names,
+    force_columns,
+    read_loads,
+)
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, Tabular, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
@@ -331,6 +339,7 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
             raise TableError(Place(table.path, 1), f"{text}{did_you_mean(own or base, arm.sensors)}")
     meant = [*known, *(("point",) if points else ())]
     lowered = [word.lower() for word in meant]
+    check_load_names(table, arm, (name for name in table.columns if name not in meant))
     for name in table.columns:
         if name not in meant:
             long = [word for word in lowered if len(word) > 3]
