@@ -325,6 +325,8 @@ def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
     if held:
         # What is locked anew must be within its limits, and what mimics it follows.
         lock_side_joints(robot.urdf, robot.base, robot.chain, held)
+        if stray := robot.stray(held):
+            raise InputError(f"--q: {stray[1]}")
         moved = {name: float(at) for name, at in robot.side_positions(held).items()}
         arm = replace(arm, robot=replace(robot, locked={**robot.locked, **moved}))
     return arm.position(**positions), arm

@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, Flag, Place
-from armflex.robot.urdf import FARTHEST, Inertial, Joint, Link, Urdf
+from armflex.robot.urdf import FARTHEST, RESERVED, Inertial, Joint, Link, Urdf
 
 FORMS = ("standard", "modified")
 FLANGE = "flange"
@@ -46,6 +46,9 @@ def read_dh(table: Declaration) -> Urdf:
     links, joints, before = {"base": Link("base", None, (), place)}, {}, pin.SE3.Identity()
     bodies = [_body(row) for row in rows.values()]
     for number, (name, row) in enumerate(rows.items(), 1):
+        if name == FLANGE or RESERVED.fullmatch(name):
+            text = "is the joint of the last frame" if name == FLANGE else "is taken by the mechanics"
+            raise ArmFileError(row.place(), f"joint {name!r}: this name {text}, choose another")
         kind = row.choice("kind", ("revolute", "prismatic"), "revolute")
         theta, d, across = _row(row)
         along = pin.SE3(pin.exp3(theta * z), d * z)
@@ -56,7 +59,10 @@ def read_dh(table: Declaration) -> Urdf:
         row.finish()
         if not lower < upper:
             raise row.fail("upper", f"expected more than lower, {lower:g}, got {upper:g}")
-        if np.isinf([lower, upper]).any():
+        if np.isinf(lower) != np.isinf(upper):
+            missing, given = ("lower", "upper") if np.isinf(lower) else ("upper", "lower")
+            raise row.fail(missing, f"is not given, but {given} is: give both limits, or none for a joint without")
+        if np.isinf(lower):
             kind, lower, upper = ("continuous" if kind == "revolute" else kind), -np.inf, np.inf
         parent, child = (f"link{number - 1}" if number > 1 else "base"), f"link{number}"
         links[child] = Link(child, bodies[number - 1], (), row.place(), between=not any(bodies))
@@ -91,4 +97,4 @@ def _body(row: Declaration) -> Inertial | None:
     com = row.numbers("com", (3,)) if row.has("com") else np.zeros(3)
     if mass < 0.0:
         raise row.fail("mass", f"is {mass:g} kg, expected more than 0")
-    return Inertial(mass, com, np.eye(3), np.zeros((3, 3)), row.place("mass")) if mass else None
+    return Inertial(mass, com, np.eye(3), np.zeros((3, 3)), row.place("mass"), point=True) if mass else None

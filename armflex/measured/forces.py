@@ -102,8 +102,8 @@ def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     """Return what loads a table's rows beside their payloads: known forces, and branches whose joints have columns.
 
     Raises:
-        TableError: As `read_forces`; a position off the chain is no number or beyond its joint's limits, or its joint
-            carries none of the chain, or moves what is read or pulled at.
+        TableError: As `read_forces`; a position off the chain is no number, beyond its joint's limits, or not where the
+            joint that it mimics puts it; or its joint carries none of the chain, or moves what is read or pulled at.
     """
     forces, robot = read_forces(table, arm), arm.robot
     given: dict[str, Array] = {}
@@ -128,6 +128,8 @@ def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
             if there := sorted(link for link in links if link in moved):
                 text = f"{what} is at {there[0]!r}, which joint {name!r} off the chain moves"
                 raise TableError(Place(table.path, 1), f"column {header!r}: {text}: that is not supported")
+    if stray := robot.stray(given):
+        raise TableError(Place(table.path, table.lines[stray[0]]), stray[1])
     return (*forces, *branches(robot, given)) if given else forces
 
 

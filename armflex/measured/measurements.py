@@ -28,13 +28,21 @@ from armflex.measured.data_flags import (
     table_flags,
     unit_flags,
 )
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, check_load_names, read_loads
+from armflex.measured.forces import (
+    FORCE_KINDS,
+    FORCE_TEXTS,
+    UNLOADED,
+    Unnamed,
+    check_load_names,
+    force_columns,
+    read_loads,
+)
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, Tabular, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
 from armflex.result import Result
 from armflex.rows import Rows
-from armflex.rows.rows import MOST_LEVELS, last_motion, level_columns
+from armflex.rows.rows import APPROACH, MOST_LEVELS, last_motion, level_columns
 
 POSITION, ROTATION, EACH = ("x", "y", "z"), ("rx", "ry", "rz"), ("sigma_x", "sigma_y", "sigma_z")
 KINDS = {
@@ -74,10 +82,22 @@ class Measurements(Rows, Result):
 
     @property
     def table(self) -> dict[str, Any]:
-        """The columns of a measurements.csv in SI, (N,) each; None where nothing was read."""
+        """The columns of a measurements.csv in SI, (N,) each; None where nothing was read.
+
+        What the order of the rows tells is left out: time by the number of the row, and the last motion of a joint.
+
+        Raises:
+            InputError: As `force_columns`.
+        """
         columns: dict[str, Any] = {"pose": self.pose, "session": self.session, "payload": self.payload}
         columns |= {f"q_{name}": self.q[:, i] for i, name in enumerate(self.joint_names)}
         columns |= {} if "time" in self.derived else {"time": self.time}
+        columns |= {} if self.hold is None else {"hold": self.hold}
+        told = last_motion(self.q)
+        for i, name in enumerate(f"{APPROACH}{joint}" for joint in self.joint_names):
+            if name not in self.derived or (self.approach[:, i] != told[:, i]).any():
+                columns[name] = self.approach[:, i]
+        columns |= force_columns(self.wrenches, len(self))
         for kind in self.readings.kinds:
             named = {Position: (POSITION, EACH), Orientation: (ROTATION, ("sigma_r",))}
             own = kind.columns(kind.name), (f"sigma_{kind.name}",)

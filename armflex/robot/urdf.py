@@ -91,13 +91,17 @@ class Fault:
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass [kg], pose of the inertia frame in the link frame, inertia (3, 3) about the CoM [kg m^2]."""
+    """Mass [kg], pose of the inertia frame in the link frame, inertia (3, 3) about the CoM [kg m^2].
+
+    A `point` is declared without moments of inertia, which are then zero.
+    """
 
     mass: float
     origin: Array
     rotation: Array
     inertia: Array
     place: Place
+    point: bool = False
 
     @property
     def turned(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -174,3 +175,32 @@ def test_headers_may_have_their_unit_in_brackets(tmp_path: Path) -> None:
     again = read_measurements(rows, arm)
     np.testing.assert_array_equal(again.q, plain.q)
     np.testing.assert_array_equal(again.readings.kinds[0].values, plain.readings.kinds[0].values)
+
+
+@pytest.mark.parametrize(
+    ("instead", "line", "said"),
+    [
+        (("upper_mm = 300, lower = 0", "upper_mm = 300"), 6, "[robot.joint.reach] lower: is not given, but upper is"),
+        (("luff = { alpha_deg", "luff = { lower_deg = -90, alpha_deg"), 5, "[robot.joint.luff] upper: is not given"),
+        (("luff", "flange"), 5, "joint 'flange': this name is the joint of the last frame"),
+        (("luff", "universe"), 5, "joint 'universe': this name is taken by the mechanics, choose another"),
+        (("luff", '"flexure:slew"'), 5, "joint 'flexure:slew': this name is taken by the mechanics, choose another"),
+    ],
+)
+def test_limits_and_names_that_no_joint_can_have(
+    tmp_path: Path, instead: tuple[str, str], line: int, said: str
+) -> None:
+    with pytest.raises(ArmFileError) as caught:
+        read(tmp_path, MODIFIED.replace(*instead))
+    assert f"arm.toml:{line}: " in str(caught.value) and said in str(caught.value)
+
+
+def test_masses_are_points_and_say_so_where_the_arm_moves(tmp_path: Path) -> None:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        arm = read(tmp_path, MODIFIED.replace("[robot.joint]", "gravity = [0.0, 0.0, -9.81]\n[robot.joint]"))
+    assert told == [] and arm.flags == ()
+    q, v = np.zeros(3), np.ones(3)
+    assert "point_masses" not in {flag.code for flag in arm.deflection(q).flags}
+    for found in (arm.deflection(q, v=v), arm.deflection(q, a=v), arm.deflection(q[None], v=v[None]).row(0)):
+        assert [flag.code for flag in found.flags].count("point_masses") == 1
