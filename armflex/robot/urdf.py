@@ -180,6 +180,7 @@ class Urdf:
     """A URDF as data; `flags` are the flags met while reading, `translated` whether its file is in another format.
 
     `dh` is the form of the Denavit-Hartenberg rows that it was made of, '' of others.
+    `gravity` is that of the file in its root's axes [m/s^2], which a URDF has none of.
     """
 
     name: str
@@ -189,6 +190,7 @@ class Urdf:
     flags: tuple[Flag, ...] = field(default=())
     translated: bool = False
     dh: str = ""
+    gravity: tuple[float, float, float] | None = None
 
     @cached_property
     def children(self) -> dict[str, list[Joint]]:
@@ -202,6 +204,15 @@ class Urdf:
     def parents(self) -> dict[str, Joint]:
         """The joint that ends at each link but the root."""
         return {joint.child: joint for joint in self.joints.values()}
+
+    def turned(self, link: str) -> tuple[Array, Joint | None]:
+        """Return the (3, 3) rotation of a link in its root's axes with all joints at 0, and the last that moves it."""
+        rotation, moving = np.eye(3), None
+        while link in self.parents:
+            joint = self.parents[link]
+            rotation, link = joint.rotation @ rotation, joint.parent
+            moving = moving or (joint if joint.kind in MOVING else None)
+        return rotation, moving
 
     def below(self, link: str) -> list[str]:
         """Return a link and all that descend from it, last branches first."""
