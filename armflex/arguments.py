@@ -68,12 +68,14 @@ def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
     order = [one.name for one in parameters if one.kind is inspect.Parameter.POSITIONAL_OR_KEYWORD]
     each = next((one.annotation for one in parameters if one.kind is one.VAR_KEYWORD), "Any")  # of **joints: float
     others = ast.parse(str(each), mode="eval").body
+    declared = {one.name for one in parameters}
     title = function.__qualname__.removesuffix(".__init__")
 
     def look(args: tuple, kwargs: Mapping[str, Any]) -> None:
         for name, value in (*zip(order, args, strict=False), *kwargs.items()):
-            if not _is(value, asked.get(name, others)):
-                wanted = " or ".join(_said(asked.get(name, others)))
+            meant = asked.get(name, None if name in declared else others)
+            if meant is not None and not _is(value, meant):
+                wanted = " or ".join(_said(meant))
                 raise ArrayTypeError(f"{title}: {name} is {shown(value, 60)}, expected {wanted}")
 
     @wraps(function)
@@ -88,10 +90,8 @@ def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
     return call
 
 
-def _is(value: Any, wanted: ast.expr | None) -> bool:
+def _is(value: Any, wanted: ast.expr) -> bool:
     """Return whether a value is what an annotation says."""
-    if wanted is None:
-        return True
     if isinstance(wanted, ast.BinOp):
         return _is(value, wanted.left) or _is(value, wanted.right)
     if isinstance(wanted, ast.Constant):

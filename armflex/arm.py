@@ -5,6 +5,7 @@ A `Setup` is an arm and the instrument that looks at it.
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -509,6 +510,12 @@ def _not_at_zero(joint: Joint, value: float) -> Flag:
 
 
 def warn(flags: Sequence[Flag]) -> None:
-    """Raise each flag as a Python warning, once, for those who do not look at `flags`."""
+    """Raise each flag as a Python warning, once, for those who do not look at `flags`.
+
+    It points at the line outside this package that asked, however deep the question was answered.
+    """
+    level, frame = 1, sys._getframe()
+    while flags and frame and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:
+        level, frame = level + 1, frame.f_back
     for flag in flags:
-        warnings.warn(str(flag), ArmflexWarning, stacklevel=3)
+        warnings.warn(str(flag), ArmflexWarning, stacklevel=level)

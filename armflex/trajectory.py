@@ -17,7 +17,16 @@ from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, ForceTable, Unnamed, force_columns, read_loads
+from armflex.measured.forces import (
+    FORCE_KINDS,
+    FORCE_TEXTS,
+    UNLOADED,
+    ForceTable,
+    Unnamed,
+    check_load_names,
+    force_columns,
+    read_loads,
+)
 from armflex.measured.table import Tabular, check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
@@ -28,11 +37,17 @@ from armflex.rows.wrench import Wrench, wrenches_in
 SHORTEST = 1e-9
 """No controller's rows follow each other sooner [s]; speeds over less may be beyond all numbers."""
 
+TARGET = "target"
+"""Begins the name of a column that says where a joint puts the rigid tip where the flexed one is to be."""
+
 ARC = 8
 """Chords that the way of the tip from row to row is measured by; even."""
 
 TOGETHER = 4096
 """Stretches whose length is measured together."""
+
+COVERED = 0.05
+"""Share of a table of forces below which a path that goes no further is asked about: a factor of 1000 is a unit."""
 
 NOTICED = 1e-3
 """Share of a table's largest force that loads linear between rows may leave out without a word."""
@@ -133,12 +148,17 @@ class Trajectory(Result):
 
     @property
     def table(self) -> dict[str, Any]:
-        """The columns of a trajectory.csv, (N,) each."""
+        """The columns of a trajectory.csv, (N,) each.
+
+        Raises:
+            InputError: As `force_columns`.
+        """
         columns: dict[str, Any] = {"time": self.time}
-        for prefix, values in (("q", self.q), ("v", self.v), ("a", self.a)):
+        for prefix, values in (("q", self.q), ("v", self.v), ("a", self.a), (TARGET, self.target)):
             if values is not None:
                 columns |= {f"{prefix}_{name}": values[:, i] for i, name in enumerate(self.joint_names)}
-        return columns | {"payload": self.payload, "via": self.via, **self.covariates}
+        columns |= {"payload": self.payload, "via": self.via, **force_columns(self.wrenches, len(self))}
+        return columns | dict(self.covariates)
 
     def between(self, segments: np.ndarray, fractions: Array) -> Points:
         """Return points at (M,) fractions, dimensionless, of the way from (M,) rows to the next, payloads as there."""
@@ -198,9 +218,13 @@ class Trajectory(Result):
             raise InputError(f"rows name forces already, which those of {table.path} would be beside")
         lengths = self.lengths(arm)
         lost, flags = table.missed(lengths), ()
+        whole, used = float(np.ptp(table.s)), float(lengths[-1])
+        if table.varies and 0.0 < used < COVERED * whole:
+            text = f"the path is {used:.3g} m long, {table.path} goes over {whole:.3g} m"
+            flags = (Flag("force_table", f"{text}: is its s in mm? Then call the column s_mm"),)
         if lost > NOTICED * max((one.sizes[0] for one in table.wrenches), default=0.0):
             text = f"loads are linear between rows, which leaves out up to {lost:.3g} N of {table.path}: give more rows"
-            flags = (Flag("force_table", text),)
+            flags = (*flags, Flag("force_table", text))
         return replace(self, wrenches=(*hung, *table.at(lengths))), flags
 
     def towards(self, desired: Trajectory) -> Trajectory:
@@ -345,15 +369,18 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         unnamed: What loads rows that name no payload, or no force.
 
     Raises:
-        TableError: A column is missing, misspelt or not numeric; time does not increase; a payload is unknown; a force
-            is given in part, or at no link; joints are far beyond their limits, as degrees are that should be radians.
+        TableError: A column is missing, misspelt, called as a load or not numeric; time does not increase; a payload is
+            unknown; a force is given in part, or at no link; joints are far beyond their limits, as degrees are that
+            should be radians.
     """
+    names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in ("q", "v", "a", TARGET)}
     kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
+    kinds |= {name: kinds[own] for name, own in zip(names[TARGET], names["q"], strict=True)}
     table = unnamed.put(read_table(path, kinds))
-    names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in "qva"}
     table.require(["time", *names["q"]])
     known = [*kinds, *FORCE_TEXTS, "payload", "via"]
     others = [name for name in table.columns if name not in known]
+    check_load_names(table, arm, others)
     for name in others:
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)
@@ -378,7 +405,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         line = table.lines[int(np.argmin(slow)) + 1]
         raise TableError(Place(table.path, line), f"time does not increase, by {SHORTEST:g} s at least")
     moved: dict[str, Array | None] = {}
-    for prefix in "va":
+    for prefix in ("v", "a", TARGET):
         given = any(name in table.columns for name in names[prefix])
         table.require(names[prefix] if given else ())
         moved[prefix] = table.matrix(names[prefix]) if given else None
@@ -393,6 +420,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         covariates=covariates,
         places=places,
         wrenches=read_loads(table, arm),
+        target=moved[TARGET],
     )
 
 
@@ -403,12 +431,9 @@ def misspelt(name: str, known: Iterable[str]) -> bool:
 
 @checked_kinds
 def write_trajectory(trajectory: Trajectory, path: str | Path) -> Path:
-    """Write a trajectory.csv, whole or not at all."""
-    columns: dict[str, list] = {"time": trajectory.time.tolist()}
-    for prefix, values in (("q", trajectory.q), ("v", trajectory.v), ("a", trajectory.a)):
-        if values is not None:
-            columns |= {f"{prefix}_{name}": values[:, i].tolist() for i, name in enumerate(trajectory.joint_names)}
-    columns |= {"payload": list(trajectory.payload), "via": list(trajectory.via)}
-    columns |= force_columns(trajectory.wrenches, len(trajectory))
-    columns |= {name: values.tolist() for name, values in trajectory.covariates.items()}
-    return write_table(path, columns)
+    """Write a trajectory.csv, whole or not at all.
+
+    Raises:
+        InputError: As `force_columns`.
+    """
+    return write_table(path, {name: np.asarray(values).tolist() for name, values in trajectory.table.items()})

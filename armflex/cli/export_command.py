@@ -11,7 +11,7 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import complain, say
+from armflex.cli.terminal import complain, say, show_flags
 from armflex.errors import InputError, listing
 from armflex.export.exported import Exported
 from armflex.measured.forces import UNLOADED, Unnamed
@@ -35,7 +35,7 @@ class Format:
     function: str = "export"
 
 
-PATH = ("traj", "compensate", "covariates", "unnamed")
+PATH = ("traj", "compensate", "covariates", "unnamed", "table_path")
 """Options of the formats of a path."""
 
 FORMATS = {
@@ -68,6 +68,7 @@ FORMATS = {
 @click.option("--axes", metavar="A1=J2,E1=rail", help="urscript, krl, rapid: which joint is which axis of the "
               "controller, each joint once [default: in their order, sliding ones on external axes].")  # fmt: skip
 @options.loads
+@options.force_table
 @click.option("--covariates", metavar="temperature=25", help="With --compensate: what the arm's effects depend on.",
               callback=lambda *given: None if given[2] is None else options.parse_covariates(given[2]))  # fmt: skip
 def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **given: Any) -> None:
@@ -77,7 +78,8 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     """
     wanted, asked = FORMATS[target], {option: value for option, value in given.items() if value is not None}
     asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}
-    flags = {one.name: one.opts[0] for one in click.get_current_context().command.params}
+    context = click.get_current_context()
+    flags = {one.name: one.opts[0] for one in context.command.params}
     for option in asked:
         if option not in wanted.options:
             known = [name for name, other in FORMATS.items() if option in other.options]
@@ -85,13 +87,20 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
             raise InputError(f"{flag} means nothing to --to {target}; it goes with --to {listing(known)}")
     for option in wanted.needs:
         if option not in asked and not (option == "output" and output):
-            raise InputError(f"--to {target} needs {flags[option]}")
+            choices = {
+                one.name: one.type.choices for one in context.command.params if isinstance(one.type, options.Choice)
+            }
+            more = f" {' or '.join(choices[option])}" if option in choices else ""
+            raise InputError(f"--to {target} needs {flags[option]}{more}")
+    if "traj" in asked:
+        asked["arm_file"] = str(context.params["arm_path"])
     exporter = importlib.import_module(f"armflex.export.{wanted.module}")
     found: Exported = getattr(exporter, wanted.function)(arm, **asked)
     if output is None:
         say(*(found.page or found.text).splitlines())
     else:
         write_whole(output, found.text.encode())
+    show_flags(found.flags)
     for line in found.told:
         complain(line) if output is None else say(line)
     if output is not None:

@@ -129,3 +129,7 @@ def _terminal() -> ModuleType:
     from armflex.cli import terminal  # imports rich
 
     return terminal
+
+
+if __name__ == "__main__":
+    main()

@@ -325,16 +325,23 @@ def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
     if held:
         # What is locked anew must be within its limits, and what mimics it follows.
         lock_side_joints(robot.urdf, robot.base, robot.chain, held)
+        if stray := robot.stray(held):
+            raise InputError(f"--q: {stray[1]}")
         moved = {name: float(at) for name, at in robot.side_positions(held).items()}
         arm = replace(arm, robot=replace(robot, locked={**robot.locked, **moved}))
     return arm.position(**positions), arm
 
 
 def loads(function: Callable) -> Callable:
-    """Add `--payload` and `--force` for rows that name none: the command gets them as `unnamed`, arm first."""
+    """Add `--payload` and `--force` for rows that name none: the command gets them as `unnamed`, arm first.
+
+    A command that has `--force-table`, too, gets that or `--force`.
+    """
 
     @functools.wraps(function)
     def with_loads(arm: Arm, payload: str, force_text: str | None, **rest: Any) -> Any:
+        if force_text is not None and rest.get("table_path") is not None:
+            raise InputError("--force and --force-table exclude each other")
         return function(arm, unnamed=unnamed_loads(arm, payload, force_text), **rest)
 
     return force_option(payload_option(with_loads))
@@ -369,8 +376,6 @@ def read_path(path: Path, arm: Arm, unnamed: Unnamed = UNLOADED, table_path: Pat
     trajectory = read_trajectory(path, arm, unnamed)
     if table_path is None:
         return trajectory
-    if unnamed.force is not None:
-        raise InputError("--force and --force-table exclude each other")
     trajectory, flags = trajectory.under(read_force_table(table_path, arm), arm)
     show_flags(flags)
     return trajectory

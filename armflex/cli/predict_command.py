@@ -18,10 +18,13 @@ from armflex.tasks.predict import predict_file
 @click.argument("rows_path", metavar="ROWS.csv", type=options.InputPath)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Table to write.")
 @options.loads
+@options.force_table
 @options.covariates
-def command(arm: Arm, unnamed: Unnamed, rows_path: Path, output: Path, covariates: dict[str, float]) -> None:
+def command(
+    arm: Arm, unnamed: Unnamed, table_path: Path | None, rows_path: Path, output: Path, covariates: dict[str, float]
+) -> None:
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
     with progress("predicting") as tick:
-        rows, flags = predict_file(arm, rows_path, output, tick, covariates, unnamed)
+        rows, flags = predict_file(arm, rows_path, output, tick, covariates, unnamed, table_path)
     options.conclude({"rows": rows}, flags, arm)
     say(f"{rows} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")

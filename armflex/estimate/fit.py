@@ -20,7 +20,6 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
-from armflex.readings import Position
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
@@ -190,9 +189,9 @@ class Fit:
         """Standard deviation of each coordinate [m] beyond the stated one, where readings had to be weighed by it."""
         if not self.factors or self.view.readings.unit != "m":
             return 0.0
-        each = Position.dimension if self.view.readings.of(Position) else 1
-        beyond = (self.noise * self.view.rms(self.view.sigma)) ** 2 - self.view.rms(self.stated) ** 2
-        return float(np.sqrt(max(beyond, 0.0) / each))
+        now, before = (sigma[:, self.view.foremost] for sigma in (self.view.sigma, self.stated))
+        stated, weighed = (float((sigma[np.isfinite(sigma)] ** 2).mean()) for sigma in (before, now))
+        return float(np.sqrt(max(self.noise**2 * weighed - stated, 0.0)))
 
     @cached_property
     def posterior(self) -> LinearGaussian:

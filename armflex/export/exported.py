@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from armflex.errors import Flag
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -15,10 +17,12 @@ class Exported:
         text: The whole file.
         told: Lines for who exports, such as what the format cannot carry, in mm.
         numbers: The same for programs: what `--json` gets beside the format's name, SI.
+        flags: What is doubtful about it.
         page: What a screen shows instead of the file, '' where that is the file.
     """
 
     text: str
     told: tuple[str, ...] = ()
     numbers: Mapping[str, Any] = field(default_factory=dict)
+    flags: tuple[Flag, ...] = ()
     page: str = ""

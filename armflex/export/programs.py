@@ -14,12 +14,13 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import UNITS, Array, printable
-from armflex.errors import InputError, UnknownNameError, UnsupportedError, listing, naming
+from armflex.errors import Flag, InputError, UnknownNameError, UnsupportedError, listing, naming
 from armflex.export.exported import Exported
 from armflex.export.rigid import require_six_turning
-from armflex.measured.forces import UNLOADED, Unnamed
+from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.tasks.compensate import compensate as compensated
 from armflex.trajectory import Trajectory, read_trajectory
+from armflex.version import __version__
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
 """What all three languages take as a name; KRL has the shortest."""
@@ -39,6 +40,13 @@ ZONE = (1.0, 1.5, 1.5, 0.15, 1.5, 0.15)
 these [deg], as in z10 = [FALSE, 10, 15, 15, 1.5, 15, 1.5]."""
 
 
+def _stops(name: str, times: int, blends: int) -> tuple[str, ...]:
+    if times - blends < 1 or times < 2:
+        return ()
+    text = f"The robot stops at {times - blends + 1} of {times + 1} rows"
+    return (f"{text}: a column `blend` [m] of the path (or blend_mm) lets it pass through a row without a stop.",)
+
+
 @dataclass(frozen=True)
 class Language:
     """How a controller's language writes a path of joint moves.
@@ -51,7 +59,8 @@ class Language:
         move: A line from every axis' position by name, the time that the way takes [s], None for the first, and the
             blend [m].
         radians: Whether turning axes are in rad, else in deg; sliding ones are in mm.
-        lost: What it cannot hold, as it is said, from the program's name, how many ways have times and rows blends.
+        lost: What it cannot hold, or does at rows, as it is said, from the program's name, how many ways have times and
+            rows blends.
     """
 
     called: str
@@ -62,7 +71,7 @@ class Language:
     closing: tuple[str, ...]
     move: Callable[[Mapping[str, str], float | None, float], str]
     radians: bool = False
-    lost: Callable[[str, int, int], tuple[str, ...]] = lambda name, times, blends: ()
+    lost: Callable[[str, int, int], tuple[str, ...]] = _stops
 
 
 def _urscript_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
@@ -156,14 +165,15 @@ def program(
         UnsupportedError: The arm has not what the controller has; said by name, with how many.
         InputError: The name is none of the language, or `axes` are not all joints' and all the language's.
     """
-    path, told = path_of(arm, traj, **asked)
+    path, told, flags, head = path_of(arm, traj, **asked)
     if not NAME.fullmatch(name) or name.lower() in WORDS.split():
         expected = "expected a letter, then up to 23 letters, digits and _, no word of a language"
         raise InputError(f"--name {name!r}: {expected}")
     slides = [joint.kind == "prismatic" for joint in arm.robot.moving]
     units = [("mm", 1e3) if one else ("rad", 1.0) if language.radians else ("deg", 180.0 / np.pi) for one in slides]
     placed = _axes(arm, language, axes)
-    comments = [f"{language.comment} {_described(language, axis)} [{units[i][0]}]: {_comment(arm.joint_names[i])}"
+    comments = [f"{language.comment} {line}" for line in head]
+    comments += [f"{language.comment} {_described(language, axis)} [{units[i][0]}]: {_comment(arm.joint_names[i])}"
                 for axis, i in placed.items()]  # fmt: skip
     lines: list[str] = []
     for line in language.opening:
@@ -176,7 +186,7 @@ def program(
         mark = language.comment.strip()
         lines.append(language.move(at, time, blend) + _via(path, i, mark))
     lost = language.lost(name, len(path) - 1, sum(map(bool, blends)))
-    return Exported("\n".join([*lines, *language.closing, ""]), (*told, *lost))
+    return Exported("\n".join([*lines, *language.closing, ""]), (*told, *lost), flags=flags)
 
 
 urscript, krl, rapid = (partial(program, language) for language in LANGUAGES.values())
@@ -188,9 +198,10 @@ def jointtrajectory(arm: Arm, traj: Path, **asked: Any) -> Exported:
     Velocities and accelerations are there where the path has them; the message has no place for blends, which is said.
     Arguments and errors are those of `path_of`.
     """
-    path, told = path_of(arm, traj, **asked)
+    path, told, flags, head = path_of(arm, traj, **asked)
     names = ", ".join(json.dumps(joint, ensure_ascii=False) for joint in arm.joint_names)
-    lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: [{names}]", "points:"]
+    lines = [f"# {line}" for line in head]
+    lines += ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: [{names}]", "points:"]
     motion = (("positions", path.q), ("velocities", path.v), ("accelerations", path.a))
     for i, time in enumerate(path.time):
         for mark, (what, values) in zip("-  ", motion, strict=True):
@@ -200,7 +211,7 @@ def jointtrajectory(arm: Arm, traj: Path, **asked: Any) -> Exported:
         lines.append(f"  time_from_start: {{sec: {seconds}, nanosec: {left}}}{_via(path, i, '#')}")
     if any(_blends(path)):
         told += ("A JointTrajectory has no place for blends: the path's are left out.",)
-    return Exported("\n".join([*lines, ""]), told)
+    return Exported("\n".join([*lines, ""]), told, flags=flags)
 
 
 def path_of(
@@ -209,8 +220,10 @@ def path_of(
     compensate: bool = False,
     covariates: Mapping[str, float] | None = None,
     unnamed: Unnamed = UNLOADED,
-) -> tuple[Trajectory, tuple[str, ...]]:
-    """Return the path to be written, in the arm's order of joints, and what is to be said of it.
+    table_path: Path | None = None,
+    arm_file: str = "",
+) -> tuple[Trajectory, tuple[str, ...], tuple[Flag, ...], tuple[str, ...]]:
+    """Return the path to be written, in the arm's order of joints, what is to be said of it, flags, and its head.
 
     Args:
         arm: The arm.
@@ -218,6 +231,8 @@ def path_of(
         compensate: Whether the path is to be one on which the loaded tip is where the rigid one would have been.
         covariates: What the arm's effects depend on and no column gives.
         unnamed: What loads rows that name no payload, or no force.
+        table_path: Loads by the length of path; see `read_force_table`.
+        arm_file: What the head says that the arm was read from.
 
     Raises:
         InputError: Covariates or loads are given, and nothing is compensated.
@@ -228,16 +243,28 @@ def path_of(
         with naming(place):
             arm.check_position(q)
     if not compensate:
-        if covariates or unnamed != UNLOADED:
-            given = "--covariates" if covariates else "--payload and --force"
+        if covariates or unnamed != UNLOADED or table_path is not None:
+            given = "--covariates" if covariates else "--payload, --force and --force-table"
             raise InputError(f"{given} go with --compensate: without it nothing depends on them")
-        return path, ("The path is written as it is; --compensate has the loaded tip where the rigid one would be.",)
+        text = "The path is written as it is; --compensate has the loaded tip where the rigid one would be"
+        return path, (f"{text}, unless the path is compensated already.",), (), _head(path, "Not compensated", arm_file)
+    path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     found = compensated(arm, path, covariates=covariates)
     before, (after, sigma) = max(np.linalg.norm(row.before[:3]) for row in found.rows), found.remains_m
     known = "" if sigma is None else f" ± {sigma * 1e3:.2g}"
     text = f"Compensated: of {before * 1e3:.3g} mm at most {after * 1e3:.2g}{known} mm remain in the rows"
     between = found.between_m or 0.0
-    return found.trajectory, (f"{text}, {between * 1e3:.2g} mm halfway between.", *map(str, found.flags))
+    told, head = (f"{text}, {between * 1e3:.2g} mm halfway between.",), _head(path, "Compensated", arm_file)
+    return found.trajectory, told, (*flags, *found.flags), head
+
+
+def _head(path: Trajectory, what: str, arm_file: str) -> tuple[str, ...]:
+    """Return the lines that a program begins with: what wrote it, from what, and for which loads."""
+    loads = [one.sizes for one in path.wrenches if not one.hangs]
+    force, moment = np.max(loads, axis=0, initial=0.0) if loads else (0.0, 0.0)
+    pushed = f"loads from outside up to {force:.4g} N and {moment:.4g} Nm" if loads else "no load from outside"
+    written = f"Written by armflex {__version__}" + (f" from {arm_file}" if arm_file else "")
+    return _comment(written), _comment(f"{what}; payload {listing(dict.fromkeys(path.payload))}, {pushed}")
 
 
 def _described(language: Language, axis: str) -> str:

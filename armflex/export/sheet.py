@@ -105,7 +105,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         text = f"{pairs}: axes are nearly parallel, so their rows have Hayati's beta and common normals that fit it"
         told += (f"{text}; a controller that knows no beta leaves the tip up to {most * 1e3:.3g} mm away",)
         lost |= {"without_beta_m": most}
-    return Exported(_table(values, std), (*warnings, *told), lost, _page(arm, values, std))
+    return Exported(_table(values, std), (*warnings, *told), lost, page=_page(arm, values, std))
 
 
 def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:

@@ -256,6 +256,11 @@ COLUMNS: dict[str, dict[str, Key]] = {
         "via": Key("name of the via-point that the row is", default="none"),
         "v_JOINT": Key("joint velocities, of every joint, where inertial loads count", "rad/s or m/s", "slow"),
         "a_JOINT": Key("joint accelerations, of every joint", "rad/s² or m/s²", "slow"),
+        "target_JOINT": Key(
+            "joint positions, of every joint, that put the rigid tip where the flexed one is to be",
+            "rad or m",
+            "`q_JOINT`",
+        ),
     },
     "joint_data.csv": {
         **{f"f{axis}": Key(f"force on the joint along {axis}", "N") for axis in "xyz"},

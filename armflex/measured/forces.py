@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -10,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from armflex.arm import SLACK, Arm, other_unit
-from armflex.conventions import WRENCH_NAMES, Array
+from armflex.conventions import UNITS, WRENCH_NAMES, Array
 from armflex.errors import Frame, InputError, Place, TableError, UnknownNameError, did_you_mean
-from armflex.measured.table import Column, Table, read_table
+from armflex.measured.table import IN_BRACKETS, Column, Table, read_table
 from armflex.rows.branch import Branch, branches
 from armflex.rows.wrench import Wrench
 
@@ -23,6 +24,26 @@ FORCE_KINDS = {name: "force" if name in FORCES[:3] else "moment" for name in FOR
 FORCE_TEXTS = ("force_frame", "force_axes")
 FORCE_AXES = {"base": "base", "link": "frame"}
 """As files name the axes, and as `Wrench` does."""
+
+_A_LOAD = re.compile(r"(?:(f|force)|m|moment|torque)_?([xyz])", re.IGNORECASE)
+"""What people call a component of a load."""
+
+
+def check_load_names(table: Table, arm: Arm, names: Iterable[str]) -> None:
+    """Raise `TableError` where a column without a meaning is called as people call a load, such as fx, F_x or moment_z.
+
+    It would be taken for a covariate and load nothing. What an effect of the arm depends on is a covariate.
+    """
+    asked = {name for effect in arm.effects for name in effect.location.covariates}
+    units = {*UNITS["force"], *UNITS["moment"]}
+    for name in (name for name in names if name not in asked):
+        bracketed = IN_BRACKETS.fullmatch(name)
+        base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
+        if found := _A_LOAD.fullmatch(base if unit in units else name):
+            meant = f"force_{'f' if found[1] else 'm'}{found[2].lower()}"
+            text = f"column {table.columns[name].header!r} is called as a load but would be a covariate"
+            wanted = f"a load from outside is {meant!r} (with a unit {meant}_{'kN' if found[1] else 'kNm'})"
+            raise TableError(Place(table.path, 1), f"{text}: {wanted}; what is no load needs another name")
 
 
 def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
@@ -81,8 +102,8 @@ def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     """Return what loads a table's rows beside their payloads: known forces, and branches whose joints have columns.
 
     Raises:
-        TableError: As `read_forces`; a position off the chain is no number or beyond its joint's limits, or its joint
-            carries none of the chain, or moves what is read or pulled at.
+        TableError: As `read_forces`; a position off the chain is no number, beyond its joint's limits, or not where the
+            joint that it mimics puts it; or its joint carries none of the chain, or moves what is read or pulled at.
     """
     forces, robot = read_forces(table, arm), arm.robot
     given: dict[str, Array] = {}
@@ -107,6 +128,8 @@ def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
             if there := sorted(link for link in links if link in moved):
                 text = f"{what} is at {there[0]!r}, which joint {name!r} off the chain moves"
                 raise TableError(Place(table.path, 1), f"column {header!r}: {text}: that is not supported")
+    if stray := robot.stray(given):
+        raise TableError(Place(table.path, table.lines[stray[0]]), stray[1])
     return (*forces, *branches(robot, given)) if given else forces
 
 
@@ -139,6 +162,10 @@ class Unnamed(NamedTuple):
 UNLOADED = Unnamed()
 
 
+FAR = 20.0
+"""Times the length of a table of forces beyond which a path makes its unit doubtful."""
+
+
 @dataclass(frozen=True, eq=False)
 class ForceTable:
     """A load from outside that depends on how far along its path the tool is, linear between the table's rows.
@@ -153,6 +180,11 @@ class ForceTable:
     s: Array
     wrenches: tuple[Wrench, ...]
 
+    @property
+    def varies(self) -> bool:
+        """Whether it matters where along the path the tool is."""
+        return any(np.ptp(part, axis=0).any() for one in self.wrenches for part in (one.force, one.moment))
+
     def at(self, lengths: Array) -> tuple[Wrench, ...]:
         """Return the loads at (N,) lengths of path [m], for all N rows each.
 
@@ -163,7 +195,9 @@ class ForceTable:
         outside = (lengths < self.s[0] - slack) | (lengths > self.s[-1] + slack)
         for i in np.flatnonzero(outside)[:1]:
             has = f"{self.path}: the table of forces goes from {self.s[0]:.6g} to {self.s[-1]:.6g} m"
-            raise InputError(f"{has}, row {i} is at {lengths[i]:.6g} m of the path")
+            far = np.ptp(self.s) and lengths[-1] > FAR * np.ptp(self.s)
+            more = ": is the unit of s right?" if far else ""
+            raise InputError(f"{has}, row {i} is at {lengths[i]:.6g} m of the path{more}")
 
         def between(values: Array) -> Array:
             return np.column_stack([np.interp(lengths, self.s, column) for column in values.T])
@@ -190,6 +224,7 @@ def read_force_table(path: str | Path, arm: Arm) -> ForceTable:
     """
     table, known = read_table(path, {"s": "length", **FORCE_KINDS}), ("s", *FORCES, *FORCE_TEXTS)
     table.require(["s"])
+    check_load_names(table, arm, (name for name in table.columns if name not in known))
     for name in table.columns:
         if name not in known:
             hint = did_you_mean(name, known)

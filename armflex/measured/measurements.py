@@ -28,13 +28,21 @@ from armflex.measured.data_flags import (
     table_flags,
     unit_flags,
 )
-from armflex.measured.forces import FORCE_KINDS, FORCE_TEXTS, UNLOADED, Unnamed, read_loads
+from armflex.measured.forces import (
+    FORCE_KINDS,
+    FORCE_TEXTS,
+    UNLOADED,
+    Unnamed,
+    check_load_names,
+    force_columns,
+    read_loads,
+)
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, Tabular, check_payloads, joint_kinds, read_pieces, read_table
 from armflex.readings import Kind, Orientation, Position, Readings
 from armflex.result import Result
 from armflex.rows import Rows
-from armflex.rows.rows import MOST_LEVELS, last_motion, level_columns
+from armflex.rows.rows import APPROACH, MOST_LEVELS, last_motion, level_columns
 
 POSITION, ROTATION, EACH = ("x", "y", "z"), ("rx", "ry", "rz"), ("sigma_x", "sigma_y", "sigma_z")
 KINDS = {
@@ -74,10 +82,22 @@ class Measurements(Rows, Result):
 
     @property
     def table(self) -> dict[str, Any]:
-        """The columns of a measurements.csv in SI, (N,) each; None where nothing was read."""
+        """The columns of a measurements.csv in SI, (N,) each; None where nothing was read.
+
+        What the order of the rows tells is left out: time by the number of the row, and the last motion of a joint.
+
+        Raises:
+            InputError: As `force_columns`.
+        """
         columns: dict[str, Any] = {"pose": self.pose, "session": self.session, "payload": self.payload}
         columns |= {f"q_{name}": self.q[:, i] for i, name in enumerate(self.joint_names)}
         columns |= {} if "time" in self.derived else {"time": self.time}
+        columns |= {} if self.hold is None else {"hold": self.hold}
+        told = last_motion(self.q)
+        for i, name in enumerate(f"{APPROACH}{joint}" for joint in self.joint_names):
+            if name not in self.derived or (self.approach[:, i] != told[:, i]).any():
+                columns[name] = self.approach[:, i]
+        columns |= force_columns(self.wrenches, len(self))
         for kind in self.readings.kinds:
             named = {Position: (POSITION, EACH), Orientation: (ROTATION, ("sigma_r",))}
             own = kind.columns(kind.name), (f"sigma_{kind.name}",)
@@ -319,6 +339,7 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
             raise TableError(Place(table.path, 1), f"{text}{did_you_mean(own or base, arm.sensors)}")
     meant = [*known, *(("point",) if points else ())]
     lowered = [word.lower() for word in meant]
+    check_load_names(table, arm, (name for name in table.columns if name not in meant))
     for name in table.columns:
         if name not in meant:
             long = [word for word in lowered if len(word) > 3]
@@ -418,6 +439,13 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     return tuple(found)
 
 
+READ_IN = tuple(unit for kind in ("length", "angle") for unit in UNITS[kind] if len(unit) > 1)
+"""Units at the end of a header that an instrument would read in; a single letter may be anything."""
+
+TEMPERATURES = ("t_", "temp")
+"""How columns of temperatures begin: deg is no angle there."""
+
+
 def _sensor_flags(found: Measurements, arm: Arm, table: Table) -> Iterator[Flag]:
     """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
     read = {kind.name: bool(np.isfinite(kind.sigma).all(axis=1).any()) for kind in found.readings.kinds}
@@ -440,6 +468,19 @@ def _sensor_flags(found: Measurements, arm: Arm, table: Table) -> Iterator[Flag]
                 f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
             )
             yield Flag("instrument_undeclared", text)
+    needed = {one for effect in arm.effects for one in effect.location.covariates}
+    alike: dict[str, list[str]] = {}
+    for name, values in found.covariates.items():
+        base, _, unit = name.rpartition("_")
+        if isinstance(values, np.ndarray) and name not in needed and base and unit in READ_IN:
+            stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base
+            alike.setdefault(stem, []).append(name)
+    for stem, names in alike.items():
+        if stem.lower().startswith(TEMPERATURES):
+            continue
+        what = f"column {names[0]} is" if len(names) == 1 else f"columns {listing(names)} are"
+        text = f"{what} read as {'a covariate' if len(names) == 1 else 'covariates'}"
+        yield Flag("instrument_undeclared", f"{text}; [instrument.{stem}] would have it read the arm")
 
 
 def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:

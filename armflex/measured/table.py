@@ -115,7 +115,7 @@ class Table:
         expected = list(names)
         missing = [name for name in expected if name not in self.columns]
         if missing:
-            hint = did_you_mean(missing[0], self.columns)
+            hint = did_you_mean(missing[0], [name for name in self.columns if name not in expected])
             seen = f"expected: {listing(expected)}; found: {listing(self.columns)}"
             raise TableError(Place(self.path, 1), f"has no column {listing(map(repr, missing))}{hint} ({seen})")
 

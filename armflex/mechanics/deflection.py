@@ -382,8 +382,9 @@ def deflect(
     Raises:
         As `find_equilibrium`.
     """
-    if case.a is not None:
-        known = loaded.flags_under(case.wrenches, accelerated=True)
+    if case.moves:
+        check_rows(case.wrenches, None)
+        known = loaded.flags_under(case.wrenches, moves=True)
     else:
         known = loaded.outside(case.wrenches).flags if case.wrenches else loaded.flags
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
@@ -585,7 +586,7 @@ class DeflectionBatch(_Result[Array]):
         return range(0 if self.asked.compiled(self.case) else len(self.q))
 
     def _flags_of(self, loaded: LoadedArm) -> tuple[Flag, ...]:
-        return loaded.flags_under(self.case.wrenches, self.case.a is not None)
+        return loaded.flags_under(self.case.wrenches, self.case.moves)
 
 
 def deflect_batch(
@@ -605,7 +606,7 @@ def deflect_batch(
     v, a = _motion(arm, case.v, "v", q), _motion(arm, case.a, "a", q)
     check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
-    arm.loaded(None).flags_under(case.wrenches, accelerated=False)  # raises where a link is not the arm's
+    arm.loaded(None).flags_under(case.wrenches, moves=False)  # raises where a link is not the arm's
     here = asked.compiled(case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
     found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches)

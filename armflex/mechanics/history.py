@@ -62,7 +62,8 @@ def _wrenches(arm: Structure, rows: Driven, known: Mapping[str, Array], effects:
         return found | {site: line.load_at(site) for site in loaded}
     v, a = (None if motion[0][name] is None else np.array([one[name] for one in motion]) for name in ("v", "a"))
     asked = Asked(enforce_limits=False, allow_large=True)
-    solved = deflect_batch(plain, rows.payload, LoadCase(rows.q, v, a, tuple(rows.wrenches), known), asked)
+    pulled = tuple(one.under(arm.robot.gravity) for one in rows.wrenches)
+    solved = deflect_batch(plain, rows.payload, LoadCase(rows.q, v, a, pulled, known), asked)
     ones = [solved.row(i) for i in range(len(rows.q))]
     return found | {site: np.array([_load_beyond(one, plain, site) for one in ones]) for site in loaded}
 

@@ -164,7 +164,7 @@ class Outside:
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
         """See `LoadedArm.flags_under`."""
-        return self.loaded.flags_under(self.wrenches, accelerated=False)
+        return self.loaded.flags_under(self.wrenches, moves=False)
 
     @cached_property
     def moderate(self) -> bool:
@@ -220,24 +220,31 @@ class LoadedArm:
         distance = float(np.linalg.norm(payload.com))
         if payload.mass and distance > max(arm.robot.reach, 1.0):
             raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
-        if arm.payload_rating is None or payload.mass <= arm.payload_rating:
-            return arm.flags
-        text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"
-        return (*arm.flags, Flag("beyond_rating", text))
+        urdf, flags = arm.robot.urdf, arm.flags
+        if arm.payload_rating is not None and payload.mass > arm.payload_rating:
+            text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"
+            flags = (*flags, Flag("beyond_rating", text))
+        own = sum(one.mass for name in urdf.below(arm.robot.base) if (one := urdf.links[name].inertial))
+        if 0.0 < own < payload.mass:
+            text = f"payload of {payload.mass:g} kg is heavier than the arm itself, {own:.4g} kg: grams?"
+            flags = (*flags, Flag("heavy_payload", text))
+        return flags
 
-    def flags_under(self, wrenches: Sequence[Wrench], accelerated: bool) -> tuple[Flag, ...]:
-        """Return `flags` with the flags about loads from outside [N, Nm] and about accelerating the payload.
+    def flags_under(self, wrenches: Sequence[Wrench], moves: bool) -> tuple[Flag, ...]:
+        """Return `flags` with the flags about loads from outside [N, Nm] and about what moves.
 
         Raises:
             PayloadError, UnknownNameError: As `flags`; a load is at no link of the arm.
         """
         arm, known, flags = self.arm, self.flags, []
-        if accelerated and self.payload.mass and self.payload.inertia is None:
+        if moves and self.arm.robot.points:
+            flags.append(Flag("point_masses", "the masses of links are points, so their turning adds no load"))
+        if moves and self.payload.mass and self.payload.inertia is None:
             flags.append(Flag("no_inertia", "the payload's inertia is not given, so its turning adds no load"))
         for wrench in wrenches:
             if wrench.frame not in arm.link_names:
                 raise UnknownNameError("link", wrench.frame, arm.link_names)
-            if wrench.hangs and accelerated:
+            if wrench.hangs and moves:
                 text = f"what hangs on {wrench.frame!r} beside the chain weighs, but is not accelerated"
                 flags.append(Flag("branch_at_rest", text))
             if not (wrench.dead or wrench.hangs):

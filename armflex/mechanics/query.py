@@ -47,7 +47,7 @@ class Prepared:
     ) -> None:
         check_method(method)
         check_rows(wrenches, None)
-        loaded.flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
+        loaded.flags_under(wrenches, moves=False)  # raises where a link is not the arm's
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         joints, flexures = len(loaded.arm.joint_names), len(loaded.flexure_joints)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))

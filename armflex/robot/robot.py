@@ -31,6 +31,9 @@ TCP = "tcp"
 DENSITY_BAND = (20.0, 23000.0)
 """kg/m^3 of the drawn volume: from a sheet-metal box to solid tungsten."""
 
+SHOWN = 1e-4
+"""To which positions are mostly shown and written down [rad or m]: 0.01 degrees, 0.1 mm."""
+
 MASS_RATIO = 400.0
 """A link this many times lighter or heavier than the median suggests tonnes or grams."""
 
@@ -77,6 +80,11 @@ class Robot:
         return None
 
     @cached_property
+    def points(self) -> bool:
+        """Whether masses of links are points: moments of inertia were not declared."""
+        return any(link.inertial is not None and link.inertial.point for link in self.urdf.links.values())
+
+    @cached_property
     def moving(self) -> tuple[Joint, ...]:
         """The chain's moving joints, in order."""
         return tuple(joint for joint in self.chain if joint.kind in MOVING)
@@ -106,16 +114,34 @@ class Robot:
 
     def side_positions(self, given: Mapping[str, ArrayLike]) -> dict[str, Array]:
         """Return given () or (N,) positions of joints off the chain [rad or m], and of what mimics one of them."""
-        found = {name: np.asarray(at, dtype=float) for name, at in given.items()}
-        while True:
-            more = {
-                name: np.clip(joint.mimic[1] * found[joint.mimic[0]] + joint.mimic[2], joint.lower, joint.upper)
-                for name, joint in ((name, self.urdf.joints[name]) for name in self.locked if name not in found)
-                if joint.mimic and joint.mimic[0] in found
-            }
-            if not more:
-                return found
+        found = {name: np.array(at, dtype=float) for name, at in given.items()}
+        while more := {name: at for name, at in self._followers(found).items() if name not in found}:
             found |= more
+        return found
+
+    def stray(self, given: Mapping[str, ArrayLike]) -> tuple[int, str] | None:
+        """Return the first row where a joint is given elsewhere than the given one that it mimics puts it, and a text.
+
+        Args:
+            given: As of `side_positions`.
+        """
+        at = self.side_positions(given)
+        for name, wanted in self._followers(at).items():
+            for i in np.flatnonzero(np.abs(at[name] - wanted) > SHOWN)[:1]:
+                own, there = np.ravel(at[name])[i], np.ravel(wanted)[i]
+                master = self.urdf.joints[name].mimic[0]  # type: ignore[index]
+                text = f"joint {name!r} is at {own:.6g}, but mimics {master!r}, which puts it at {there:.6g}"
+                return int(i), f"{text}: leave it out"
+        return None
+
+    def _followers(self, at: Mapping[str, Array]) -> dict[str, Array]:
+        """Return where the joints off the chain that mimic some belong, those being at () or (N,) positions."""
+        joints = [self.urdf.joints[name] for name in self.locked]
+        return {
+            joint.name: np.clip(joint.mimic[1] * at[joint.mimic[0]] + joint.mimic[2], joint.lower, joint.upper)
+            for joint in joints
+            if joint.mimic and joint.mimic[0] in at
+        }
 
     @cached_property
     def home(self) -> Array:
@@ -151,7 +177,7 @@ def load_robot(
             meshes are never opened.
         tip: Link whose motion is reported; the only leaf when not given.
         base: Link in whose frame results are meant; the root when not given. What lies above it is left out.
-        gravity: (3,) in base axes [m/s^2]; standard gravity along -z when not given.
+        gravity: (3,) in base axes [m/s^2]; when not given that of an MJCF, else standard gravity along -z.
         strict: Refuse unknown tags on the chain, and motion with impossible inertias, instead of flagging them.
         allow_massless: Accept moving links without mass, with a flag.
         locked: Positions of moving joints off the chain [rad or m]; see `lock_side_joints` for those not given.
@@ -183,6 +209,9 @@ def load_robot(
         chain = (*chain, document.joints[tool_joint])
     stands = np.eye(3) if mount is None else finite_array(mount, "mount", (3, 3))
     level = stands.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    turned, moving = document.turned(base)
+    if mount is None and document.gravity is not None and moving is None:
+        level = turned.T @ np.array(document.gravity)
     down = level if gravity is None else finite_array(gravity, "gravity", (3,))
     scope = scope_of(document, chain)
     found = check_faults(document, scope)
@@ -397,7 +426,8 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
         if inertial.mass > 0.0:
             flags += _check_link(urdf, link, inertial, link.name in scope.carried)
         elif link.name in moved and link.name in scope.chain and not allow_massless:
-            raise UrdfError(inertial.place, f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0")
+            text = f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0"
+            raise UrdfError(inertial.place, text + ("" if inertial.mass else "; or set allow_massless = true"))
         elif inertial.inertia.any():  # a frame written as a link: real files fix them to others
             text = f"{inertial.place}: link {link.name!r} has an inertia but no mass; it is left out"
             flags.append(Flag("massless_inertia", text))
@@ -424,7 +454,8 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
 
 def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> list[Flag]:
     """Return the flags about one body; raise where the CoM of one that is carried is far beyond it."""
-    flags, where, mass = _check_inertia(link.name, inertial.inertia, inertial.place), inertial.place, inertial.mass
+    where, mass = inertial.place, inertial.mass
+    flags = [] if inertial.point else _check_inertia(link.name, inertial.inertia, where)
     # The roots are taken first, because masses may be next to nothing.
     gyration = float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0) / np.sqrt(mass))
     # A length that the link's CoM should not exceed much: its joints, travel, shapes, or 2 % of the robot.

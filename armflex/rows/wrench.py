@@ -50,7 +50,9 @@ class Wrench:
         shape = (3,) if rows is None else (rows, 3)
         for name, values in given.items():
             each = np.broadcast_to(values, shape) if rows is not None and values.shape == (3,) else values
-            object.__setattr__(self, name, finite_array(each, name, shape))
+            own = finite_array(each, name, shape).copy()
+            own.setflags(write=False)  # what is known of a load is kept; see `LoadedArm.outside`
+            object.__setattr__(self, name, own)
         if self.axes not in ("base", "frame"):
             raise InputError(f"wrench at {self.frame!r}: axes is {self.axes!r}, expected 'base' or 'frame'")
 

@@ -24,7 +24,7 @@ from armflex.laws.effects.in_arm import (
     directions,
     remembers,
 )
-from armflex.measured.forces import UNLOADED, Unnamed
+from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.measured.measurements import Measurements, as_measurements, read_measurements, stream_inputs
 from armflex.measured.table import Tabular, writing_table
 from armflex.mechanics.deflection import DeflectionBatch
@@ -33,6 +33,7 @@ from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
+from armflex.trajectory import Trajectory
 
 TOGETHER = 2048
 """Rows that are predicted together, and of a file are in memory at a time: each takes some ten kilobytes."""
@@ -135,17 +136,20 @@ def predict_file(
     progress: Progress | None = None,
     covariates: Mapping[str, float] | None = None,
     unnamed: Unnamed = UNLOADED,
+    table_path: str | Path | None = None,
 ) -> tuple[int, tuple[Flag, ...]]:
     """Write what `predict` says of the rows of a table, some thousand of them in memory at a time.
 
     They are predicted in as many threads as this process may use cores: most of their time is compiled code. What an
-    arm's effects remember depends on all the rows before: for an arm that has such, all are held in memory.
+    arm's effects remember depends on all the rows before: for an arm that has such, and where a load depends on how far
+    along the path a row is, all are held in memory.
 
     Args:
         arm, progress, covariates: As of `predict`.
         path: The rows; see `stream_inputs`.
         output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz.
         unnamed: What loads rows that name no payload, or no force.
+        table_path: Loads by the length of path [m] that the rigid tip has gone from row to row; see `read_force_table`.
 
     Returns:
         The number of rows, and flags.
@@ -158,11 +162,18 @@ def predict_file(
     from joblib import cpu_count  # takes a tenth of a second
 
     met = _Flags(arm)
-    whole = remembers(arm)
-    if whole:
-        pieces = iter([read_measurements(path, arm, inputs_only=True, unnamed=unnamed)])
-    else:
+    about: tuple[Flag, ...] = ()
+    if table_path is None and not remembers(arm):
         pieces = stream_inputs(path, arm, TOGETHER, unnamed)
+    else:
+        rows = read_measurements(path, arm, inputs_only=True, unnamed=unnamed)
+        if table_path is not None:
+            steps, blank = np.arange(len(rows), dtype=float), ("",) * len(rows)
+            moved = Trajectory(rows.joint_names, steps, rows.q, rows.payload, blank, wrenches=rows.wrenches)
+            moved, about = moved.under(read_force_table(table_path, arm), arm)
+            rows = replace(rows, wrenches=moved.wrenches).levelled()
+        cuts = [] if remembers(arm) else range(TOGETHER, len(rows), TOGETHER)
+        pieces = (rows.some(some) for some in np.split(np.arange(len(rows)), cuts))
     certain, threads = without_declared_uncertainty(arm), cpu_count()
     waiting: deque[Future[tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]]] = deque()
     with writing_table(output) as write, ThreadPoolExecutor(threads) as pool:
@@ -175,7 +186,7 @@ def predict_file(
                 if rows is not None and len(waiting) <= threads:
                     continue
                 if not waiting:
-                    return met.rows, met.flags
+                    return met.rows, (*about, *met.flags)
                 found, batch, fitted = waiting.popleft().result()
                 met.add(found.rows, batch, fitted)
                 write(_columns(found))

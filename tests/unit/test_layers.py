@@ -23,6 +23,7 @@ ROOMS = (
     "export",
     *("show.view", "show.report"),
     "cli",
+    "__main__",
 )
 """From the ground up; a module belongs to the longest of these names that it begins with."""
 

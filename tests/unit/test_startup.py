@@ -86,3 +86,11 @@ def test_linear_algebra_of_a_command_has_one_thread_unless_told_otherwise(monkey
         run = [sys.executable, "-c", code, "train", "--help"]
         text = subprocess.run(run, check=True, capture_output=True, text=True).stdout
         assert text.splitlines()[-1] == f"imported: {expected} False"
+
+
+@pytest.mark.parametrize("module", ["armflex", "armflex.cli.main"])
+def test_the_command_line_is_a_module_too(module):
+    run = subprocess.run([sys.executable, "-m", module, "--help"], capture_output=True, text=True)
+    assert run.returncode == 0 and "deflect" in run.stdout
+    run = subprocess.run([sys.executable, "-m", module, "deflct"], capture_output=True, text=True)
+    assert run.returncode == 2 and "did you mean 'deflect'" in run.stderr

@@ -140,7 +140,19 @@ def test_the_argument_is_named(arm: armflex.Arm) -> None:
         armflex.check(str(FOLDER / "arm.toml"), path, 0.1)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^check: tolerance is '100mm', expected a number$"):
         armflex.check(arm, path, "100mm")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"^Arm\.position: A1 is 'x', expected a number$"):
+        arm.position(A1="x")  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"path is 3, expected the path of a table or a data frame$"):
         armflex.compensate(arm, 3)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^payloads \(1,\): expected one name or several different ones"):
         armflex.map_workspace(arm, [1])  # type: ignore[list-item]
+
+
+def test_a_warning_points_at_the_line_that_asked(tmp_path: Path) -> None:
+    row = "slew = { d = 0.4, lower = 0.5, upper = 1.0 }"
+    (tmp_path / "arm.toml").write_text(f'[robot]\ndh = "standard"\n[robot.joint]\n{row}\n')
+    with pytest.warns(armflex.ArmflexWarning, match="weightless") as told:
+        found = armflex.load_arm(tmp_path / "arm.toml")
+    with pytest.warns(armflex.ArmflexWarning, match="not_at_zero") as asked:
+        found.position()
+    assert {one.filename for one in (*told, *asked)} == {__file__}

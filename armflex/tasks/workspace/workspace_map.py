@@ -213,7 +213,7 @@ def map_workspace(
         raise UnknownNameError("method", method, METHODS)
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
     known = settled(arm, covariates or {})
-    arm.loaded(None).flags_under(wrenches, accelerated=False)  # raises where a link is not the arm's
+    arm.loaded(None).flags_under(wrenches, moves=False)  # raises where a link is not the arm's
     options = {"covariates": known, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))
     question = Question(arms, names, edge, options)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -21,6 +22,7 @@ from support.small_arms import ROBOTS, arm_of, joint, link
 from armflex import Arm, Trajectory, Wrench, compensate, read_trajectory
 from armflex.errors import InputError, JointLimitError, TableError, UnreachableError, UnsupportedError
 from armflex.export import programs
+from armflex.version import __version__
 
 LANGUAGES = ("urscript", "krl", "rapid", "jointtrajectory")
 NAMES = tuple(f"J{i}" for i in range(1, 7))
@@ -233,6 +235,34 @@ def test_commands(language: str, tmp_path: Path) -> None:
     assert "written as it is" in re.sub(r"\s+", " ", done.stdout)
     assert json.loads((tmp_path / "p.json").read_text())["to"] == language
     assert len(positions_of(language, (tmp_path / "p.txt").read_text(), bundled("heavy_six"))) == 66
+
+
+@pytest.mark.parametrize(("language", "mark"), [("urscript", "#"), ("krl", ";"), ("rapid", "!")])
+def test_the_head_says_what_was_written_from_what(language: str, mark: str, tmp_path: Path) -> None:
+    file = path_file(tmp_path, NAMES, np.zeros((3, 6)), payload=["p100"] * 3)
+    write = partial(getattr(programs, language), bundled("heavy_six"), file, arm_file="my/arm.toml")
+    for found, what in ((write(), "Not compensated"), (write(compensate=True), "Compensated")):
+        head = [line.strip() for line in found.text.splitlines()[:4] if line.strip().startswith(mark)]
+        assert head[0] == f"{mark} Written by armflex {__version__} from my/arm.toml"
+        assert head[1] == f"{mark} {what}; payload p100, no load from outside"
+
+
+@pytest.mark.parametrize("language", ["urscript", "rapid"])
+def test_stops_at_rows_are_told(language: str, tmp_path: Path) -> None:
+    arm, write, q = bundled("heavy_six"), getattr(programs, language), np.zeros((4, 6))
+    (told,) = [line for line in write(arm, path_file(tmp_path, NAMES, q)).told if "stops" in line]
+    assert "stops at 4 of 4 rows" in told and "`blend`" in told
+    some = write(arm, path_file(tmp_path, NAMES, q, blend_mm=[5.0, 0.0, 5.0, 0.0])).told
+    assert any("stops at 2 of 4 rows" in line for line in some)
+    assert not any("stops" in line for line in write(arm, path_file(tmp_path, NAMES, q, blend_mm=[5.0] * 4)).told)
+
+
+def test_warnings_about_the_path_are_called_so(tmp_path: Path) -> None:
+    arm, file = ROBOTS / "heavy_six" / "arm.toml", path_file(tmp_path, NAMES, np.zeros((2, 6)), payload=["", "p100"])
+    command = ("export", arm, "--to", "urscript", "--traj", file, "-o", "p.script", "--compensate")
+    done = fine(run_here(tmp_path, *command))
+    said = [line for line in done.stderr.splitlines() if "p100" in line]
+    assert said and all(line.startswith("warning: ") for line in said) and "p100" not in done.stdout
 
 
 def test_joints_go_on_the_axes_that_are_named(tmp_path: Path) -> None:

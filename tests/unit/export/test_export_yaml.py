@@ -157,7 +157,7 @@ def test_more_or_other_joints_than_a_ur_has_are_refused_with_their_names(tmp_pat
 def test_command(tmp_path: Path) -> None:
     arm = ROBOTS / "heavy_six" / "arm.toml"
     done = run_here(tmp_path, "export", arm, "--to", "yaml", "-o", "c.yaml")
-    assert done.returncode == 2 and "--to yaml needs --flavour" in done.stderr
+    assert done.returncode == 2 and "--to yaml needs --flavour ur_calibration or robot_calibration" in done.stderr
     done = run_here(tmp_path, "export", arm, "--to", "yaml", "--flavour", "ur_kalibration", "-o", "c.yaml")
     assert done.returncode == 2 and "did you mean 'ur_calibration'" in done.stderr
     assert not list(tmp_path.iterdir())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,15 @@ import pytest
 from support.command_line import Run, few_rows, fine, strict_json
 from support.small_arms import ROBOTS
 
-from armflex import Arm, InputError, Wrench, check, compensate
+from armflex import Arm, InputError, Wrench, check, compensate, load_arm
 from armflex.certainty import Certainty
 from armflex.cli.main import COMMANDS
 from armflex.cli.options import FILES
+from armflex.errors import TableError
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.measured.forces import read_force_table
+from armflex.measured.measurements import read_measurements
 from armflex.trajectory import read_trajectory, write_trajectory
 
 HEAVY = ROBOTS / "heavy_six"
@@ -200,6 +203,42 @@ def test_a_table_that_cannot_be_used(armflex: Run, tmp_path: Path, name: str) ->
     assert complaint in result.stderr and not (tmp_path / "o.csv").exists()
 
 
+def test_a_table_of_forces_in_other_commands(armflex: Run, heavy: Arm, tmp_path: Path) -> None:
+    """What predict and a compensated program do under a table is what they do under the rows' own forces."""
+    file, own = few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 12), tmp_path / "own.csv"
+    (tmp_path / "f.csv").write_text("s,force_fz_kN\n0,0\n9,-6\n")
+    path, _ = read_trajectory(file, heavy).under(read_force_table(tmp_path / "f.csv", heavy), heavy)
+    write_trajectory(path, own)
+    arm, table = HEAVY / "arm.toml", ("--force-table", "f.csv")
+    fine(armflex("predict", arm, file, "-o", "a.csv", *table))
+    fine(armflex("predict", arm, own, "-o", "b.csv"))
+    assert (tmp_path / "a.csv").read_text() == (tmp_path / "b.csv").read_text()
+    fine(armflex("predict", arm, file, "-o", "c.csv"))
+    assert (tmp_path / "c.csv").read_text() != (tmp_path / "b.csv").read_text()
+    command = ("export", arm, "--to", "urscript", "--compensate", "-o")
+    fine(armflex(*command, "a.script", "--traj", file, *table))
+    fine(armflex(*command, "b.script", "--traj", own))
+    assert (tmp_path / "a.script").read_text() == (tmp_path / "b.script").read_text()
+    assert "loads from outside up to" in (tmp_path / "a.script").read_text()
+    result = fine(armflex("export", arm, "--to", "krl", "-o", "c.src", "--traj", file, *table), 2)
+    assert "--force-table go with --compensate" in result.stderr
+
+
+def test_a_table_whose_unit_is_doubtful(heavy: Arm, tmp_path: Path) -> None:
+    """Of millimetres read as metres a path uses next to nothing; a constant one says the same anywhere."""
+    path, file = read_trajectory(few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30), heavy), tmp_path / "f.csv"
+    end = float(path.lengths(heavy)[-1])
+    file.write_text(f"s,force_fz\n0,0\n{1e3 * end},-800\n")
+    _, flags = path.under(read_force_table(file, heavy), heavy)
+    assert [flag.code for flag in flags] == ["force_table"] and "is its s in mm?" in flags[0].text
+    for table in (f"s,force_fz\n0,-800\n{1e3 * end},-800\n", f"s,force_fz\n0,0\n{2.0 * end},-800\n"):
+        file.write_text(table)
+        assert not path.under(read_force_table(file, heavy), heavy)[1]
+    file.write_text(f"s_mm,force_fz\n0,0\n{end},-800\n")
+    with pytest.raises(InputError, match="of the path: is the unit of s right"):
+        path.under(read_force_table(file, heavy), heavy)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_says_what_the_files_are_and_where_forces_go(armflex: Run, command: str) -> None:
     """What a newcomer needs is found from --help alone."""
@@ -228,3 +267,32 @@ def test_what_was_fitted_is_as_uncertain_as_under_the_load(heavy: Arm) -> None:
     sizes = np.array([np.sqrt(np.trace(covariance[0, :3, :3])) for covariance, _ in found])
     assert np.diff(sizes, n=2)[0] == pytest.approx(0.0, abs=0.05 * sizes[2]) and sizes[2] > 2.0 * sizes[0]
     assert not any(flags for _, flags in found) and without_declared_uncertainty(fitted) is not None
+
+
+@pytest.mark.parametrize(
+    ("column", "meant"),
+    [("fx", "force_fx"), ("Fz_kN", "force_fz"), ("F_y [N]", "force_fy"), ("force_x", "force_fx"), ("mz", "force_mz"),
+     ("M_x_Nm", "force_mx"), ("moment_y", "force_my")],
+)  # fmt: skip
+def test_a_column_called_as_a_load_is_no_covariate(heavy: Arm, tmp_path: Path, column: str, meant: str) -> None:
+    path = with_columns(few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 3), {column: ["-500"] * 3})
+    for read in (read_trajectory, partial(read_measurements, inputs_only=True)):
+        with pytest.raises(TableError, match=f"called as a load .* a load from outside is '{meant}'"):
+            read(path, heavy)
+
+
+def test_what_an_effect_depends_on_may_be_called_as_a_load(heavy: Arm, tmp_path: Path) -> None:
+    path = with_columns(few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 3), {"fx": ["1"] * 3, "flow": ["2"] * 3})
+    effect = '[[effect]]\nname = "unnamed"\nshape = "line"\nsite = "J2"\naxis = "rx"\ncovariates = ["fx"]\n'
+    text = (HEAVY / "arm.toml").read_text().replace('"robot.urdf"', f'"{HEAVY.as_posix()}/robot.urdf"')
+    (tmp_path / "arm.toml").write_text(text + effect + "parameters = { slope = 1e-5, middle = 0 }\n")
+    assert list(read_trajectory(path, load_arm(tmp_path / "arm.toml")).covariates) == ["fx", "flow"]
+
+
+def test_the_nearest_name_is_no_column_that_is_used_already(heavy: Arm, tmp_path: Path) -> None:
+    path = few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 3)
+    text = path.read_text()
+    path.write_text(text.replace("q_J5", "w", 1))
+    with pytest.raises(TableError, match="no column 'q_J5' ") as caught:
+        read_trajectory(path, heavy)
+    assert "did you mean" not in str(caught.value)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.small_arms import ROBOTS
+from support.two_arms import beside, two_arms
 
 import armflex
 from armflex.errors import ArmflexWarning, TableError
+from armflex.rows.wrench import Wrench
 
 pandas = pytest.importorskip("pandas")
 FOLDER = ROBOTS / "tarm_like"
@@ -57,6 +60,59 @@ def test_what_a_result_gives_is_read_again(arm: armflex.Arm) -> None:
     np.testing.assert_array_equal(file.sigma[file.measured], again.sigma[again.measured])
     path = armflex.read_trajectory(FOLDER / "trajectory.csv", arm)
     np.testing.assert_array_equal(armflex.read_trajectory(path.to_frame(), arm).q, path.q)
+
+
+def driven(count: int) -> pandas.DataFrame:
+    """Return rows of two arms, the tool of one pulled at in some of them."""
+    rng = np.random.default_rng(1)
+    own = {f"q_{name}": rng.uniform(-1.5, 1.5, count) for name in ("to_torso", "to_upper", "to_fore")}
+    own |= {f"q_{name}": values for name, values in beside(count).items()}
+    pulled = np.arange(count) % 3 > 0
+    forces = {f"force_{name}": np.where(pulled, rng.normal(size=count), 0.0) for name in ("fx", "fz", "my")}
+    where = {"force_frame": np.where(np.arange(count) % 2, "fore", "tool"), "force_axes": "link"}
+    return pandas.DataFrame({"payload": "part", "warmth": rng.normal(size=count), **own, **forces, **where})
+
+
+def same_loads(some: tuple[Wrench, ...], others: tuple[Wrench, ...]) -> None:
+    assert [(one.frame, one.axes, one.hangs) for one in some] == [(one.frame, one.axes, one.hangs) for one in others]
+    for one, other in zip(some, others, strict=True):
+        np.testing.assert_array_equal(one.force, other.force)
+        np.testing.assert_array_equal(one.moment, other.moment)
+
+
+@pytest.mark.parametrize("given", [{}, {"hold": 3.0, "time": np.arange(9.0), "approach_to_upper": [-1, 0, 1] * 3}])
+def test_a_campaign_is_read_again_with_its_loads(tmp_path: Path, given: dict[str, object]) -> None:
+    arm, read = two_arms(tmp_path), {name: [np.nan, *[0.3] * 8] for name in "xyz"} | {"sigma": 1e-4}
+    whole = armflex.read_measurements(driven(9).assign(**read, **given), arm)
+    assert [one.hangs for one in whole.wrenches] == [False, False, True]
+    for campaign in (whole, whole.some([5, 3, 4])):
+        again = armflex.read_measurements(campaign.to_frame(), arm)
+        same_loads(campaign.wrenches, again.wrenches)
+        for name in ("pose", "session", "payload"):
+            assert getattr(campaign, name) == getattr(again, name)
+        for name in ("q", "approach", "measured", "hold", "position"):
+            np.testing.assert_array_equal(getattr(campaign, name), getattr(again, name))
+        assert campaign.covariates.keys() == again.covariates.keys() == {"warmth"}
+        np.testing.assert_array_equal(campaign.covariates["warmth"], again.covariates["warmth"])
+    assert armflex.read_measurements(whole.to_frame(), arm).derived == whole.derived
+
+
+def test_a_path_is_read_again_with_its_loads_and_where_it_is_meant_to_be(tmp_path: Path) -> None:
+    arm, rng = two_arms(tmp_path), np.random.default_rng(2)
+    moved = {f"{prefix}_{joint}": rng.normal(size=6) for prefix in "va" for joint in arm.joint_names}
+    path = armflex.read_trajectory(driven(6).assign(time=np.arange(6.0), via=[*"abcdef"], **moved), arm)
+    for meant in (path, path.towards(replace(path, q=path.q + 0.01))):
+        file = armflex.write_trajectory(meant, tmp_path / "path.csv")
+        assert list(pandas.read_csv(file)) == list(meant.to_frame())
+        for again in (armflex.read_trajectory(one, arm) for one in (file, meant.to_frame())):
+            same_loads(meant.wrenches, again.wrenches)
+            assert (again.payload, again.via) == (meant.payload, meant.via)
+            for name in ("time", "q", "v", "a"):
+                np.testing.assert_array_equal(getattr(meant, name), getattr(again, name))
+            np.testing.assert_array_equal(meant.covariates["warmth"], again.covariates["warmth"])
+            assert (meant.target is None) == (again.target is None)
+            if meant.target is not None:
+                np.testing.assert_array_equal(meant.target, again.target)
 
 
 @pytest.mark.parametrize(

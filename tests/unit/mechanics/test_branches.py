@@ -25,7 +25,10 @@ from armflex import (
 )
 from armflex.errors import TableError
 from armflex.estimate.calibrate import write_calibrated
+from armflex.laws.effects import Effect, Location
+from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.table import write_table
+from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.rows.branch import branches
 
@@ -154,6 +157,10 @@ def test_a_campaign_tells_what_bends_under_a_second_arm(tmp_path: Path) -> None:
         ({"q_to_other_slide": [0.1] * (COUNT - 1) + [0.7]}, "to_other_slide' at 0.7 is outside its limits [0, 0.4]"),
         ({"q_to_other_fore": ["x"] * COUNT}, "not a finite number"),
         ({"q_to_other_for": [0.1] * COUNT}, "did you mean 'q_to_other_fore'"),
+        (
+            {"q_to_finger": [*(0.5 * beside(COUNT)["to_other_slide"])[:-1].tolist(), 0.15]},
+            f"rows.csv:{COUNT + 1}: joint 'to_finger' is at 0.15, but mimics 'to_other_slide', which puts it at",
+        ),
         ({"force_fz": [9.0] * COUNT, "force_frame": ["other_fore"] * COUNT}, "which joint 'to_other_upper' off"),
     ],
 )
@@ -171,3 +178,40 @@ def test_a_joint_that_carries_nothing_of_the_chain_is_refused(tmp_path: Path) ->
     write_table(tmp_path / "rows.csv", columns(positions(), {"to_other_fore": np.zeros(COUNT)}))
     with pytest.raises(TableError, match="'to_torso' does not hang on the chain from 'torso' to 'tool': leave it out"):
         read_measurements(tmp_path / "rows.csv", arm, inputs_only=True)
+
+
+def test_a_follower_is_where_its_master_puts_it(arm: Arm, tmp_path: Path) -> None:
+    two_arms(tmp_path)
+    asked = run_here(tmp_path, "deflect", "arm.toml", "--q", "to_other_slide=0.3,to_finger=0.02")
+    assert asked.returncode == 2
+    assert "--q: joint 'to_finger' is at 0.02, but mimics 'to_other_slide', which puts it at 0.15" in asked.stderr
+    assert run_here(tmp_path, "deflect", "arm.toml", "--q", "to_other_slide=0.3,to_finger=0.15").returncode == 0
+    q, at = positions(), beside(COUNT)
+    follows = {"to_finger": np.round(0.5 * at["to_other_slide"], 5)}  # as a file has it
+    found = read_trajectory(table(tmp_path / "t.csv", q, at | follows), arm).wrenches[0]
+    alone = read_trajectory(table(tmp_path / "t.csv", q, at), arm).wrenches[0]
+    np.testing.assert_allclose(found.moment, alone.moment, rtol=0, atol=1e-5)
+
+
+def test_a_remembered_load_is_under_the_gravity_of_the_arm_that_is_asked(arm: Arm, tmp_path: Path) -> None:
+    """Moving at no speed is standing still, for which loads are found another way."""
+    rows = read_trajectory(table(tmp_path / "t.csv", positions(), beside(COUNT)), arm)
+    effect = Effect(EVERY["hysteresis"], Location("to_upper", "ry"), (1e-8, 5.0))
+    other = replace(arm, robot=replace(arm.robot, gravity=np.array([3.0, 0.0, -9.0])), effects=(effect,))
+    still, moving = (known_rows(other, one)[effect.state] for one in (rows, replace(rows, v=np.zeros_like(rows.q))))
+    np.testing.assert_allclose(moving, still, rtol=0, atol=1e-6)
+    assert np.ptp(still) > 1.0
+
+
+@pytest.mark.parametrize("moved", [{"v": np.ones(3)}, {"a": np.ones(3)}])
+def test_a_branch_is_not_accelerated_and_says_so(arm: Arm, moved: dict[str, np.ndarray]) -> None:
+    q, hung = positions(2), branches(arm.robot, {"to_other_fore": 0.5})
+    rows = {name: np.array([values, values]) for name, values in moved.items()}
+    for found in (
+        arm.deflection(q[0], wrenches=hung, **moved),
+        arm.deflection(q, wrenches=hung, **rows),
+        arm.deflection(q, wrenches=hung, **rows).row(1),
+    ):
+        assert "branch_at_rest" in {flag.code for flag in found.flags}
+    still = arm.deflection(q[0], wrenches=hung)
+    assert "branch_at_rest" not in {flag.code for flag in still.flags}

@@ -83,6 +83,8 @@ def test_wrenches_for_other_rows_are_refused() -> None:
     for ask in (
         lambda: arm.deflection(q, wrenches=[three]),
         lambda: arm.deflection(q[0], wrenches=[three]),
+        lambda: arm.deflection(q[0], v=np.zeros(6), wrenches=[three]),
+        lambda: arm.deflection(q[0], a=np.zeros(6), wrenches=[three]),
         lambda: arm.prepared(wrenches=[three]),
         lambda: respond(arm, q, ["none"] * 2, wrenches=[three]),
     ):
@@ -163,3 +165,12 @@ def test_a_broken_force_is_refused_with_its_line(heavy: Arm, tmp_path: Path, nam
     columns, match = BROKEN[name]
     with pytest.raises(TableError, match=match):
         read_measurements(written(tmp_path, pulled(campaign(3), **columns)), heavy)
+
+
+def test_a_load_is_its_own(tmp_path):
+    force = np.array([10.0, 0.0, 0.0])
+    load = Wrench("tool", force, np.zeros(3))
+    force[0] = 1e6
+    assert load.force[0] == 10.0
+    with pytest.raises(ValueError, match="read-only"):
+        load.force[0] = 1.0
