@@ -92,7 +92,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         ["stated noise", found.noise_rms, None],
     ]
     cells = [[name, *("-" if rms is None else number(rms * factor) for rms in pair)] for name, *pair in figures]
-    what = "3-D position error" if found.fit.view.readings.of(Position) else "Error"
+    what = found.fit.view.readings.error_title
+    what = what[0].upper() + what[1:]
     print_table(f"{what} over {len(found.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells)
     if len(found.by_kind) > 1 or not found.fit.view.readings.of(Position):
         rows = []
@@ -119,6 +120,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
             f"The readings scatter {found.scatter:.2g} times as much as stated, and were weighed by that: something is "
             "missing, which what was fitted may make up for. `armflex trace` looks for it."
         )
+    if found.left_out:
+        say(f"In no figure: readings of {found.left_out} rows that are far off, by the robust fit.")
     for outlier in found.outliers[:5]:
         unit, factor = SHOWN[outlier.unit]
         by = f" by {outlier.instrument}" if outlier.instrument else ""

@@ -27,7 +27,6 @@ from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import numbered
-from armflex.readings import Position
 from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.trace import trace
@@ -212,8 +211,7 @@ def print_trace(found: Trace) -> None:
     ]
     rows = [[name, *("-" if rms is None else number(rms * 1e3, 3) for rms in pair)] for name, *pair in figures]
     readings = found.state.measurements.readings
-    what = "3-D position error" if readings.of(Position) else f"error ({readings.kinds[0].title} and its like)"
-    title = f"RMS of the {what} over {len(found.rows)} rows"
+    title = f"RMS of the {readings.error_title} over {len(found.rows)} rows"
     unit = SHOWN[readings.unit][0]
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     if found.found:

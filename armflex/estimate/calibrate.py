@@ -19,7 +19,7 @@ from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedErr
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
-from armflex.estimate.held_out import FOLDS, believed, held_out, pose_folds
+from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.instrument_checks import moved, suspected
 from armflex.estimate.law_block import law_block
@@ -28,7 +28,7 @@ from armflex.estimate.misread import check_conventions, without_positions
 from armflex.estimate.placement import check_readings, placed_rigidly
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
-from armflex.estimate.view import View, look
+from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
@@ -102,27 +102,37 @@ class Calibration(Result):
         named = ("name", "value", "std", "unit", "prior", "determined")
         return [{name: getattr(one, name) for name in named} for one in self.parameters]
 
+    @cached_property
+    def judged(self) -> np.ndarray:
+        """(M, d) readings that every error is over: those that the arm as declared or as calibrated comes near."""
+        return near(self.placed, self.fit.view)
+
+    @property
+    def left_out(self) -> int:
+        """How many rows hold a reading that is in no figure, as it is far off."""
+        return int((np.isfinite(self.fit.view.sigma) & ~self.judged).any(axis=1).sum())
+
     @property
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
-        return self.placed.rms(self.placed.residual)
+        return foremost_rms(self.placed.readings.where(self.judged), self.placed.residual)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return self.placed.rms(self.placed.sigma)
+        return foremost_rms(self.placed.readings.where(self.judged), self.placed.sigma)
 
     @property
     def rms(self) -> float:
         """RMS of the 3-D position error after calibration [m]."""
-        return self.fit.rms
+        return foremost_rms(self.fit.view.readings.where(self.judged), self.fit.view.residual)
 
     @property
     def by_kind(self) -> tuple[tuple[Kind, float, float, float], ...]:
         """Every kind of readings with its RMS in its unit: as declared, calibrated, and what the stated noise gives."""
         view, placed = self.fit.view, self.placed
-        stated = view.readings.by_kind(view.sigma / self.weighed)
-        parts = placed.readings.by_kind(placed.residual), view.readings.by_kind(view.residual), stated
+        now, before = view.readings.where(self.judged), placed.readings.where(self.judged)
+        parts = before.by_kind(placed.residual), now.by_kind(view.residual), now.by_kind(view.sigma / self.weighed)
         return tuple((one[0], one[1], two[1], three[1]) for one, two, three in zip(*parts, strict=True))
 
     @property
@@ -311,7 +321,7 @@ def _held_out(placed: Fit, found: Fit, measurements: Measurements) -> tuple[floa
     poses = measurements.pose_number[found.view.rows]
     if len(np.unique(poses)) < FOLDS:
         return None
-    folds, judged = pose_folds(poses), believed(placed, found)
+    folds, judged = pose_folds(poses), judged_by(placed, found)
     declared, calibrated = (held_out(one, folds, judged=judged).rms for one in (placed, found))
     return declared, calibrated
 

@@ -19,7 +19,6 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
-from armflex.readings import Position
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
@@ -158,8 +157,9 @@ class Fit:
         scatter = self.factor * self.noise
         if self.factor == 1.0 or scatter <= 1.0 or self.view.readings.unit != "m":
             return 0.0
-        each = Position.dimension if self.view.readings.of(Position) else 1
-        return self.view.rms(self.view.sigma) / self.factor * float(np.sqrt((scatter**2 - 1.0) / each))
+        sigma = self.view.sigma[:, self.view.foremost]
+        stated = float(np.sqrt((sigma[np.isfinite(sigma)] ** 2).mean()))
+        return stated / self.factor * float(np.sqrt(scatter**2 - 1.0))
 
     @cached_property
     def posterior(self) -> LinearGaussian:

@@ -10,10 +10,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.estimate.robust import robust_limit, row_weights
+from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian, most_probable
-from armflex.readings import Position
 
 FOLDS = 5
 
@@ -22,17 +21,23 @@ BELIEVED = 0.5
 
 
 def near(*views: View) -> np.ndarray:
-    """Return (M,) rows that one or more of several views of the same rows come near, by the limit of the closest.
+    """Return (M, d) readings that one or more of several views of the same rows come near, by the limit of the closest.
 
-    A row that only an effect explains speaks for it, one that it alone spoils against it, and a beam that every view
-    misses about none of them.
+    A reading that only an effect explains speaks for it, one that it alone spoils against it, and a beam that every
+    view misses about none of them.
     """
     limit = np.min([robust_limit(view) for view in views], axis=0)
-    return np.any([row_weights(view, limit) > BELIEVED for view in views], axis=0)
+    close = np.any([huber_weights(view, limit) > BELIEVED for view in views], axis=0)
+    return close & np.isfinite(views[0].sigma)
 
 
 def believed(*fits: Fit) -> np.ndarray:
-    """Return (M,) rows that one or more of several fits to the same rows come near; see `near`."""
+    """Return (M,) rows of which one or more of several fits to the same rows come near a reading; see `near`."""
+    return np.any(near(*(fit.view for fit in fits)), axis=1)
+
+
+def judged_by(*fits: Fit) -> np.ndarray:
+    """Return (M, d) readings over which the errors of several fits to the same rows are said; see `near`."""
     return near(*(fit.view for fit in fits))
 
 
@@ -41,8 +46,8 @@ class HeldOut:
     """Errors on rows that a fit has not seen.
 
     Attributes:
-        squares: (M,) squared 3-D error of every row [m^2], without positions the mean square of its foremost numbers.
-        believed: (M,) False for rows that say nothing about a model.
+        squares: (M,) squared error of every row [m^2, rad^2]; see `Readings.row_squares`.
+        believed: (M,) False for rows that say nothing about a model, or that have no foremost reading.
     """
 
     squares: Array
@@ -67,7 +72,7 @@ def held_out(
         fit: The fit; its columns and robust weights are used as they are.
         folds: (M,) fold of every row.
         refitted: For every fold, parameters that may follow the fold's own rows (a session's frame), if any.
-        judged: (M,) rows that count, see `believed`; those that this fit believes when not given.
+        judged: (M, d) readings that count, see `judged_by`; when not given all, in the rows that this fit believes.
     """
     data, rows = fit.residual + fit.regressors @ fit.values, _readings_of(fit, folds)
     left, told = np.empty(len(data)), told_by_others(fit, folds)
@@ -80,10 +85,9 @@ def held_out(
             follow = regressors[:, some]
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
-    squares, readings = (errors_of(fit, left) ** 2).sum(axis=1), fit.view.readings
-    if not readings.of(Position):  # as `foremost_rms` has it
-        squares /= np.maximum(np.isfinite(readings.sigma[:, readings.foremost]).sum(axis=1), 1)
-    return HeldOut(squares, believed(fit) if judged is None else judged)
+    readings = fit.view.readings if judged is None else fit.view.readings.where(judged)
+    rows_judged = (readings.foremost_count > 0) & (True if judged is not None else believed(fit))
+    return HeldOut(readings.row_squares(errors_of(fit, left)), rows_judged)
 
 
 def errors_of(fit: Fit, whitened: Array) -> Array:

@@ -10,6 +10,7 @@ from armflex.conventions import said_of
 from armflex.errors import ConventionError, Flag
 from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import near
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
@@ -46,14 +47,15 @@ def suspected(
         ConventionError: What they read is plausible in another unit, with other axes, from another place, or otherwise.
     """
     flags, places, free = [], declared.readings.placed, parameters_of(blocks)
-    known = dict(zip(placed.parameters, placed.values.tolist(), strict=True))
+    known, close = dict(zip(placed.parameters, placed.values.tolist(), strict=True)), near(placed.view)
     for kind, place in places:
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if not kind.name or not len(read):
             continue
-        floor = np.maximum(kind.sigma[read], COARSE[kind.unit])
-        residual = placed.view.residual[read, place] / floor
-        jacobian = np.concatenate([block.jacobian(placed.view)[read, place] for block in blocks], axis=2)
+        some = read[close[read, place].all(axis=1)]  # a lost beam says nothing about where an instrument is
+        floor = np.maximum(kind.sigma[some], COARSE[kind.unit])
+        residual = placed.view.residual[some, place] / floor
+        jacobian = np.concatenate([block.jacobian(placed.view)[some, place] for block in blocks], axis=2)
         flat = (jacobian / floor[:, :, None]).reshape(residual.size, -1)
         prior = np.concatenate([block.prior for block in blocks])
         # Where instruments were placed alone they may have made up for the arm: all of it counts from what is declared.

@@ -28,6 +28,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.placement import check_readings, placed_rigidly
 from armflex.estimate.view import look
+from armflex.files.dh_table import in_other_form
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
 from armflex.linear_gaussian import LinearGaussian
@@ -204,6 +205,10 @@ def hypotheses(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             in_degrees, in_radians = (_rewritten(np.diag(np.where(own, one, 1.0))) for one in (RADIANS, 1.0 / RADIANS))
             yield Hypothesis(f"{what} in degrees", f"write {head} into the header", in_degrees)
             yield Hypothesis(f"{what} in radians", "take _deg from the header", in_radians)
+    if arm.robot.urdf.dh:
+        other = in_other_form(arm.robot)
+        name, remedy = f"the rows of [robot.joint] are of the {other.urdf.dh} form", f'write dh = "{other.urdf.dh}"'
+        yield Hypothesis(name, remedy, lambda arm, measurements: (replace(arm, robot=other), measurements))
     for step, whose in ((1, "before"), (-1, "after")):
         if measurements.measured.sum() > abs(step):
             read = "x, y, z" if measurements.positioned.any() else "readings"

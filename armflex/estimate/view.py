@@ -18,7 +18,7 @@ from armflex.laws.effects.location import Location, link_of, same_site, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
-from armflex.readings import Position, Postures, Readings
+from armflex.readings import Postures, Readings
 from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
@@ -77,7 +77,7 @@ class View:
         return self.readings.foremost
 
     def rms(self, errors: Array) -> float:
-        """Return the RMS of the 3-D position error [m] of (M, d) errors; without any of the `foremost` ones."""
+        """Return the RMS of the 3-D position error [m] of (M, d) errors; without any of the `foremost` readings."""
         return foremost_rms(self.readings, errors)
 
     @property
@@ -268,7 +268,6 @@ def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
 
 
 def foremost_rms(readings: Readings, errors: Array) -> float:
-    """Return the RMS of (M, d) errors over the rows read: of the 3-D position [m], else of the foremost ones."""
-    read = np.isfinite(readings.sigma[:, readings.foremost])
-    count = read.sum() / (Position.dimension if readings.of(Position) else 1)
-    return float(np.sqrt((np.where(read, errors[:, readings.foremost], 0.0) ** 2).sum() / max(count, 1)))
+    """Return the RMS of (M, d) errors over the rows with foremost readings [m, rad]; see `Readings.row_squares`."""
+    count = np.count_nonzero(readings.foremost_count)
+    return float(np.sqrt(readings.row_squares(errors).sum() / max(count, 1)))

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Flexure, Measurement, Prior, Setup, warn
-from armflex.conventions import SMALLEST_STD, STANDARD_GRAVITY, TWIST_NAMES
+from armflex.conventions import SMALLEST_STD, TWIST_NAMES
 from armflex.declaration import Declaration, Source, read_toml
 from armflex.errors import (
     ArmFileError,
@@ -39,7 +39,7 @@ from armflex.laws import read_law
 from armflex.laws.declared import model_of
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
-from armflex.laws.joint.linear import softness
+from armflex.laws.joint.linear import SOFTEST, softness
 from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
 from armflex.mechanics.loaded import Payload
@@ -56,6 +56,9 @@ FROM_PYTHON = Path("make_arm")
 
 RIGID = 1e-6
 """Share of the largest compliance below which a joint does not give about an axis."""
+
+SAGS = np.radians(3.0)
+"""Turn of a joint under the weight of what it carries, stretched out, that no drive in service has [rad]."""
 
 LEVEL = 1e-3
 """Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
@@ -162,7 +165,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     sensors = read_sensors(root.subs("instrument"), robot) if root.has("instrument") else {}
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
-    flags = [*robot.flags, *flags, *_questions(flexures, robot)]
+    stated = [name for name, table in tables.items() if "joint_stiffness" in table.table]
+    flags = [*robot.flags, *flags, *_questions(flexures, robot, stated)]
     if measurement.gravity_in == "measurement" and root.table["robot"].get("mount"):
         text = 'gravity_in = "measurement" has gravity in the instrument\'s frame, [robot] mount in the base'
         raise table.fail("gravity_in", f"{text}: give one of them")
@@ -209,18 +213,14 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, 
     massless = table.flag("allow_massless")
     table.finish()
     flags: list[Flag] = []
-    if gravity is None and mount is None:
-        gravity = np.array([0.0, 0.0, -STANDARD_GRAVITY])
-        flags.append(Flag("gravity", f"{table.place()}: no gravity given, taken as {gravity.tolist()} m/s^2"))
-    elif gravity is not None and mount is not None:
+    if gravity is not None and mount is not None:
         level = mount.rotation.T @ np.array([0.0, 0.0, -np.linalg.norm(gravity)])
         if np.linalg.norm(gravity - level) > LEVEL * np.linalg.norm(gravity):
             text = f"gravity {gravity.tolist()} is not that of a base so mounted, {np.round(level, 4).tolist()}"
             raise table.fail("mount", f"{text}: give one of them")
     for key, pose in (("tool", tool), ("mount", mount)):
         if pose is not None and np.abs(given := np.array(table.table[key].get("rpy", [0.0]))).max() > 2.0 * np.pi:
-            text = f"[robot.{key}] rpy {given.tolist()} exceeds a full turn: degrees?"
-            flags.append(Flag("rpy_in_degrees", f"{table.place(key)}: {text}"))
+            raise table.fail(key, f"rpy {given.tolist()} exceeds a full turn: degrees? It is in rad")
     how = {"strict": strict, "allow_massless": massless, "locked": locked}
     how |= {"tool": tool, "mount": None if mount is None else mount.rotation}
     try:
@@ -231,6 +231,18 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, 
         if error.place.line or "cannot be read" not in error.problem:
             raise
         raise UrdfError(table.place("urdf"), f"[robot] urdf: {error}") from None  # the key that names no file
+    turned, moving = robot.urdf.turned(robot.base)
+    if gravity is None and mount is None:
+        text = f"no gravity given, taken as {np.round(robot.gravity, 6).tolist()} m/s^2"
+        tilt = float(np.degrees(np.arccos(np.clip(turned[2, 2], -1.0, 1.0))))
+        if robot.urdf.gravity is not None and moving is None:
+            text += f", which is the <option gravity> of {robot.urdf.path.name}"
+        elif moving is None and tilt > np.degrees(LEVEL):
+            text += f", but z of base {robot.base!r} is tilted by {tilt:.3g} degrees from that of the URDF's root"
+        flags.append(Flag("gravity", f"{table.place()}: {text}"))
+    if moving is not None:
+        text = f"base {robot.base!r} moves with joint {moving.name!r}: gravity is constant in the axes of that base"
+        flags.append(Flag("moving_base", f"{table.place('base')}: {text}"))
     if tool is not None and (size := float(np.linalg.norm(tool.translation))) > max(robot.reach - size, 1.0):
         raise table.fail("tool", f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?")
     return robot, rating, tuple(flags)
@@ -315,8 +327,8 @@ def _read_prior(table: Declaration) -> Prior:
     return Prior(**values)
 
 
-def _questions(flexures: tuple[Flexure, ...], robot: Robot) -> Iterator[Flag]:
-    """Yield flags about how the flexures give, and how well that is known."""
+def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str]) -> Iterator[Flag]:
+    """Yield flags about how the flexures give, and how well that is known; `stated` are those by a joint_stiffness."""
     row = anywhere(robot)
     for joint in robot.moving:
         own = [flexure for flexure in flexures if flexure.joint == joint.name and not flexure.before]
@@ -331,7 +343,21 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot) -> Iterator[Flag]:
             text = f"gives about {axis} alone, but the axis of its joint {joint.name!r} is {nearest} ({wanted})"
             told = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
             yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {told}")
-    for flexure in flexures:
+    for flexure in (flexure for flexure in flexures if flexure.name in stated):
+        places = [joint.name for joint in robot.chain]
+        beyond = robot.chain[places.index(flexure.joint) :]
+        drive = drive_of(beyond[0])
+        if drive[:3].any():
+            continue
+        carried = [one for name in robot.urdf.below(beyond[0].child) if (one := robot.urdf.links[name].inertial)]
+        arm_length = 0.5 * sum(float(np.linalg.norm(joint.origin)) for joint in beyond[1:])
+        moment = sum(one.mass for one in carried) * float(np.linalg.norm(robot.gravity)) * arm_length
+        softest = float(drive @ flexure.law.tangent(np.zeros(6), row) @ drive)
+        if (turn := moment * softest) > SAGS or softest > SOFTEST[1]:
+            text = f"joint_stiffness {1.0 / softest:.4g} Nm/rad lets it turn by {np.degrees(turn):.3g} degrees under "
+            text += "the arm's own weight: was it in kNm/rad (x 1000), Nm/deg (x 57.3) or Nm/arcmin (x 3438)?"
+            yield Flag("soft", f"flexure {flexure.name!r}: {text}")
+    for flexure in (flexure for flexure in flexures if flexure.name not in stated):
         for flag in (flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))):
             yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")
     exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]

@@ -10,11 +10,14 @@ rows that `armflex export --to sheet` writes.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, Flag, Place
+from armflex.robot.robot import Robot
 from armflex.robot.urdf import FARTHEST, RESERVED, Inertial, Joint, Link, Urdf
 
 FORMS = ("standard", "modified")
@@ -72,7 +75,39 @@ def read_dh(table: Declaration) -> Urdf:
     end = (f"link{len(rows)}", FLANGE, before.translation, before.rotation, z, -np.inf, np.inf, np.inf, np.inf)
     joints[FLANGE] = Joint(FLANGE, "fixed", *end, None, place)
     flags = (Flag("weightless", f"{place}: no joint of [robot.joint] has a mass, so only payloads weigh"),)
-    return Urdf(table.path.stem, table.path, links, joints, () if any(bodies) else flags, translated=True)
+    return Urdf(table.path.stem, table.path, links, joints, () if any(bodies) else flags, translated=True, dh=form)
+
+
+def in_other_form(robot: Robot) -> Robot:
+    """Return a robot of rows of one form as if their numbers were those of the other, with the names of its joints."""
+    form = next(one for one in FORMS if one != robot.urdf.dh)
+    rows = list(robot.urdf.joints.values())
+    rows = rows[: [joint.name for joint in rows].index(FLANGE) + 1]
+    ends, count = [pin.SE3(joint.rotation, joint.origin) for joint in rows], len(rows) - 1
+    if robot.urdf.dh == "standard":  # what stands before a joint is its own theta and d, after the row before it
+        across = [_across(end) for end in ends[1:count]] + [ends[count]]
+        along = [ends[0], *(one.inverse() * end for one, end in zip(across[:-1], ends[1:count], strict=True))]
+        origins = [one * other for one, other in zip(across, along, strict=True)] + [pin.SE3.Identity()]
+    else:
+        across = [_across(end) for end in ends[:count]]
+        along = [one.inverse() * end for one, end in zip(across, ends[:count], strict=True)]
+        before = [pin.SE3.Identity(), *across]
+        origins = [one * other for one, other in zip(before, [*along, pin.SE3.Identity()], strict=True)]
+    moved = {
+        joint.name: replace(joint, origin=origin.translation, rotation=origin.rotation)
+        for joint, origin in zip(rows, origins, strict=True)
+    }
+    urdf = replace(robot.urdf, joints=robot.urdf.joints | moved, dh=form)
+    return replace(robot, urdf=urdf, chain=tuple(urdf.joints[joint.name] for joint in robot.chain))
+
+
+def _across(end: pin.SE3) -> pin.SE3:
+    """Return Tx(a) Rx(alpha) Ry(beta) of Tx(a) Rx(alpha) Ry(beta) Rz(theta) Tz(d)."""
+    z = end.rotation[:, 2]
+    turn = pin.exp3(np.array([np.arctan2(-z[1], z[2]), 0.0, 0.0]))
+    turn = turn @ pin.exp3(np.array([0.0, np.arctan2(z[0], np.hypot(z[1], z[2])), 0.0]))
+    along = end.translation[1:] @ z[1:] / max(float(z[1:] @ z[1:]), 1e-300)  # d, whose share of x is no a
+    return pin.SE3(turn, np.array([end.translation[0] - along * z[0], 0.0, 0.0]))
 
 
 def _row(row: Declaration) -> tuple[float, float, pin.SE3]:

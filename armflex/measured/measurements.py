@@ -17,7 +17,7 @@ import numpy as np
 
 from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
-from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, Array
+from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, UNITS, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
 from armflex.measured.data_flags import (
     check_joint_units,
@@ -439,6 +439,13 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     return tuple(found)
 
 
+READ_IN = tuple(unit for kind in ("length", "angle") for unit in UNITS[kind] if len(unit) > 1)
+"""Units at the end of a header that an instrument would read in; a single letter may be anything."""
+
+TEMPERATURES = ("t_", "temp")
+"""How columns of temperatures begin: deg is no angle there."""
+
+
 def _sensor_flags(found: Measurements, arm: Arm) -> Iterator[Flag]:
     """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
     read = {kind.name for kind in found.readings.kinds}
@@ -453,6 +460,19 @@ def _sensor_flags(found: Measurements, arm: Arm) -> Iterator[Flag]:
                 f"columns {name} and {base}_y are covariates: if an instrument reads them, declare [instrument.{base}]"
             )
             yield Flag("instrument_undeclared", text)
+    needed = {one for effect in arm.effects for one in effect.location.covariates}
+    alike: dict[str, list[str]] = {}
+    for name, values in found.covariates.items():
+        base, _, unit = name.rpartition("_")
+        if isinstance(values, np.ndarray) and name not in needed and base and unit in READ_IN:
+            stem = base[:-2] if base.endswith(("_x", "_y", "_z")) else base
+            alike.setdefault(stem, []).append(name)
+    for stem, names in alike.items():
+        if stem.lower().startswith(TEMPERATURES):
+            continue
+        what = f"column {names[0]} is" if len(names) == 1 else f"columns {listing(names)} are"
+        text = f"{what} read as {'a covariate' if len(names) == 1 else 'covariates'}"
+        yield Flag("instrument_undeclared", f"{text}; [instrument.{stem}] would have it read the arm")
 
 
 def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:

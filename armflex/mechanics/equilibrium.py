@@ -217,7 +217,11 @@ def _newton(loaded: LoadedArm, case: LoadCase, rigid: Array, load: Callable[[Arr
                 break
             factor *= 0.5
         history.append(largest)
-    raise ConvergenceError("the equilibrium did not converge", history)
+    pushed = max((one.sizes[0] for one in case.wrenches if not one.hangs), default=0.0)
+    loads = [f"a payload of {loaded.payload.mass:g} kg"] * bool(loaded.payload.mass)
+    loads += [f"a force from outside of {pushed:.4g} N"] * bool(pushed)
+    under = f" under {' and '.join(loads)}" if loads else ""
+    raise ConvergenceError(f"the equilibrium did not converge{under}", history)
 
 
 def _proven(bound: StabilityBound, found: Equilibrium, load: Callable[[Array], Array]) -> bool:

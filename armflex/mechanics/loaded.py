@@ -220,10 +220,15 @@ class LoadedArm:
         distance = float(np.linalg.norm(payload.com))
         if payload.mass and distance > max(arm.robot.reach, 1.0):
             raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
-        if arm.payload_rating is None or payload.mass <= arm.payload_rating:
-            return arm.flags
-        text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"
-        return (*arm.flags, Flag("beyond_rating", text))
+        urdf, flags = arm.robot.urdf, arm.flags
+        if arm.payload_rating is not None and payload.mass > arm.payload_rating:
+            text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"
+            flags = (*flags, Flag("beyond_rating", text))
+        own = sum(one.mass for name in urdf.below(arm.robot.base) if (one := urdf.links[name].inertial))
+        if 0.0 < own < payload.mass:
+            text = f"payload of {payload.mass:g} kg is heavier than the arm itself, {own:.4g} kg: grams?"
+            flags = (*flags, Flag("heavy_payload", text))
+        return flags
 
     def flags_under(self, wrenches: Sequence[Wrench], moves: bool) -> tuple[Flag, ...]:
         """Return `flags` with the flags about loads from outside [N, Nm] and about what moves.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
+from armflex.errors import listing
 from armflex.readings.kind import Kind
 from armflex.readings.postures import Postures
 
@@ -67,6 +68,36 @@ class Readings:
         """SI unit of the foremost numbers."""
         return self.kinds[0].unit if self.kinds else "m"
 
+    @property
+    def foremost_count(self) -> np.ndarray:
+        """(N,) how many instruments read foremost numbers in each row."""
+        count = np.zeros(self.count, dtype=int)
+        for kind, place in self.placed:
+            if place.stop <= self.foremost.stop:
+                count += np.isfinite(kind.sigma).any(axis=1)
+        return count
+
+    @property
+    def error_title(self) -> str:
+        """What the size of an error is of, in words: the tip's position, or the instruments that are named."""
+        kinds = [kind for kind, place in self.placed if place.stop <= self.foremost.stop]
+        if not kinds or not kinds[0].name:
+            return "3-D position error"
+        several = any(kind.dimension > 1 for kind in kinds)
+        return f"error of {listing(kind.title for kind in kinds)}{', each by its norm' if several else ''}"
+
+    def row_squares(self, errors: Array) -> Array:
+        """Return the (N,) squared error of each row [unit^2], zero where no foremost number was read.
+
+        It is the mean over what instruments read there, each by its norm: of a position that is the 3-D error.
+
+        Args:
+            errors: (N, d) of all numbers, or of the foremost ones alone [m, rad].
+        """
+        read = np.isfinite(self.sigma[:, self.foremost])
+        squares = np.where(read, errors[:, self.foremost], 0.0) ** 2
+        return squares.sum(axis=1) / np.maximum(self.foremost_count, 1)
+
     def by_kind(self, errors: Array) -> tuple[tuple[Kind, float], ...]:
         """Return every kind with the RMS of what it read of (N, d) errors [its unit], over all its numbers."""
         found = []
@@ -108,6 +139,11 @@ class Readings:
     def some(self, rows: np.ndarray) -> Readings:
         """Return the readings of some rows, by their (M,) numbers."""
         return Readings(len(rows), tuple(kind.some(rows) for kind in self.kinds))
+
+    def where(self, kept: np.ndarray) -> Readings:
+        """Return the readings without the numbers that a (N, d) mask leaves out, as if they had not been read."""
+        kinds = [replace(kind, sigma=np.where(kept[:, place], kind.sigma, np.inf)) for kind, place in self.placed]
+        return replace(self, kinds=tuple(kinds))
 
     def scaled(self, factor: float) -> Readings:
         """Return the readings with all standard deviations times a factor."""

@@ -21,6 +21,7 @@ from armflex.robot.urdf import (
     MAX_LINKS,
     MOVING,
     RESERVED,
+    WIDEST,
     Fault,
     Inertial,
     Joint,
@@ -81,6 +82,7 @@ class _Tree:
         self.links: dict[str, Link] = {}
         self.joints: dict[str, Joint] = {}
         self.flags: list[Flag] = []
+        self.gravity: tuple[float, float, float] | None = None
 
     def link(self, name: str, inertial: Inertial | None, line: int = 0, between: bool = False) -> None:
         """Add a link."""
@@ -114,6 +116,9 @@ class _Tree:
             raise UrdfError(place, f"joint {name!r}: this name is taken by the mechanics, choose another")
         if limits[0] > limits[1]:
             raise UrdfError(place, f"joint {name!r}: lower limit {limits[0]:g} exceeds upper limit {limits[1]:g}")
+        if kind == "revolute" and WIDEST < max(abs(limits[0]), abs(limits[1])) < np.inf:
+            text = f"joint {name!r}: limits {limits[0]:g} to {limits[1]:g} rad exceed two turns: degrees?"
+            self.flags.append(Flag("limit_in_degrees", f"{place}: {text}"))
         faults = (Fault(UrdfError(place, problem), "chain", "it is held as it stands"),) if problem else ()
         if kind == "fixed" or problem:
             at, rest = at * rest, pin.SE3.Identity()
@@ -127,7 +132,7 @@ class _Tree:
 
     def robot(self, name: str) -> Urdf:
         """Return all of them."""
-        return Urdf(name, self.path, self.links, self.joints, tuple(self.flags), translated=True)
+        return Urdf(name, self.path, self.links, self.joints, tuple(self.flags), translated=True, gravity=self.gravity)
 
 
 def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
@@ -201,6 +206,9 @@ def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
             ends = (bodies[model.site_bodyid[i]], name)
             tree.joint(f"{name}_fixed", "fixed", ends, place, pin.SE3.Identity(), np.eye(3)[0], line=line)
     tree.flags += flags
+    if root.find("option[@gravity]") is not None:
+        x, y, z = model.opt.gravity.tolist()
+        tree.gravity = (x, y, z)
     return tree.robot(root.get("model") or path.stem)
 
 

@@ -177,7 +177,7 @@ def load_robot(
             meshes are never opened.
         tip: Link whose motion is reported; the only leaf when not given.
         base: Link in whose frame results are meant; the root when not given. What lies above it is left out.
-        gravity: (3,) in base axes [m/s^2]; standard gravity along -z when not given.
+        gravity: (3,) in base axes [m/s^2]; when not given that of an MJCF, else standard gravity along -z.
         strict: Refuse unknown tags on the chain, and motion with impossible inertias, instead of flagging them.
         allow_massless: Accept moving links without mass, with a flag.
         locked: Positions of moving joints off the chain [rad or m]; see `lock_side_joints` for those not given.
@@ -209,6 +209,9 @@ def load_robot(
         chain = (*chain, document.joints[tool_joint])
     stands = np.eye(3) if mount is None else finite_array(mount, "mount", (3, 3))
     level = stands.T @ np.array([0.0, 0.0, -STANDARD_GRAVITY])
+    turned, moving = document.turned(base)
+    if mount is None and document.gravity is not None and moving is None:
+        level = turned.T @ np.array(document.gravity)
     down = level if gravity is None else finite_array(gravity, "gravity", (3,))
     scope = scope_of(document, chain)
     found = check_faults(document, scope)
@@ -423,7 +426,8 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
         if inertial.mass > 0.0:
             flags += _check_link(urdf, link, inertial, link.name in scope.carried)
         elif link.name in moved and link.name in scope.chain and not allow_massless:
-            raise UrdfError(inertial.place, f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0")
+            text = f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0"
+            raise UrdfError(inertial.place, text + ("" if inertial.mass else "; or set allow_massless = true"))
         elif inertial.inertia.any():  # a frame written as a link: real files fix them to others
             text = f"{inertial.place}: link {link.name!r} has an inertia but no mass; it is left out"
             flags.append(Flag("massless_inertia", text))

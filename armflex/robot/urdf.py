@@ -177,7 +177,11 @@ def drive_of(joint: Joint) -> Array:
 
 @dataclass(frozen=True)
 class Urdf:
-    """A URDF as data; `flags` are the flags met while reading, `translated` whether its file is in another format."""
+    """A URDF as data; `flags` are the flags met while reading, `translated` whether its file is in another format.
+
+    `dh` is the form of the Denavit-Hartenberg rows that it was made of, '' of others.
+    `gravity` is that of the file in its root's axes [m/s^2], which a URDF has none of.
+    """
 
     name: str
     path: Path
@@ -185,6 +189,8 @@ class Urdf:
     joints: dict[str, Joint]
     flags: tuple[Flag, ...] = field(default=())
     translated: bool = False
+    dh: str = ""
+    gravity: tuple[float, float, float] | None = None
 
     @cached_property
     def children(self) -> dict[str, list[Joint]]:
@@ -198,6 +204,15 @@ class Urdf:
     def parents(self) -> dict[str, Joint]:
         """The joint that ends at each link but the root."""
         return {joint.child: joint for joint in self.joints.values()}
+
+    def turned(self, link: str) -> tuple[Array, Joint | None]:
+        """Return the (3, 3) rotation of a link in its root's axes with all joints at 0, and the last that moves it."""
+        rotation, moving = np.eye(3), None
+        while link in self.parents:
+            joint = self.parents[link]
+            rotation, link = joint.rotation @ rotation, joint.parent
+            moving = moving or (joint if joint.kind in MOVING else None)
+        return rotation, moving
 
     def below(self, link: str) -> list[str]:
         """Return a link and all that descend from it, last branches first."""

@@ -11,7 +11,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
-from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds, told_by_others
+from armflex.estimate.held_out import HeldOut, held_out, judged_by, pose_folds, told_by_others
 from armflex.parameters import OF_SESSION
 from armflex.trace.candidates import Sifted
 from armflex.trace.polish import Polished
@@ -103,7 +103,7 @@ class Step:
 
 def prove(before: State, after: State, null: float, new: Sequence[Block]) -> Proof:
     """Return the errors of held-out poses and sessions before and after, and with what became `new` between them."""
-    folds, judged = pose_folds(before.groups), believed(before.fit, after.fit)
+    folds, judged = pose_folds(before.groups), judged_by(before.fit, after.fit)
     poses = [held_out(state.fit, folds, judged=judged) for state in (before, after)]
     sessions = sessions_held_out(before.fit, after.fit, new, after.sessions)
     return Proof(poses[0].rms, poses[1].rms, *(sessions or (None, None)), improvement(*poses), null)
@@ -152,8 +152,8 @@ def sessions_held_out(
     able = _showing(after, np.concatenate([after.places(block) for block in new]), folds)
     if not able.any():
         return None
-    judged = believed(before, after)
-    if not (able & judged).any():
+    judged = judged_by(before, after)
+    if not (able & (before.view.readings.where(judged).foremost_count > 0)).any():
         return None
     first = held_out(before, *session_folds(before, sessions), judged=judged)
     return first.rms_of(able), held_out(after, folds, frames, judged).rms_of(able)

@@ -18,10 +18,10 @@ from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.calibrate import Calibration, Outlier
 from armflex.estimate.fit import Fit, realise
-from armflex.estimate.held_out import believed, held_out, pose_folds
+from armflex.estimate.held_out import held_out, judged_by, pose_folds
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.view import View, foremost_rms, look
+from armflex.estimate.view import foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
@@ -268,7 +268,12 @@ class Trace(Result):
     @cached_property
     def believed(self) -> np.ndarray:
         """(M,) which of the fitted rows every error is over."""
-        return believed(self.before, self.state.fit)
+        return np.any(self.judged, axis=1)
+
+    @cached_property
+    def judged(self) -> np.ndarray:
+        """(M, d) which of their readings every error is over."""
+        return judged_by(self.before, self.state.fit)
 
     @property
     def rows(self) -> np.ndarray:
@@ -279,22 +284,23 @@ class Trace(Result):
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
         placed = self.calibration.placed
-        return _rms_of(placed, placed.residual, np.isin(placed.rows, self.rows))
+        some = np.flatnonzero(np.isin(placed.rows, self.rows))
+        return foremost_rms(placed.readings.some(some).where(self.judged[self.believed]), placed.residual[some])
 
     @property
     def calibrated_rms(self) -> float:
         """The same after calibration [m]."""
-        return _rms_of(self.before.view, self.before.view.residual, self.believed)
+        return foremost_rms(self.before.view.readings.where(self.judged), self.before.view.residual)
 
     @property
     def rms(self) -> float:
         """The same with everything that can be predicted [m]."""
-        return _rms_of(self.state.fit.view, self.residual, self.believed)
+        return foremost_rms(self.state.fit.view.readings.where(self.judged), self.residual)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return _rms_of(self.state.fit.view, self.state.fit.view.sigma, self.believed)
+        return foremost_rms(self.state.fit.view.readings.where(self.judged), self.state.fit.view.sigma)
 
     @cached_property
     def outliers(self) -> tuple[Outlier, ...]:
@@ -313,7 +319,7 @@ class Trace(Result):
         left = np.where(untold, "direction unknown", np.where(alone, "lost beam", "unexplained"))
         kinds = np.where(used, "counted less", left).tolist()
         view = look(state.fit.setup, state.measurements, rows)
-        errors = np.linalg.norm(view.residual[:, view.foremost], axis=1)
+        errors = np.sqrt(view.readings.row_squares(view.residual))
         return tuple(
             Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])
             for i in np.argsort(-errors)
@@ -366,11 +372,6 @@ class Trace(Result):
         return predictable_residual(self.state)
 
 
-def _rms_of(view: View, errors: Array, some: np.ndarray) -> float:
-    """Return the RMS of (M, d) errors over the rows of a (M,) mask; see `View.rms`."""
-    return foremost_rms(view.readings.some(np.flatnonzero(some)), errors[some])
-
-
 def predictable_residual(state: State) -> Array:
     """Return the (M, d) residual without the random twists, whose values nobody can know beforehand."""
     view = state.fit.view
@@ -402,8 +403,8 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
         view = look(state.fit.setup, state.measurements, together)
-        errors = view.residual[:, view.foremost]
-        left = Unexplained(None, None, None, None, float(np.sqrt((errors**2).sum() / len(state.asked))))
+        squares = view.readings.row_squares(view.residual)
+        left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     state.say("looking what could not be told, and what to measure next")
     undecided = None if state.effects or left is not None or withdrawn else _undecided(state, looked)
     others = {one.index: [hypothesis for hypothesis, _ in one.equivalent] for one in found}
@@ -427,7 +428,7 @@ def _summed_up(
 ) -> Trace:
     """Return the account, with what more there is to tell."""
     fit, calibration = state.fit, state.calibration
-    folds, judged = pose_folds(state.groups), believed(state.calibrated, fit)
+    folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
     # A random twist stays behind, because nobody can foresee it.
     effects = (*calibration.arm.effects, *state.fitted)
     arm, instrument = with_posteriors(fit.setup.arm, fit), fit.setup.instrument
@@ -528,7 +529,8 @@ def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
     for part in bank.parts:
         first = np.isin(part.places, bank.starts[:-1])
         regressors = part.regressors[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
-        raw[part.groups] = np.sqrt((regressors**2).sum(axis=1).mean(axis=0))
+        each = np.maximum(fit.view.readings.foremost_count, 1)[:, None]
+        raw[part.groups] = np.sqrt(((regressors**2).sum(axis=1) / each).mean(axis=0))
     found: dict[str, list[float]] = {}
     whole, inside = _left_over(looked)
     for index in np.flatnonzero((bank.sizes == 1) & (inside > ALMOST * whole)):

@@ -21,7 +21,7 @@ from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.effect_block import amplitude_prior
 from armflex.estimate.fit import THOROUGH, Fit
-from armflex.estimate.held_out import believed, errors_of, held_out, near, pose_folds
+from armflex.estimate.held_out import errors_of, held_out, judged_by, near, pose_folds
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect, EffectLaw
@@ -153,12 +153,14 @@ def compared(state: State) -> Compared:
     folds = pose_folds(state.measurements.pose_number[rows])
     before, after = (_seen(fit, state, rows) for fit in (state.calibrated, state.fit))
     judged, used = near(before.view, after.view), np.isin(rows, state.rows)
+    readings = before.view.readings.where(judged)
+    read = readings.foremost_count > 0
     plain = before.regressors, before.prior, before.residual + before.regressors @ before.values
     left: tuple[list[Array], list[Array]] = ([], [])
     names: list[list[str]] = [[] for _ in state.effects]
     for number in range(int(folds.max()) + 1):
         state.tell("without some poses", number, int(folds.max()) + 1)
-        learned, asked = used & (folds != number), judged & (folds == number)
+        learned, asked = used & (folds != number), read & (folds == number)
         again, best = _chosen_again(after, state, learned)
         for own, one in zip(names, best, strict=True):
             own.extend([] if one is None else [one])
@@ -166,9 +168,9 @@ def compared(state: State) -> Compared:
             regressors, prior, data = problem
             mask = np.repeat(learned, len(data) // len(learned))
             error = data - regressors @ most_probable(regressors[mask], prior**-2.0, data[mask])
-            errors.append(errors_of(fit, error)[asked])
-    refitted = [float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean())) for errors in left]
-    groups, both = pose_folds(state.groups), believed(state.calibrated, state.fit)
+            errors.append(readings.row_squares(errors_of(fit, error))[asked])
+    refitted = [float(np.sqrt(np.concatenate(squares).mean())) for squares in left]
+    groups, both = pose_folds(state.groups), judged_by(state.calibrated, state.fit)
     linear = [held_out(fit, groups, judged=both).rms for fit in (state.calibrated, state.fit)]
     return Compared(refitted[0], refitted[1], linear[0], linear[1], tuple(tuple(one) for one in names))
 
@@ -258,7 +260,7 @@ def _outlived(state: State, found: Compared) -> State | None:
 def _best_without(state: State) -> tuple[tuple[int, ...], State]:
     """Return which effect or family (none: the random twist) is best left out, and the state without it."""
     trials: list[tuple[float, tuple[int, ...], State]] = []
-    folds, judged = pose_folds(state.groups), believed(state.calibrated, state.fit)
+    folds, judged = pose_folds(state.groups), judged_by(state.calibrated, state.fit)
     for unit in (*state.units, *(() if state.random is None else ((),))):
         with contextlib.suppress(ArmflexError):
             trial = without(state, *unit) if unit else with_random(state, None)

@@ -108,7 +108,7 @@ def _cards(trace: Trace, accurate: Accuracy) -> Table:
 def _errors_of(trace: Trace) -> tuple[Callable[..., str], str]:
     """Return how errors of the foremost readings are said, each as `millimetres` says a length, and what they are."""
     readings = trace.state.fit.view.readings
-    return partial(millimetres, unit=readings.unit), "RMS in 3-D" if readings.of(Position) else "RMS of a reading"
+    return partial(millimetres, unit=readings.unit), cover.size_title(readings)
 
 
 def _campaign(trace: Trace) -> Table:
@@ -123,7 +123,9 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     """Return RMS, 95 % and largest error: as declared, calibrated, and with what was found."""
     placed = trace.calibration.placed
     groups = trace.state.measurements.pose_number[placed.rows]
-    declared = cover.errors_of(placed, groups).of(np.isin(placed.rows, trace.rows))
+    judged = np.zeros(placed.residual.shape, dtype=bool)
+    judged[np.isin(placed.rows, trace.rows)] = trace.judged[trace.believed]
+    declared = cover.errors_of(placed, groups, judged).of(judged.any(axis=1))
     rows = [cover.spread("as declared, the instrument placed", declared)]
     rows.append(cover.spread("calibrated, poses held out", accurate.before))
     if trace.found or trace.families:

@@ -79,7 +79,8 @@ def accuracy(trace: Trace) -> Accuracy:
     state, measurements = trace.state, trace.state.measurements
     folds, used, rows = pose_folds(state.groups), trace.believed, trace.rows
     before, after = (
-        Errors(held_out(fit, folds).squares[used], state.groups[used]) for fit in (trace.before, state.fit)
+        Errors(held_out(fit, folds, judged=trace.judged).squares[used], state.groups[used])
+        for fit in (trace.before, state.fit)
     )
     found = repeats(measurements)
     # Of those approached from the same side where there are enough.

@@ -16,12 +16,12 @@ import pinocchio
 from armflex.arm import Arm
 from armflex.conventions import SHOWN, TWIST_NAMES, Array
 from armflex.estimate import Calibration
-from armflex.estimate.held_out import believed, held_out, pose_folds
+from armflex.estimate.held_out import held_out, pose_folds
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.view import View
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ParameterKind
-from armflex.readings import Position
+from armflex.readings import Position, Readings
 from armflex.show.report.accuracy import Errors, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short, with_std
 from armflex.version import __version__
@@ -48,23 +48,28 @@ class Point(NamedTuple):
     worst: bool
 
 
-def spread(name: str, errors: Errors) -> tuple[str, ...]:
+def spread(name: str, errors: Errors, unit: str = "m") -> tuple[str, ...]:
     """Return a row: name, RMS with its standard uncertainty, what 95 % are below, and the largest error."""
     if not len(errors.squares):
         return (name, "–", "–", "–")
     sizes = np.sqrt(errors.squares)
     return (
         name,
-        millimetres(errors.rms, errors.std),
-        millimetres(float(np.quantile(sizes, MARKED))),
-        millimetres(float(sizes.max())),
+        millimetres(errors.rms, errors.std, unit),
+        millimetres(float(np.quantile(sizes, MARKED)), unit=unit),
+        millimetres(float(sizes.max()), unit=unit),
     )
 
 
-def errors_of(view: View, groups: np.ndarray) -> Errors:
-    """Return the errors of a view's rows in the foremost numbers [m], from the (M,) pose of each."""
-    read = np.isfinite(view.sigma[:, view.foremost])
-    return Errors((np.where(read, view.residual[:, view.foremost], 0.0) ** 2).sum(axis=1), groups)
+def errors_of(view: View, groups: np.ndarray, judged: np.ndarray) -> Errors:
+    """Return the errors of a view's rows in the foremost of (M, d) numbers [m], from the (M,) pose of each."""
+    return Errors(view.readings.where(judged).row_squares(view.residual), groups)
+
+
+def size_title(readings: Readings) -> str:
+    """Return what errors are sizes of, for a card: in 3-D, or of which instruments."""
+    title = readings.error_title
+    return "RMS in 3-D" if readings.of(Position) else f"RMS of a reading ({title.removeprefix('error of ')})"
 
 
 def facts(arm: Arm, measurements: Measurements, readings: str) -> Table:
@@ -186,15 +191,15 @@ def stiffness(arm: Arm, one: FittedParameter) -> str:
 def calibration_account(found: Calibration) -> SimpleNamespace:
     """Return what the page of a calibrated arm shows."""
     fit, measurements = found.fit, found.measurements
-    view, used = fit.view, believed(fit)
+    view, judged = fit.view, found.judged
+    used = view.readings.where(judged).foremost_count > 0
     groups, rows = measurements.pose_number[view.rows], view.rows[used]
-    some = np.isin(found.placed.rows, rows)
-    before = errors_of(found.placed, measurements.pose_number[found.placed.rows]).of(some)
+    before = errors_of(found.placed, groups, judged).of(used)
     several = len(np.unique(groups)) > 1
     now = (
-        Errors(held_out(fit, pose_folds(groups)).squares, groups).of(used)
+        Errors(held_out(fit, pose_folds(groups), judged=judged).squares, groups).of(used)
         if several
-        else errors_of(view, groups).of(used)
+        else errors_of(view, groups, judged).of(used)
     )
     placed = bool(view.readings.of(Position))
     left = view.residual[:, view.foremost][used] if placed else np.zeros((len(rows), 0))
@@ -213,9 +218,9 @@ def calibration_account(found: Calibration) -> SimpleNamespace:
         else "No parameter ended further from its declared value than its prior allows.",
         cards=_cards(before, now, found),
         errors=(
-            spread("as declared, the instrument placed", before),
-            spread(f"calibrated, {what}", now),
-            ("noise as stated", millimetres(found.noise_rms), "", ""),
+            spread("as declared, the instrument placed", before, view.readings.unit),
+            spread(f"calibrated, {what}", now, view.readings.unit),
+            ("noise as stated", millimetres(found.noise_rms, unit=view.readings.unit), "", ""),
         ),
         found=parameter_rows(found.arm, most)[:ON_COVER],
         found_title="Moved beyond their priors" if moved else "Moved most, against their priors",
@@ -237,10 +242,11 @@ def calibration_account(found: Calibration) -> SimpleNamespace:
 def _cards(before: Errors, now: Errors, found: Calibration) -> Table:
     from armflex.measured.repeats import repeats
 
+    unit, size = found.fit.view.readings.unit, size_title(found.fit.view.readings)
     cards = [
-        ("Error as declared", millimetres(before.rms, before.std), "RMS in 3-D, the instrument placed"),
-        ("Error calibrated", millimetres(now.rms, now.std), "the same readings, poses held out"),
-        ("Noise as stated", millimetres(found.noise_rms), "what no model can get below"),
+        ("Error as declared", millimetres(before.rms, before.std, unit), f"{size}, the instrument placed"),
+        ("Error calibrated", millimetres(now.rms, now.std, unit), "the same readings, poses held out"),
+        ("Noise as stated", millimetres(found.noise_rms, unit=unit), "what no model can get below"),
     ]
     if found.fit.view.readings.of(Position) and (again := repeats(found.measurements)) is not None:
         scatter = again.same_approach or again.same_session

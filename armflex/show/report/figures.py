@@ -75,6 +75,10 @@ def workspace(trace: Trace) -> str:
     return inline(figure, "Residual arrows in the workspace")
 
 
+NORM = " (of norms; dashed: of each number)"
+"""What is said of the size of errors of several numbers beside a line at the size of one."""
+
+
 def by_instrument(trace: Trace) -> str:
     """Return what is left of the readings of every kind, a panel each, in its own unit and beside its own noise.
 
@@ -85,7 +89,9 @@ def by_instrument(trace: Trace) -> str:
     if [kind.name for kind, _ in kinds] == [""]:
         return ""
     figure, axes = canvas(10.0, 0.7 + 1.5 * len(kinds), len(kinds), 1, sharex=True)
-    parts = [dict(kinds_rms) for kinds_rms in (view.readings.by_kind(one) for one in (before, after, view.sigma))]
+    judged = view.readings.where(trace.judged)
+    sizes = [[rms for _, rms in judged.by_kind(one)] for one in (before, after, view.sigma)]
+    parts = [dict(zip(view.readings.kinds, some, strict=True)) for some in sizes]
     for panel, (kind, place) in zip(axes, kinds, strict=True):
         unit, factor = SHOWN[kind.unit]
         read = np.isfinite(kind.sigma)
@@ -99,7 +105,7 @@ def by_instrument(trace: Trace) -> str:
         panel.plot(rows, -noise, color=INK, linewidth=1.0, linestyle=DASHED)
         rms = [f"{factor * part[kind]:.3g}" for part in parts]
         said = f"{rms[0]} before, {rms[1]} after" if trace.found else f"{rms[1]} calibrated"
-        panel.set_title(f"{kind.title}: RMS {said}, noise {rms[2]} {unit}")
+        panel.set_title(f"{kind.title}: RMS {said}, noise {rms[2]} {unit}{NORM if kind.dimension > 1 else ''}")
         panel.set_ylabel(unit)
         grid(panel, "y")
     axes[0].legend(loc="upper right", bbox_to_anchor=(1.0, 1.25), ncols=3)

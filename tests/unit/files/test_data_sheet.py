@@ -18,7 +18,7 @@ from support.two_links import ARM, GOOD, Q, codes, declared, edited
 
 from armflex import Arm, Payload, Wrench, load_arm, make_arm
 from armflex.arm import Flexure
-from armflex.errors import ArmFileError, ArmflexWarning, UnknownNameError, UrdfError
+from armflex.errors import ArmFileError, ArmflexWarning, ConvergenceError, UnknownNameError, UrdfError
 from armflex.export.sheet import export as export_sheet
 from armflex.export.urdf_file import export as export_urdf
 from armflex.laws import LinearLaw
@@ -330,10 +330,53 @@ def test_a_broken_tool_or_mount_is_refused_with_its_line(tmp_path: Path, name: s
 
 
 @pytest.mark.parametrize("key", ["tool", "mount"])
-def test_degrees_of_a_tool_or_mount_are_questioned(tmp_path: Path, key: str) -> None:
+def test_degrees_of_a_tool_or_mount_are_refused(tmp_path: Path, key: str) -> None:
     edits = [(GRAVITY, "")] if key == "mount" else []
-    with pytest.warns(ArmflexWarning, match=rf"arm.toml:\d+: \[robot.{key}\] rpy .* exceeds a full turn: degrees"):
+    with pytest.raises(ArmFileError, match=rf"arm.toml:\d+: \[robot\] {key}: rpy .* exceeds a full turn: degrees"):
         load_arm(declared(tmp_path, (TIP, f"{TIP}\n{key} = {{ rpy = [90, 0, 0] }}"), *edits))
+
+
+@pytest.mark.parametrize(("stiffness", "asks"), [(1.6e4, False), (1.6e4 / 57.3, True), (16.0, True), (4.65, True)])
+def test_a_joint_stiffness_in_other_units_is_asked_about(tmp_path: Path, stiffness: float, asks: bool) -> None:
+    """Right; in Nm/deg, kNm/rad and Nm/arcmin."""
+    arm = load_arm(declared(tmp_path, (DIAGONAL, f"joint_stiffness = {stiffness}")))
+    said = [flag.text for flag in arm.flags if flag.code == "soft"]
+    assert len(said) == asks and all("joint_stiffness" in text and "Nm/arcmin" in text for text in said)
+
+
+def test_a_payload_heavier_than_the_arm_is_asked_about(tmp_path: Path) -> None:
+    arm = load_arm(declared(tmp_path, ("mass = 5.0", "mass = 33.0")))
+    assert "heavy_payload: payload of 33 kg is heavier than the arm itself, 32 kg: grams?" in map(
+        str, arm.deflection(Q, "p5").flags
+    )
+    assert not arm.deflection(Q).flags
+
+
+def test_no_equilibrium_names_its_loads(tmp_path: Path) -> None:
+    arm = load_arm(
+        declared(tmp_path, (DIAGONAL, "compliance = [0, 0, 0, 0.01, 0.01, 0.01]"), ("mass = 5.0", "mass = 9e5"))
+    )
+    load = Wrench("tool", [0.0, 0.0, -7e6], [0.0, 0.0, 0.0])
+    with pytest.raises(ConvergenceError, match=r"under a payload of 900000 kg and a force from outside of 7e\+06 N"):
+        arm.deflection(Q, "p5", wrenches=[load], method="newton", allow_large=True)
+
+
+def test_a_tilted_or_moving_base_is_told(tmp_path: Path) -> None:
+    """Gravity is -z of the base where nobody says it, also where a joint has turned that base, or moves it."""
+    urdf = GOOD.replace('<joint name="shoulder" type="revolute">', """<link name="world"/>
+  <joint name="stand" type="fixed">
+    <parent link="world"/>
+    <child link="base"/>
+    <origin rpy="0.5235987755982988 0 0"/>
+  </joint>
+  <joint name="shoulder" type="revolute">""")  # fmt: skip
+    path = declared(tmp_path, (GRAVITY, ""))
+    write(tmp_path, urdf)
+    (flag,) = [flag for flag in load_arm(path).flags if flag.code == "gravity"]
+    assert flag.text.endswith("z of base 'base' is tilted by 30 degrees from that of the URDF's root")
+    path = declared(tmp_path, ('base = "base"', 'base = "upper"'), (JOINT, 'joint = "elbow"'))
+    (flag,) = [flag for flag in load_arm(path).flags if flag.code == "moving_base"]
+    assert flag.text.endswith("base 'upper' moves with joint 'shoulder': gravity is constant in the axes of that base")
 
 
 # --- an arm from Python --------------------------------------------------------------------------------------------

@@ -126,6 +126,21 @@ def test_sensors_beside_a_tracker_make_it_more_certain(tmp_path: Path) -> None:
     assert max(stds[0][name] / std for name, std in stds[1].items()) < 1.1
 
 
+def test_lost_readings_are_in_no_headline(tmp_path: Path) -> None:
+    """A wire that read 9999 and 0 mm: the fit survives, and figures and flags are about the others."""
+    _, arm, rows = campaign(tmp_path, WIRE, LEVEL)
+
+    def change(columns: dict[str, list[str]]) -> None:
+        columns["wire1_mm"][5], columns["wire1_mm"][15] = "9999", "0"
+
+    whole, found = fitted(arm, rows), fitted(arm, rewritten(rows, change))
+    assert found.left_out == 2 and len(found.outliers) == 2
+    assert found.rms == pytest.approx(found.noise_rms, rel=0.3)
+    assert found.declared_rms == pytest.approx(whole.declared_rms, rel=0.3)
+    assert found.held_out and whole.held_out and found.held_out[1] < 1.5 * whole.held_out[1]
+    assert [flag.code for flag in found.flags] == [flag.code for flag in whole.flags]
+
+
 def test_rows_with_some_instruments_only_and_their_own_sigma(tmp_path: Path) -> None:
     """Each row counts for what it read; a wire that was lost spoils neither the level in its row nor the fit."""
     _, arm, rows = campaign(tmp_path, WIRE, LEVEL)
@@ -273,6 +288,12 @@ def test_columns_and_instruments_go_together(tmp_path: Path) -> None:
         rewritten(rows, lambda columns: columns.update(tilt_x=["1"] * 20, tilt_y=["2"] * 20)), loaded
     )
     assert any(flag.code == "instrument_undeclared" and "[instrument.tilt]" in flag.text for flag in tilts.flags)
+    columns = ("laser_mm", "incl_x_deg", "incl_y_deg", "temp_deg", "load_kg")
+    others = read_measurements(rewritten(rows, lambda given: given.update(dict.fromkeys(columns, ["1"] * 20))), loaded)
+    assert [flag.text for flag in others.flags if flag.code == "instrument_undeclared"] == [
+        "column laser_mm is read as a covariate; [instrument.laser] would have it read the arm",
+        "columns incl_x_deg, incl_y_deg are read as covariates; [instrument.incl] would have it read the arm",
+    ]
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.errors import ArmFileError, ConventionError, TableError
 from armflex.export.sheet import export as sheet
 from armflex.export.urdf_file import export as urdf
+from armflex.files.dh_table import in_other_form
 
 MODIFIED = """[robot]
 dh = "modified"
@@ -63,6 +64,27 @@ def test_modified_rows_with_a_slide_and_weights(tmp_path: Path) -> None:
     assert arm.robot.upper[2] == pytest.approx(0.3) and not any(flag.code == "weightless" for flag in arm.flags)
     weight = arm.deflection(q).joint_loads[0, :3]
     np.testing.assert_allclose(np.linalg.norm(weight), 35.0 * np.linalg.norm(arm.robot.gravity), rtol=1e-9)
+
+
+@pytest.mark.parametrize("form", ["standard", "modified"])
+def test_rows_are_taken_to_be_of_the_other_form(tmp_path: Path, form: str) -> None:
+    """Every row with all five parameters: the same arm as that of the same numbers under the other name."""
+    text = MODIFIED.replace("a_mm = 150,", "a_mm = 150, beta = 0.1, d = 0.3,").replace("d = 0.4,", "d = 0.4, a = 0.1,")
+    (tmp_path / "other").mkdir()
+    one, other = (text.replace("modified", dh) for dh in (form, "standard" if form == "modified" else "modified"))
+    expected, found = read(tmp_path / "other", other).robot, in_other_form(read(tmp_path, one).robot)
+    assert found.urdf.dh == expected.urdf.dh
+    for joint, same in zip(found.chain, expected.chain, strict=True):
+        np.testing.assert_allclose(joint.origin, same.origin, atol=1e-12)
+        np.testing.assert_allclose(joint.rotation, same.rotation, atol=1e-12)
+
+
+def test_rows_of_the_other_form_are_named_before_anything_is_fitted(tmp_path: Path) -> None:
+    arm = wire_file.declared(tmp_path)
+    rows = wire_file.write(tmp_path / "rows.csv", wire_file.positions(80, 0), 7)
+    arm.write_text(arm.read_text().replace("standard", "modified"))
+    with pytest.raises(ConventionError, match="are of the standard form"):
+        calibrate(load_arm(arm), rows)
 
 
 @pytest.mark.parametrize("form", ["standard", "modified"])

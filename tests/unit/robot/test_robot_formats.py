@@ -85,6 +85,24 @@ def test_a_robot_of_mjcf_bends_and_is_exported(tmp_path: Path) -> None:
     assert again.joint_names == arm.joint_names
 
 
+def test_degrees_that_mjcf_says_are_radians_are_asked_about(tmp_path: Path) -> None:
+    assert not load_robot(write(tmp_path, MJCF, "crane.xml"), "hook").flags
+    text = MJCF.replace('angle="degree"', 'angle="radian"')
+    first = load_robot(write(tmp_path, text, "crane.xml"), "hook").flags[0]
+    assert first.code == "limit_in_degrees" and "-170 to 170 rad exceed two turns" in first.text
+
+
+def test_the_gravity_of_mjcf_is_taken_where_nothing_else_is_said(tmp_path: Path) -> None:
+    text = MJCF.replace("<worldbody>", '<option gravity="0 6.9 -6.9"/><worldbody>', 1)
+    path = write(tmp_path, text, "crane.xml")
+    arm = make_arm(path, {}, tip="hook")
+    np.testing.assert_array_equal(arm.robot.gravity, [0.0, 6.9, -6.9])
+    assert any("which is the <option gravity> of crane.xml" in flag.text for flag in arm.flags)
+    given = make_arm(path, {}, tip="hook", gravity=[0.0, 0.0, -9.81])
+    np.testing.assert_array_equal(given.robot.gravity, [0.0, 0.0, -9.81])
+    np.testing.assert_allclose(make_arm(path, {}, tip="hook", mount={"rpy": [0, 0, 0]}).robot.gravity[:2], 0.0)
+
+
 def test_commands_take_mjcf(tmp_path: Path) -> None:
     write(tmp_path, MJCF, "crane.xml")
     text = '[robot]\nurdf = "crane.xml"\ntip = "hook"\n[flexure.L]\njoint = "luff"\njoint_stiffness = 2e5\n'

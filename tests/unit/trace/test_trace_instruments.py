@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from studies.instruments import PAIRS, one_of_a_pair, wires
 from support.command_line import fine, run_here, strict_json
-from support.instruments import LEVEL, WIRE, Machine, heavy, measured
+from support.instruments import LEVEL, TARGET, WIRE, Machine, heavy, measured
 
-from armflex import load_arm, predict, read_measurements
+from armflex import calibrate, load_arm, predict, read_measurements
 
 pytestmark = pytest.mark.slow
 
@@ -21,8 +21,11 @@ GAP = 6e-4
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of one wire and one level on a machine with play in J2, and what `trace` makes of it."""
-    folder = tmp_path_factory.mktemp("traced")
-    arm = heavy(folder, WIRE, LEVEL)
+    return with_play(tmp_path_factory.mktemp("traced"), WIRE, LEVEL)
+
+
+def with_play(folder: Path, *instruments: str) -> Path:
+    arm = heavy(folder, *instruments)
     machine = Machine.draw(arm, 3)
     rows = machine.rows(60)
     rows.approach = machine.rng.choice([-1.0, 1.0], rows.q.shape)
@@ -75,6 +78,21 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
     page = (tmp_path / "r.html").read_text()
     lead = re.findall(r"Error on poses not used: ([^<]*)\(", page)[0]
     assert "mrad" in lead and "mm" not in lead and "poses held out [mrad]" in page
+
+
+def test_an_error_is_the_same_in_every_figure_where_several_instruments_read_lengths(tmp_path: Path) -> None:
+    """A wire reads one number and each target three: in folds, held out and fitted, a reading counts once."""
+    other = TARGET.replace("smr2", "smr3").replace("[0.0, 0.3, 0.05]", "[0.3, 0.0, 0.1]")
+    said = strict_json(with_play(tmp_path, WIRE, TARGET, other) / "t.json")
+    (found,) = said["effects"]
+    for stage, own in (("calibrated", "before"), ("after", "after")):
+        again, linear = said["held_out_rms_mm"][stage], found["held_out_rms_mm"][own]
+        assert again == pytest.approx(linear, rel=0.15)
+    assert said["held_out_rms_mm"]["after"] == pytest.approx(said["rms_mm"]["after"], rel=0.25)
+    arm = load_arm(tmp_path / "arm.toml")
+    fitted = calibrate(arm, tmp_path / "rows.csv")
+    sizes = [calibrated for _, _, calibrated, _ in fitted.by_kind]
+    assert fitted.rms == pytest.approx(np.sqrt(np.mean(np.square(sizes))))
 
 
 def test_what_no_tip_reading_tells_is_told_by_what_plan_mounts(tmp_path: Path) -> None:
