@@ -28,6 +28,7 @@ SEED = 1
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory) -> dict[str, Told]:
+    pytest.importorskip("torch", reason="the black box is a network of torch's")
     campaign = Campaign(bent(SEED), "inside", tmp_path_factory.mktemp("study"))
     plain, calibrated = learned(campaign, "none")
     with pytest.MonkeyPatch.context() as patch:  # one size of networks: which one hardly matters where all are far off
