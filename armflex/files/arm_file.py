@@ -343,8 +343,10 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
             text = f"gives about {axis} alone, but the axis of its joint {joint.name!r} is {nearest} ({wanted})"
             told = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
             yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {told}")
+    places = [joint.name for joint in robot.chain]
     for flexure in (flexure for flexure in flexures if flexure.name in stated):
-        places = [joint.name for joint in robot.chain]
+        if flexure.joint is None:
+            continue
         beyond = robot.chain[places.index(flexure.joint) :]
         drive = drive_of(beyond[0])
         if drive[:3].any():

@@ -125,7 +125,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     groups = trace.state.measurements.pose_number[placed.rows]
     judged = np.zeros(placed.residual.shape, dtype=bool)
     judged[np.isin(placed.rows, trace.rows)] = trace.judged[trace.believed]
-    declared = cover.errors_of(placed, groups, judged).of(judged.any(axis=1))
+    declared = cover.errors_of(placed, groups, judged).of(np.asarray(judged.any(axis=1)))
     rows = [cover.spread("as declared, the instrument placed", declared)]
     rows.append(cover.spread("calibrated, poses held out", accurate.before))
     if trace.found or trace.families:
