@@ -51,6 +51,9 @@ MOST_SAID = 3
 MOST = 0.5
 """Part of what a sensor reads beyond its stated noise that a step must explain to be what happened to it."""
 
+ALL = 0.9
+"""The same of a sensor that is where its declaration does not have it: being moved is then all that is wrong."""
+
 TRIED = {
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254},
     "rad": {"rad": 1.0, "degrees": np.pi / 180.0, "mm/m": 1e-3},
@@ -306,13 +309,13 @@ def moved(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) ->
     Args:
         found: The fit, each instrument weighed by its scatter.
         measurements: Its campaign.
-        about: Flags on sensors that are implausible for another reason, of which nothing is said.
+        about: Flags on sensors that are implausible, of which a step must explain `ALL`.
     """
     names, suspects = list(dict.fromkeys(kind.name for kind in found.view.readings.kinds)), {one.about for one in about}
     whole, scale = found.residual @ found.residual, np.sqrt(found.weights) / found.view.sigma
     sessions, root = np.array(found.view.sessions), LinearGaussian(found.told).with_precision(found.precision).root
     for kind, place in found.view.readings.placed:
-        if not kind.name or kind.name in suspects:
+        if not kind.name:
             continue
         own = (kind.by_own(found.view.at) * scale[:, place, None])[:, :, found.view.arm.sensors[kind.name].movable]
         size, best = own.shape[2], (0.0, 0)
@@ -340,7 +343,8 @@ def moved(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) ->
         factor = found.factors[names.index(kind.name)] if found.factors else 1.0
         whitened = found.residual.reshape(found.weights.shape)[:, place]
         beyond = float((whitened**2).sum()) - found.noises[names.index(kind.name)][1] / factor**2
-        if starts and ratio > chance and gain * factor**2 > chance and gain > MOST * beyond:
+        most = ALL if kind.name in suspects else MOST
+        if starts and ratio > chance and gain * factor**2 > chance and gain > most * beyond:
             row = int(found.view.rows[first])
             where = measurements.places[row] if measurements.places else f"row {row}"
             text = f"{kind.title} reads otherwise from {where} on, as if it had been moved there"
