@@ -51,8 +51,7 @@ class Accuracy:
 
     Attributes:
         before, after: Of the rows that every error is over.
-        used: (M,) which of the fitted rows those are.
-        sessions: Session of each of them.
+        sessions: Session of each of those rows.
         poses: Pose of each of them.
         fitted: RMS of the same rows where they were fitted, before and after [m].
         stated: RMS of the stated noise in 3-D [m].
@@ -61,7 +60,6 @@ class Accuracy:
 
     before: Errors
     after: Errors
-    used: np.ndarray
     sessions: tuple[str, ...]
     poses: tuple[str, ...]
     fitted: tuple[float, float]
@@ -88,7 +86,6 @@ def accuracy(trace: Trace) -> Accuracy:
     return Accuracy(
         before,
         after,
-        used,
         tuple(measurements.session[row] for row in rows),
         tuple(measurements.pose[row] for row in rows),
         (trace.calibrated_rms, trace.rms),

@@ -9,7 +9,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.show.report.numbers import measure, scaled, with_std
 from armflex.show.report.suspects import Suspicion, suspicion
-from armflex.show.report.svg import AFTER, BEFORE, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
+from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import labelled, units_of
 from armflex.trace.findings import Found, Trace
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BINS = 12
-DASHED = (0, (4, 3))
 MOST_RIVALS = 14
 MOST_CURVES = 6
 GOLDEN = 0.6180339887

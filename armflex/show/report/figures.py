@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import SHOWN, TWIST_NAMES
 from armflex.estimate.identify import SURPRISING, FittedParameter
 from armflex.show.report.accuracy import Accuracy
-from armflex.show.report.svg import AFTER, BEFORE, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
+from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import words
 from armflex.trace.findings import Smallest, Trace
 from armflex.trace.unrecorded import NOTICED, RandomTwist
@@ -19,7 +19,7 @@ LONG = 0.09
 """Length of a long residual arrow as a share of the workspace."""
 
 MANY_POSES = 120
-DASHED = (0, (4, 3))
+MOST_PULLS = 12
 
 
 def workspace(trace: Trace) -> str:
@@ -179,11 +179,11 @@ def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
     return inline(figure, "Where the unexplained variance points")
 
 
-def pulls(before: Sequence[FittedParameter], after: Sequence[FittedParameter], both: bool, most: int = 12) -> str:
+def pulls(before: Sequence[FittedParameter], after: Sequence[FittedParameter], both: bool) -> str:
     """Return the parameters that moved most against their priors: before and after, or after alone."""
     earlier = {parameter.name: abs(parameter.pull) for parameter in before}
     pairs = [(one.name, earlier.get(one.name, abs(one.pull)), abs(one.pull)) for one in after]
-    chosen = sorted(pairs, key=lambda row: -max(row[1:]))[:most][::-1]
+    chosen = sorted(pairs, key=lambda row: -max(row[1:]))[:MOST_PULLS][::-1]
     place = np.arange(len(chosen))
     figure, (panel,) = canvas(7.6, 0.6 + 0.27 * max(len(chosen), 3))
     old, new = ([row[which] for row in chosen] for which in (1, 2))

@@ -22,6 +22,9 @@ INK, MUTED, RULE, PAPER, BEFORE, AFTER, MARK, SOFT = (f"#{i:02x}{i:02x}{i:02x}" 
 VARIABLES = {INK: "ink", MUTED: "muted", RULE: "rule", PAPER: "card", BEFORE: "before", AFTER: "after", MARK: "mark"}
 VARIABLES[SOFT] = "soft"
 
+DASHED = (0, (4, 3))
+"""How a line of reference is drawn: points of line and of gap."""
+
 PIXELS = 1.44
 """Of the page per point of a figure: ten inches fill a wide page."""
 
