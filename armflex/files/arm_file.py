@@ -30,8 +30,13 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
-from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
-from armflex.files.certainty_table import with_covariance
+from armflex.files.calibration_table import (
+    Campaign,
+    calibration_table,
+    read_calibration,
+    with_certainty,
+    with_covariance,
+)
 from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
