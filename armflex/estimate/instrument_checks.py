@@ -277,8 +277,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
         about: Flags on sensors that are implausible for another reason.
     """
     readings, suspects = found.view.readings, {flag.about for flag in about}
-    names = list(dict.fromkeys(kind.name for kind in readings.kinds))
-    for number, (name, scatter) in enumerate(zip(names, found.scatters, strict=True)):
+    for number, (name, scatter) in enumerate(zip(readings.names, found.scatters, strict=True)):
         others = [one for i, one in enumerate(found.scatters) if i != number]
         large = others and scatter > UNMEANT * max(1.0, min(others))
         freedom = found.noises[number][1]
@@ -311,7 +310,7 @@ def moved(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) ->
         measurements: Its campaign.
         about: Flags on sensors that are implausible, of which a step must explain `ALL`.
     """
-    names, suspects = list(dict.fromkeys(kind.name for kind in found.view.readings.kinds)), {one.about for one in about}
+    names, suspects = found.view.readings.names, {one.about for one in about}
     whole, scale = found.residual @ found.residual, np.sqrt(found.weights) / found.view.sigma
     sessions, root = np.array(found.view.sessions), LinearGaussian(found.told).with_precision(found.precision).root
     for kind, place in found.view.readings.placed:

@@ -256,9 +256,7 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
     kept = blocks_of(known.parameters, setup, context=offer.view.context)
     assert kept is not None  # some of what is there as a whole
-    sensors = [
-        (name, one) for name, one in arm.sensors.items() if name in {kind.name for kind in offer.view.readings.kinds}
-    ]
+    sensors = [(name, one) for name, one in arm.sensors.items() if name in offer.view.readings.names]
     unknown = [sensor_block(setup, name, ("",)) for name, one in sensors if len(one.free) and not one.found]
     fresh = [*unknown, *_law_blocks(new), *candidates]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)
