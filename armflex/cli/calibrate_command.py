@@ -15,9 +15,9 @@ from armflex.cli.terminal import number, print_table, progress, say, show_flags
 from armflex.conventions import RESOLUTION, SHOWN
 from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
+from armflex.estimate.block import learned_laws
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.identify import FittedParameter
-from armflex.estimate.law_block import learned_laws
 from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words

@@ -27,14 +27,6 @@ FLANGE = "flange"
 """The frame of the last row, and the tip where none is named."""
 
 
-def is_dh(table: Declaration) -> bool:
-    """Return whether a [robot] table has a robot's parameters; raise where it names a URDF as well."""
-    given = table.has("dh")
-    if given and table.has("urdf"):
-        raise table.fail("dh", "stands beside 'urdf', which is the robot already: give one of them")
-    return given
-
-
 def read_dh(table: Declaration) -> Urdf:
     """Return the robot of the rows [robot.joint], base to tip; links are base, link1, link2 ... and flange.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
-from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.block import EffectBlock
 from armflex.estimate.identify import UNDETERMINED, partners_of
 from armflex.files.dh_table import in_dh_words
 from armflex.laws.effects.compliance import COMPLIANCE
