@@ -306,4 +306,7 @@ def test_people_read_numbers_of_rows_and_factors_and_programs_what_files_have(tm
         and "geometry reach dx" not in page
     )
     planned = fine(run_here(tmp_path, "plan", "arm.toml", "--rows", "4", "-o", "p.csv")).stdout
-    assert "geometry reach dx" not in planned and re.search(r"compliance luff rz +50 +[\d.]+ +%", planned)
+    assert "a of reach" in planned and "geometry reach dx" not in planned
+    read(tmp_path, text.replace("SOFT", "2e-5").replace("geometry = 1e-3", "geometry = 0"))
+    planned = fine(run_here(tmp_path, "plan", "arm.toml", "--rows", "4", "-o", "p.csv")).stdout
+    assert re.search(r"compliance luff rz +50 +[\d.]+ +%", planned)
