@@ -210,6 +210,11 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
     law = learned_law(flexure.law, flexure.learn, Seen(**seen))
     values, scales = table.numbers("values", law.values.shape), table.numbers("scales", (len(law.scales),))
     _positive(table, "scales", scales)
+    free = () if law.free is None else law.free.parameters
+    for parameter, value in zip(free, values[: len(free)], strict=True):
+        if parameter.unit == "1" and abs(value) > LARGEST_LOGARITHM:
+            text = f"{parameter.name} is the logarithm of a factor, or of a coupling: expected at most"
+            raise table.fail("values", f"{text} {LARGEST_LOGARITHM:.3g} either way, got {value:g}")
     law = replace(law, values=values, scales=tuple(scales.tolist()))
     if table.has("reach"):  # how its correction ends; files before `energy` was part of that have none
         reach, faded = table.numbers("reach", (6,)), table.number("faded")

@@ -13,6 +13,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.block import EffectBlock
 from armflex.estimate.identify import UNDETERMINED, partners_of
+from armflex.files.dh_table import in_dh_words
 from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
@@ -162,10 +163,13 @@ class Plan(Result):
     @cached_property
     def advice(self) -> tuple[str, ...]:
         """What no tip reading tells, and what would: a line for all that the same measurement would tell."""
-        told = list(_between(self))
+        told, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
         for how in dict.fromkeys(one.instead for one in self.blind):
             alike = [one for one in self.blind if one.instead == how]
-            names, more = ", ".join(one.name for one in alike[:MOST_NAMES]), len(alike) - MOST_NAMES
+            names, more = (
+                ", ".join(words.get(one.name, (one.name,))[0] for one in alike[:MOST_NAMES]),
+                len(alike) - MOST_NAMES,
+            )
             names += f", and {more} more" if more > 0 else ""
             most = max(one.moves for one in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
