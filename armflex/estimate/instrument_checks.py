@@ -17,13 +17,13 @@ from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import sensor_start
 from armflex.estimate.fit import Fit
 from armflex.estimate.misread import ALIKE, DROP, explained
+from armflex.estimate.robust import chi_squared
 from armflex.estimate.view import View, postures
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ParameterKind
 from armflex.readings import Kind, Position, Readings
 from armflex.readings.acceleration import OPPOSITE, Acceleration
-from armflex.readings.chance import chi_squared
 from armflex.readings.instrument import fit_frame
 from armflex.readings.sensor import Sensor
 
