@@ -306,7 +306,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
             )
 
 
-def moved(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) -> Iterator[Flag]:
+def moved_sensors(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) -> Iterator[Flag]:
     """Yield flags about sensors that read otherwise from some row of a session on, as if they had been moved there.
 
     The step must be beyond chance and the stated noise, and most of what the sensor reads beyond that noise: whatever
