@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import TWIST_NAMES, Array, covariance_fault
 from armflex.declaration import Declaration
 from armflex.errors import FileError, Flag, did_you_mean, listing
 from armflex.laws.declared import Flexure
@@ -24,7 +24,6 @@ from armflex.laws.effects.location import site_names
 from armflex.laws.joint.carried import scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
-from armflex.linear_gaussian import covariance_fault
 from armflex.parameters import Certainty, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections

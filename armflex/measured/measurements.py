@@ -387,7 +387,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
                 row = int(bad.argmax())
                 problem = f"{name} is {approach[row, index]:g}, not -1, 0 or 1"
                 raise TableError(Place(table.path, table.lines[row]), problem)
-    tracked: dict[str, Array] = {}
+    tracked: dict[str, Any] = {}
     if POSITION[0] in table.columns or not readings.kinds:
         names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
         unread = np.inf if readings.kinds else 1.0
