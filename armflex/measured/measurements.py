@@ -498,7 +498,8 @@ def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
     if partly.any():
         line = table.lines[int(partly.argmax())]
         raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
-    return there, np.column_stack([table.numbers_where(name, there) for name in names])
+    empty = ": leave the cell empty where nothing was read"
+    return there, np.column_stack([table.numbers_where(name, there, empty) for name in names])
 
 
 def _deviations(
