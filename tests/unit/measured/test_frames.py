@@ -151,6 +151,7 @@ def test_a_tolerance_in_millimetres_is_questioned(arm: armflex.Arm) -> None:
     assert "tolerance" not in [flag.code for flag in armflex.check(arm, path, tolerance=0.1).flags]
 
 
+@pytest.mark.slow
 def test_a_page_shows_itself_in_a_notebook(arm: armflex.Arm, tmp_path: Path) -> None:
     page = armflex.view(arm)
     assert (page._repr_html_().startswith("<iframe") and "&lt;" in page._repr_html_()) or "&quot;" in page._repr_html_()
