@@ -73,10 +73,10 @@ def huber_weights(view: View, limit: Array | float | None = None) -> Array:
     return found
 
 
-def row_weights(view: View, limit: Array | float | None = None) -> Array:
+def row_weights(view: View) -> Array:
     """Return the (M,) weights of the rows: each as that of the instrument that is believed most there."""
     read = np.stack([np.isfinite(view.sigma[:, place]).any(axis=1) for place in view.readings.groups], axis=1)
-    return np.where(read, instrument_weights(view, limit), 0.0).max(axis=1)
+    return np.where(read, instrument_weights(view), 0.0).max(axis=1)
 
 
 def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:

@@ -19,13 +19,12 @@ from support.learned_laws import DECLARED, LOADS, ROW, SIZE, compliance, moved, 
 from support.small_arms import central_difference
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements, total_covariance
-from armflex.certainty import Certainty
 from armflex.cli.main import armflex
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.estimate import Calibration
+from armflex.estimate.block import law_block, with_laws
 from armflex.estimate.calibrate import first_guess, loads_seen, write_calibrated
-from armflex.estimate.law_block import law_block, with_laws
 from armflex.estimate.learn import learned_axes
 from armflex.estimate.sample import sample_laws
 from armflex.estimate.view import look
@@ -34,7 +33,7 @@ from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
-from armflex.parameters import ArmParameter, Group, ParameterKind
+from armflex.parameters import ArmParameter, Certainty, Group, ParameterKind
 
 
 def ending(law: LearnedLaw, **changed: object) -> LearnedLaw:
