@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,6 +34,12 @@ ZOO: dict[str, object] = {
     "class": int,
     "function": len,
     "complex": 1j,
+    "fraction": Fraction(1, 2),
+    "huge": 10**5000,
+    "no path": "a\0b",
+    "dates": np.array(["2020"], dtype="M8[D]"),
+    "generator": (i for i in range(3)),
+    "namespace": SimpleNamespace(x=1),
 }
 
 FINE: dict[str, Callable[[armflex.Arm, Path], dict[str, object]]] = {

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 
 from armflex.arguments import checked_kinds
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.configurations import MOST_ROWS, Configurations, drawn_range, furthest
 from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
@@ -27,7 +27,7 @@ from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
 from armflex.storage.store import open_store
-from armflex.tasks.check import COVERAGE
+from armflex.tasks.check import COVERAGE, doubtful_tolerance
 from armflex.tasks.workspace.cells import SIDE, Answer, Question, Tally, answers, cell_indices, form_of, joined, sigmas
 from armflex.version import __version__
 
@@ -142,6 +142,8 @@ class WorkspaceMap(Result):
         """
         if not 0.0 < tolerance < np.inf:
             raise InputError(f"tolerance must be positive, got {tolerance} m")
+        reach = float(np.linalg.norm(np.abs(self.centres) + 0.5 * self.voxel, axis=1).max(initial=0.0))
+        warn(doubtful_tolerance(tolerance, reach))
         return np.where(self.refused.any(axis=1), -np.inf, tolerance - self.worst)
 
     def verdicts(self, tolerance: float) -> np.ndarray:

@@ -420,7 +420,7 @@ def test_many_via_points_and_moved_joints_are_drawn(heavy: Arm, tarm: Arm, tmp_p
     assert len(facts_of(page.read_text())["labels"]) == 200
     assert hue_share(picture(page, 300), "#21918c") > 0.0 or picture(page, 300).std() > 10.0
     still = view(tarm, payload="p600", path=tmp_path / "still.html")
-    for own, joint in ((still, "A1"), (page, "J2")):  # of a path, too, whose animation then rests
-        moved = tmp_path / f"moved {joint}.html"
-        moved.write_text(own.read_text().replace("location.hash.slice(1)", f'"{joint}=0.9"'))
+    for own, name in ((still, "A1"), (page, "J2")):  # of a path, too, whose animation then rests
+        moved = tmp_path / f"moved {name}.html"
+        moved.write_text(own.read_text().replace("location.hash.slice(1)", f'"{name}=0.9"'))
         assert np.abs(picture(own, 300) - picture(moved, 300)).max(axis=-1).mean() > 1.0
