@@ -13,7 +13,7 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, wraps
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -27,7 +27,7 @@ ANYTHING = ("Any", "object", "ArrayLike", "Array", "ndarray", "T")
 """Names that say nothing that could be checked here."""
 
 PLAIN: dict[str, tuple[type | tuple[type, ...], str]] = {
-    "float": (Real, "a number"),
+    "float": ((float, int, np.floating, np.integer), "a number"),
     "int": (Integral, "a whole number"),
     "bool": ((bool, np.bool_), "True or False"),
     "str": (str, "text"),
@@ -129,7 +129,8 @@ def _is_a(value: Any, name: str) -> bool:
         number = name in ("float", "int") and isinstance(value, bool | np.bool_)
         if name == "Tabular" and "DataFrame" in _lineage(type(value)):
             return True
-        huge = name == "float" and isinstance(value, int) and abs(value) > sys.float_info.max  # as Python's may be
+        most = {"float": sys.float_info.max, "int": sys.maxsize}.get(name)
+        huge = most is not None and isinstance(value, int) and abs(value) > most  # as Python's may be
         return isinstance(value, PLAIN[name][0]) and not number and not huge
     return name in _lineage(type(value))
 

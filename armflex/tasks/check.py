@@ -154,7 +154,6 @@ def check(
             The rows of `against` are others: in number, time or via-point.
         MissingCovariateError: An effect depends on something that was not given.
     """
-    tolerance, angle = 1.0 * tolerance, None if angle is None else 1.0 * angle  # a fraction is a number, too
     doubts = doubtful_tolerance(tolerance, furthest(arm, *np.array(arm.bounds)), angle)
     warn(doubts)
     trajectory = as_trajectory(trajectory, arm)

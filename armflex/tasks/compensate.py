@@ -160,7 +160,6 @@ def compensate(
     trajectory = as_trajectory(trajectory, arm)
     if match not in ("position", "pose"):
         raise InputError(f"match is {match!r}, expected 'position' or 'pose'")
-    between = None if between is None else 1.0 * between
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
     trajectory = trajectory.with_constants(arm, covariates or {})

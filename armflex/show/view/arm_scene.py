@@ -89,6 +89,7 @@ class Page:
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{escape(self.html)}" style="width:100%;height:520px;border:0"></iframe>'
 
+    @checked_kinds
     def write(self, path: str | Path) -> Path:
         """Write the page, whole or not at all."""
         return write_whole(Path(path), self.html.encode())
@@ -162,6 +163,7 @@ def view(
         raise InputError(f"view takes {what} or a trajectory, not both")
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
+    magnification = None if magnification is None else 1.0 * magnification
     known = covariates or {}
     if trajectory is None:
         here = arm.position() if q is None else arm.checked(q, "q")

@@ -134,6 +134,7 @@ class WorkspaceMap(Result):
         """Which voxel holds the largest displacement of all."""
         return int(np.nanargmax(self.worst)) if self.answered.any() else 0
 
+    @checked_kinds
     def margin(self, tolerance: float) -> Array:
         """Return (V,) tolerance minus the largest displacement [m], -inf where a configuration was refused.
 
@@ -146,6 +147,7 @@ class WorkspaceMap(Result):
         warn(doubtful_tolerance(tolerance, reach))
         return np.where(self.refused.any(axis=1), -np.inf, tolerance - self.worst)
 
+    @checked_kinds
     def verdicts(self, tolerance: float) -> np.ndarray:
         """Return (V,) "ok", "uncertain" or "fail", as `check` would say of the worst in every voxel.
 

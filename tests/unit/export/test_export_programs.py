@@ -241,7 +241,7 @@ def test_commands(language: str, tmp_path: Path) -> None:
 def test_the_head_says_what_was_written_from_what(language: str, mark: str, tmp_path: Path) -> None:
     file = path_file(tmp_path, NAMES, np.zeros((3, 6)), payload=["p100"] * 3)
     write = partial(getattr(programs, language), bundled("heavy_six"), file, arm_file="my/arm.toml")
-    for found, what in ((write(), "Not compensated"), (write(compensate=True), "Compensated")):
+    for found, what in ((write(), "Positions as given"), (write(compensate=True), "Compensated")):
         head = [line.strip() for line in found.text.splitlines()[:4] if line.strip().startswith(mark)]
         assert head[0] == f"{mark} Written by armflex {__version__} from my/arm.toml"
         assert head[1] == f"{mark} {what}; payload p100, no load from outside"
