@@ -12,7 +12,7 @@ from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
 
@@ -37,20 +37,23 @@ def command(
     """
     wrenches = [options.parse_force(text, arm) for text in forces]
     q, arm = options.parse_positions(positions, arm)
-    found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
+    found = arm.deflection(q, payload, covariates=settled_covariates(arm, covariates), wrenches=wrenches, **how)
     covariance, flags = total_covariance(found)
     print_deflection(arm, found, covariance)
-    arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
-    content = {
-        "payload": payload,
-        "method": found.method,
-        "joint_names": found.names.joints,
-        "flexure_names": found.names.flexures,
-        **{name: getattr(found, name) for name in (*arrays, "compliance")},
-        "covariance": covariance,
-        "pose": found.pose.homogeneous,
-        "rigid_pose": found.rigid_pose.homogeneous,
-    }
+
+    def content() -> dict[str, Any]:
+        arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
+        return {
+            "payload": payload,
+            "method": found.method,
+            "joint_names": found.names.joints,
+            "flexure_names": found.names.flexures,
+            **{name: getattr(found, name) for name in (*arrays, "compliance")},
+            "covariance": covariance,
+            "pose": found.pose.homogeneous,
+            "rigid_pose": found.rigid_pose.homogeneous,
+        }
+
     options.conclude(content, (*found.flags, *found.overload, *flags), arm)
 
 

@@ -13,7 +13,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import complain, doing, say, show_flags
 from armflex.errors import InputError, listing
-from armflex.export.exported import Exported
+from armflex.export import Exported
 from armflex.measured.forces import UNLOADED, Unnamed
 from armflex.storage.whole_file import write_whole
 

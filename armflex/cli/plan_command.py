@@ -118,7 +118,7 @@ def command(
 
         draw_plan(found, picture)
     print_plan(found)
-    options.conclude(as_json(found), found.flags)
+    options.conclude(lambda: as_json(found), found.flags)
     say(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
 
 

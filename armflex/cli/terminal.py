@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from types import FrameType
 from typing import Any
 
 import click
@@ -107,7 +107,7 @@ def telling(title: str = "") -> Iterator[None]:
     """Say on stderr what is being done, with the seconds passed: a live line in a terminal, in a pipe one now and then.
 
     What is done is `title` until `tell`, `doing` or `progress` say another. A thread writes, so that whoever computes
-    need not look at the clock.
+    need not look at the clock. What the package logs meanwhile is a line of its own.
     """
     over, live = threading.Event(), sys.stderr.isatty()
     begun = time.monotonic()
@@ -116,8 +116,6 @@ def telling(title: str = "") -> Iterator[None]:
     def keep_saying() -> None:
         while not over.wait(REDRAWN):
             text = str(_now["doing"])
-            if text and any(map(_compiles, sys._current_frames().values())):
-                text = f"compiling, once on this machine (for: {text})"
             if text and live:
                 with _alone():
                     click.echo(printable(_timed(text))[: stream(stderr=True).width - 1], err=True, nl=False)
@@ -127,13 +125,21 @@ def telling(title: str = "") -> Iterator[None]:
 
     thread = threading.Thread(target=keep_saying, daemon=True)
     thread.start()
+    log, lines = logging.getLogger("armflex"), _Lines()
+    log.addHandler(lines)
     try:
         yield
     finally:
+        log.removeHandler(lines)
         over.set()
         thread.join()
         with _alone():
             _now["doing"] = ""
+
+
+class _Lines(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        complain(record.getMessage())
 
 
 def tell(text: str) -> None:
@@ -167,13 +173,3 @@ def _alone() -> Iterator[None]:
 
 def _timed(text: str) -> str:
     return f"{time.monotonic() - _now['begun']:4.0f} s  {text}"
-
-
-def _compiles(frame: FrameType | None) -> bool:
-    """Return whether a thread is in numba's compiler."""
-    while frame is not None:
-        code = frame.f_code
-        if frame.f_globals.get("__name__") == "numba.core.compiler_machinery" and code.co_name != "<module>":
-            return True
-        frame = frame.f_back
-    return False

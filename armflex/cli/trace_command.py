@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -26,10 +26,7 @@ from armflex.parameters import numbered
 from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.trace import trace
-from armflex.trace.findings import write_traced
-
-if TYPE_CHECKING:
-    from armflex.trace.findings import Found, FoundFamily, Trace
+from armflex.trace.findings import Found, FoundFamily, Trace, write_traced
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""

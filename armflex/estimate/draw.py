@@ -12,14 +12,13 @@ from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
-from armflex.conventions import Array, covariate_array, real_array
+from armflex.conventions import Array, covariate_array, real_array, root_of_covariance
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming, shown
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.linear_gaussian import root_of_covariance
 from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loaded import Payload
-from armflex.mechanics.many_rows import COMPILED, draw_laws
+from armflex.mechanics.many_rows import COMPILED, drawn_displacements
 from armflex.readings.instrument import Instrument
 
 
@@ -114,7 +113,7 @@ def ensemble(
     count = len(rows) if positions.ndim == 2 else 0
     known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
     if arm.certainty is None and not arm.pulls:
-        found = draw_laws(arm, rows, payload, known, method, draws, seed)
+        found = drawn_displacements(arm, rows, payload, known, method, draws, seed)
     else:  # one after the other
         found = np.empty((draws, len(rows), 6))
         for number, drawn in enumerate(draw_arms(arm, draws, seed)):

@@ -15,7 +15,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import UNITS, Array, printable
 from armflex.errors import Flag, InputError, UnknownNameError, UnsupportedError, listing, naming
-from armflex.export.exported import Exported
+from armflex.export import Exported
 from armflex.export.rigid import require_six_turning
 from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.tasks.compensate import compensate as compensated

@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import TWIST_NAMES, Array, covariance_fault
 from armflex.declaration import Declaration
 from armflex.errors import FileError, Flag, did_you_mean, listing
 from armflex.laws.declared import Flexure
@@ -24,7 +24,6 @@ from armflex.laws.effects.location import site_names
 from armflex.laws.joint.carried import scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
-from armflex.linear_gaussian import covariance_fault
 from armflex.parameters import Certainty, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
@@ -211,6 +210,11 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
     law = learned_law(flexure.law, flexure.learn, Seen(**seen))
     values, scales = table.numbers("values", law.values.shape), table.numbers("scales", (len(law.scales),))
     _positive(table, "scales", scales)
+    free = () if law.free is None else law.free.parameters
+    for parameter, value in zip(free, values[: len(free)], strict=True):
+        if parameter.unit == "1" and abs(value) > LARGEST_LOGARITHM:
+            text = f"{parameter.name} is the logarithm of a factor, or of a coupling: expected at most"
+            raise table.fail("values", f"{text} {LARGEST_LOGARITHM:.3g} either way, got {value:g}")
     law = replace(law, values=values, scales=tuple(scales.tolist()))
     if table.has("reach"):  # how its correction ends; files before `energy` was part of that have none
         reach, faded = table.numbers("reach", (6,)), table.number("faded")

@@ -387,7 +387,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
                 row = int(bad.argmax())
                 problem = f"{name} is {approach[row, index]:g}, not -1, 0 or 1"
                 raise TableError(Place(table.path, table.lines[row]), problem)
-    tracked: dict[str, Array] = {}
+    tracked: dict[str, Any] = {}
     if POSITION[0] in table.columns or not readings.kinds:
         names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
         unread = np.inf if readings.kinds else 1.0
@@ -498,7 +498,8 @@ def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
     if partly.any():
         line = table.lines[int(partly.argmax())]
         raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
-    return there, np.column_stack([table.numbers_where(name, there) for name in names])
+    empty = ": leave the cell empty where nothing was read"
+    return there, np.column_stack([table.numbers_where(name, there, empty) for name in names])
 
 
 def _deviations(

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
-from armflex.conventions import Array
-from armflex.linear_gaussian import root_of_covariance
-from armflex.readings.chance import outlier_limit
+from armflex.conventions import Array, root_of_covariance
+from armflex.estimate.robust import outlier_limit
 
 GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""

@@ -19,7 +19,7 @@ from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, InputError, listing, naming
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
@@ -167,7 +167,7 @@ def view(
     known = covariates or {}
     if trajectory is None:
         here = arm.position() if q is None else arm.checked(q, "q")
-        asked = {"covariates": settled(arm, known), "wrenches": wrenches}
+        asked = {"covariates": settled_covariates(arm, known), "wrenches": wrenches}
         motion = Motion(np.zeros(1), (arm.deflection(here, payload, **asked),), 0, 1)
     else:
         trajectory = trajectory.with_constants(arm, known).prepared(arm)

@@ -20,7 +20,7 @@ from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import Progress, in_order, in_pieces
 from armflex.result import Result
@@ -216,7 +216,7 @@ def map_workspace(
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
-    known = settled(arm, covariates or {})
+    known = settled_covariates(arm, covariates or {})
     arm.loaded(None).flags_under(wrenches, moves=False)  # raises where a link is not the arm's
     options = {"covariates": known, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import logging
 import os
 import re
 import shutil
@@ -481,10 +482,10 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch, capsys: py
         terminal.tell("searching")
         terminal.doing(Doing("searching", "refining " + 100 * "x", 1, 2))
         time.sleep(0.3)
-        terminal.complain("warning: a word")
+        logging.getLogger("armflex.mechanics").warning("a word")
         time.sleep(0.1)
     written = capsys.readouterr().err
-    assert "\r\x1b[Kwarning: a word\n" in written and written.endswith("\r\x1b[K")
+    assert "\r\x1b[Ka word\n" in written and written.endswith("\r\x1b[K")
     assert written.count("\n") == 2 and written.count("\r") > 5
     assert max(len(line) for line in re.split("[\r\n]", written.replace("\x1b[K", ""))) <= 60
 

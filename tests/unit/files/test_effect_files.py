@@ -24,7 +24,7 @@ from armflex.estimate.posterior import certainty_of
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.trace.accept import Proof
 from armflex.trace.findings import Found, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
@@ -442,7 +442,7 @@ def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple
     kept = [i for i, label in enumerate(arm.certainty.labels) if not label.startswith("effect hysteresis")]
     known = arm.certainty.part(kept)
     arm = dataclasses.replace(arm, effects=arm.effects[1:], certainty=known)
-    q, warm = arm.position(J2=0.3, J3=-0.5), settled(arm, {"temperature": 22.0})
+    q, warm = arm.position(J2=0.3, J3=-0.5), settled_covariates(arm, {"temperature": 22.0})
     found = [one.deflection(q, "p120", covariates=warm).displacement for one in draw_arms(arm, 400, seed=2)]
     expected = total_covariance(arm.deflection(q, "p120", covariates=warm))[0]
     # A standard deviation from 400 draws is right to a root of 800, at 4 of them.

@@ -416,6 +416,17 @@ def test_what_learning_never_leaves_is_refused_at_its_line(learned, tmp_path, ke
         load_arm(tmp_path / "bad.toml")
 
 
+@pytest.mark.parametrize("size", [-3e5, 3e5])
+def test_a_factor_that_is_no_number_is_refused(learned, tmp_path, size):
+    folder, found = learned
+    path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    text, count = re.subn(r"(?m)^values = \[[^,]+,", f"values = [{size},", path.read_text(), count=1)
+    path.write_text(text)
+    with pytest.raises(ArmFileError, match=r"values: .*logarithm of a factor.*200 either way, got") as caught:
+        load_arm(path)
+    assert count == 1 and text.splitlines()[caught.value.place.line - 1].startswith("values")
+
+
 def test_a_correction_of_a_file_without_energy_fades_by_distance(learned, tmp_path):
     folder, found = learned
     path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")

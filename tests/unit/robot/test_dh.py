@@ -273,29 +273,40 @@ def test_geometry_goes_by_the_numbers_of_the_rows(tmp_path: Path, form: str) -> 
 def test_people_read_numbers_of_rows_and_factors_and_programs_what_files_have(tmp_path: Path) -> None:
     """A compliance half as large again: x1.5 in the terminal, the plan and on the page, its logarithm in JSON."""
     text = MODIFIED.replace("[robot]\n", "[robot]\ngravity = [0.0, 0.0, -9.81]\n")
-    text += '[flexure.luff]\njoint = "luff"\ncompliance = [0, 0, 0, 0, 0, {}]\n[prior]\ncompliance = 0.5\n'
+    text += '[flexure.luff]\njoint = "luff"\ncompliance = [0, 0, 0, 0, 0, SOFT]\n[prior]\ncompliance = 0.5\n'
     text += 'geometry = 1e-3\n[measurement]\nframe = "base"\n'
-    arm, rng = read(tmp_path, text.format("3e-5")), np.random.default_rng(0)
-    slewed = replace(arm, corrections=Corrections(geometry={"luff": np.array([0, 0, 0, 2e-3, 0, 0])}))
+    arm, rng = read(tmp_path, text.replace("SOFT", "3e-5")), np.random.default_rng(0)
+    slewed = replace(arm, corrections=Corrections(geometry={"reach": np.array([2e-3, 0, 0, 0, 0, 0])}))
     q = rng.uniform([-2.0, -1.0, 0.0], [2.0, 1.0, 0.3], (40, 3))
     tip = slewed.deflection(q).pose
     assert isinstance(tip, np.ndarray)
     cells = np.column_stack([q, tip[:, :3, 3] + rng.normal(0.0, 1e-5, (40, 3)), np.full(40, 1e-5)])
     header = ",".join([*(f"q_{name}" for name in arm.joint_names), "x,y,z,sigma"])
     np.savetxt(tmp_path / "rows.csv", cells, delimiter=",", header=header, comments="")
-    read(tmp_path, text.format("2e-5"))
+    read(tmp_path, text.replace("SOFT", "2e-5"))
     done = fine(
         run_here(
             tmp_path, "calibrate", "arm.toml", "rows.csv", "-o", "c.toml", "--json", "c.json", "--report", "c.html"
         )
     )
     (own,) = (line.split() for line in done.stdout.splitlines() if line.strip().startswith("compliance luff rz"))
-    assert float(own[3].removeprefix("×")) == pytest.approx(1.5, rel=0.03) and own[5] == "%"
-    assert "alpha of luff" in done.stdout and "geometry luff rx" not in done.stdout
+    factor, percent = float(own[3].removeprefix("×")), float(own[4])
+    assert abs(factor / 1.5 - 1.0) < 0.03 * percent < 0.5 and own[5] == "%"
+    assert "a of reach" in done.stdout and "geometry reach dx" not in done.stdout
     told = {one["name"]: one for one in strict_json(tmp_path / "c.json")["parameters"]}
-    assert told["compliance luff rz"]["value"] == pytest.approx(np.log(1.5), abs=0.03)
-    assert told["geometry luff rx"]["value"] == pytest.approx(2e-3, rel=0.2)
+    logarithm = told["compliance luff rz"]
+    assert logarithm["value"] == pytest.approx(np.log(factor), abs=1e-3) and logarithm["std"] == pytest.approx(
+        0.01 * percent, rel=0.1
+    )
+    assert told["geometry reach dx"]["value"] == pytest.approx(2e-3, rel=0.2)
     page = (tmp_path / "c.html").read_text()
-    assert "compliance ×1.5" in page and "alpha of luff" in page and "geometry luff rx" not in page
+    assert (
+        re.search(r"compliance luff rz</td><td>×1\.[3-7]\d ± 0\.\d+<", page)
+        and "a of reach" in page
+        and "geometry reach dx" not in page
+    )
     planned = fine(run_here(tmp_path, "plan", "arm.toml", "--rows", "4", "-o", "p.csv")).stdout
-    assert "geometry luff rx" not in planned and re.search(r"compliance luff rz +50 +[\d.]+ +%", planned)
+    assert "a of reach" in planned and "geometry reach dx" not in planned
+    read(tmp_path, text.replace("SOFT", "2e-5").replace("geometry = 1e-3", "geometry = 0"))
+    planned = fine(run_here(tmp_path, "plan", "arm.toml", "--rows", "4", "-o", "p.csv")).stdout
+    assert re.search(r"compliance luff rz +50 +[\d.]+ +%", planned)
