@@ -26,7 +26,8 @@ NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""
 
 EVERY, REDRAWN = 2.0, 0.5
-"""Seconds of silence after which a line goes into a pipe, and between two looks of the live line in a terminal."""
+"""Seconds of silence after which a line goes into a pipe (later a tenth of the time that passed), and between two looks
+of the live line in a terminal."""
 
 _said: set[str] = set()
 
@@ -120,7 +121,8 @@ def telling(title: str = "") -> Iterator[None]:
                 with _alone():
                     click.echo(printable(_timed(text))[: stream(stderr=True).width - 1], err=True, nl=False)
                     _now["drawn"] = True
-            elif text and time.monotonic() - _now["said"] >= EVERY - REDRAWN / 2:
+            now = time.monotonic()
+            if text and not live and now - _now["said"] >= max(EVERY, 0.1 * (now - begun)) - REDRAWN / 2:
                 complain(_timed(text))
 
     thread = threading.Thread(target=keep_saying, daemon=True)
