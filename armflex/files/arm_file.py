@@ -50,7 +50,7 @@ from armflex.laws.learned import read_learning
 from armflex.mechanics.loaded import Payload
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
-from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of, rotation_of
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
 from armflex.storage.whole_file import remove, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -264,7 +264,7 @@ def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 |
     given.finish()
     if not given.table:
         raise table.fail(key, f"expected {' and '.join(keys)}, 3 numbers each")
-    return pin.SE3(rotation_of(rpy), xyz)
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def _read_payload(name: str, table: Declaration) -> Payload:
