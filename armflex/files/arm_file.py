@@ -41,7 +41,7 @@ from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
-from armflex.laws.declared import model_of
+from armflex.laws.declared import law_name
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.linear import SOFTEST, softness
@@ -50,7 +50,7 @@ from armflex.laws.learned import read_learning
 from armflex.mechanics.loaded import Payload
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
-from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of, rotation_of
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
 from armflex.storage.whole_file import remove, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -264,7 +264,7 @@ def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 |
     given.finish()
     if not given.table:
         raise table.fail(key, f"expected {' and '.join(keys)}, 3 numbers each")
-    return pin.SE3(rotation_of(rpy), xyz)
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def _read_payload(name: str, table: Declaration) -> Payload:
@@ -288,7 +288,7 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
     if table.has("joint_stiffness"):
         table = _by_joint_stiffness(table, next(one for one in robot.chain if one.name == joint))
     law = read_law(table, joint, _ranges(robot))
-    learn = read_learning(table, model_of(table), law, _ranges(robot)) if table.flag("learn") else None
+    learn = read_learning(table, law_name(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
     return Flexure(name, joint, law, learn=learn)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import operator
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from numbers import Integral
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from armflex.arguments import checked_kinds
 from armflex.arm import SLACK, Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, did_you_mean, listing
+from armflex.errors import Flag, InputError, did_you_mean, listing, shown
 from armflex.estimate.view import look
 from armflex.laws.effects.context import MASS, TEMPERATURE
 from armflex.laws.effects.effect import Effect
@@ -106,7 +107,7 @@ def plan(
     after = None if after is None else as_measurements(after, arm)
     along = None if along is None else as_trajectory(along, arm)
     settable, tick = covariates or {}, progress or (lambda done, total: None)
-    _check(rows, along, between, sigma, floor, settable)
+    _check(rows, seed, along, between, sigma, floor, settable)
     effects = [named_effect(text, arm, tuple(settable)) for text in between or ()]
     if effects and effects[0] == effects[1]:
         raise InputError(f"{spelled(effects[0])} is to be told from itself: name two effects")
@@ -116,6 +117,8 @@ def plan(
     flags = (*before.flags, *path_flags, *flags)
     mounts: tuple[Mounted, ...] = ()
     if instruments is not None:
+        if not len(instruments):
+            raise InputError("instruments is empty: name what is read, such as 'tracker', or leave it out")
         before, reach, mounts = _mounted(before, reach, effects, instruments, rows, along, seed)
     offer = spread_evenly(reach, before.setup, OFFERED, seed)
     if len(offer.rows) < rows:
@@ -186,6 +189,7 @@ def plan(
 
 def _check(
     rows: int,
+    seed: int,
     along: Trajectory | None,
     between: tuple[str, str] | None,
     sigma: float | None,
@@ -193,12 +197,11 @@ def _check(
     covariates: Mapping[str, Sequence[float]],
 ) -> None:
     """Raise `InputError` where a number is out of its range, or two goals are asked for."""
-    try:
-        count = operator.index(rows)
-    except TypeError:
-        raise InputError(f"rows is {rows!r}, expected a whole number") from None
-    if not 1 <= count <= MOST_ROWS:
-        raise InputError(f"rows is {count}, expected 1 to {MOST_ROWS}")
+    for name, value, least, most in (("rows", rows, 1, MOST_ROWS), ("seed", seed, 0, sys.maxsize)):
+        if not isinstance(value, Integral):
+            raise InputError(f"{name} is {shown(value, 60)}, expected a whole number")
+        if not least <= value <= most:
+            raise InputError(f"{name} is {shown(value, 60)}, expected {least} to {most}")
     if along is not None and between:
         raise InputError("a plan is for a trajectory or for two effects, not for both")
     if sigma is not None and not 0.0 < sigma < np.inf:
