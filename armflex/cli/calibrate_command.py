@@ -61,8 +61,8 @@ def command(
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
-    with enough_memory(f"{len(measurements)} rows"), progress("calibrating") as tick:
-        found = calibrate(arm, measurements, progress=tick, keep=keep, anyway=anyway)
+    with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
+        found = calibrate(arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway)
     samples = None
     if sample:
         with progress("sampling") as tick:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +12,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import complain, number, print_table, say, show_flags, stream, warn
+from armflex.cli.terminal import complain, doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
 from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
@@ -31,7 +27,6 @@ from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.trace import trace
 from armflex.trace.findings import Found, FoundFamily, Trace, write_traced
-from armflex.trace.telling import Doing
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
@@ -73,7 +68,7 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
     finished: list[Trace] = []
     try:
-        with enough_memory(f"{len(measurements)} rows"), telling() as (tell, progress):
+        with enough_memory(f"{len(measurements)} rows"):
 
             def account(found: Trace) -> None:
                 tell("writing what was accepted so far" if found.unfinished else "writing")
@@ -81,7 +76,7 @@ def command(
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, kept, resume, account, progress, anyway)
+            trace(arm, measurements, None, tell, keep, kept, resume, account, doing, anyway)
     except BaseException as error:
         if kept is not None and kept.exists() and not (isinstance(error, FileError) and error.place.file == kept):
             complain(f"What was accepted is kept in {kept}: the same command with --resume goes on.")
@@ -149,52 +144,6 @@ def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | No
     if kept.exists() and not resume:
         warn(f"{kept} is of a search that did not end: this one begins anew, --resume would go on with that one")
     return kept
-
-
-EVERY, REDRAWN = 4.0, 0.5
-"""Seconds between lines in a pipe while a stage lasts, and between two looks of the live line in a terminal."""
-
-
-@contextmanager
-def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]:
-    """Yield the functions that are told what is being done; what they are told goes to stderr, with the seconds passed.
-
-    Every stage is a line. Within one a terminal has a live line; in a pipe there is one now and then. A thread writes
-    them, so that whoever computes need not look at the clock.
-    """
-    begun = time.monotonic()
-    live, over, lock = sys.stderr.isatty(), threading.Event(), threading.Lock()
-    now = {"doing": "", "said": begun}
-
-    def line(text: str, end: str) -> None:
-        with lock:
-            complain(f"{time.monotonic() - begun:4.0f} s  {text}", end, over=live)
-            now["said"] = time.monotonic()
-
-    def tell(text: str) -> None:
-        now["doing"] = text
-        line(text, "\n")
-
-    def progress(doing: Doing) -> None:
-        now["doing"] = doing
-
-    def keep_saying() -> None:
-        while not over.wait(REDRAWN):
-            text = str(now["doing"])
-            if live and text:
-                line(text[: stream(stderr=True).width - 9], "")
-            elif text and time.monotonic() - now["said"] >= EVERY - REDRAWN:
-                line(text, "\n")
-
-    thread = threading.Thread(target=keep_saying, daemon=True)
-    thread.start()
-    try:
-        yield tell, progress
-    finally:
-        over.set()
-        thread.join()
-        if live:
-            complain("", "", over=True)
 
 
 def print_trace(found: Trace) -> None:
