@@ -117,6 +117,7 @@ def test_every_public_function_is_asked() -> None:
     assert shown - errors - {"ArmflexWarning"} == set(FINE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FINE)
 @pytest.mark.filterwarnings("ignore::armflex.ArmflexWarning")
 def test_wrong_kinds_of_things(name: str, arm: armflex.Arm, tmp_path: Path, monkeypatch) -> None:
@@ -178,6 +179,7 @@ def test_the_argument_is_named(arm: armflex.Arm) -> None:
         armflex.map_workspace(arm, [1])  # type: ignore[list-item]
 
 
+@pytest.mark.slow
 def test_a_warning_points_at_the_line_that_asked(tmp_path: Path) -> None:
     row = "slew = { d = 0.4, lower = 0.5, upper = 1.0 }"
     (tmp_path / "arm.toml").write_text(f'[robot]\ndh = "standard"\n[robot.joint]\n{row}\n')

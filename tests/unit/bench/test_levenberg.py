@@ -140,6 +140,7 @@ def test_ends_after_three_small_gains_in_a_row(
     assert minimise(Gains(parts), np.zeros(1), len(parts)).converged is False  # no tolerance, no end
 
 
+@pytest.mark.slow
 def test_damped_step() -> None:
     rng = np.random.default_rng(0)
     root, gradient = rng.normal(size=(5, 5)), rng.normal(size=5)

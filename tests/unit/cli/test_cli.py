@@ -42,6 +42,7 @@ def test_help_of_every_command(armflex: Run, command: str) -> None:
     assert "--json" in text
 
 
+@pytest.mark.slow
 def test_deflect_json(shell: Run, tmp_path: Path, tarm: Arm) -> None:
     result = fine(
         shell(
@@ -90,6 +91,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
     assert found["tolerance_m"] == {"0.1m": 0.1, "5mm": 0.005, "1cm": 0.01}[tolerance]
 
 
+@pytest.mark.slow
 def test_check_angle_alone_can_fail(shell: Run) -> None:
     command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m", "--angle"]
     fine(shell(*command, "1mrad"), 1)
@@ -149,6 +151,7 @@ def narrowed(folder: Path) -> Path:
     return folder / "narrow" / "arm.toml"
 
 
+@pytest.mark.slow
 def test_compensate_out_of_reach_writes_nothing_unless_asked(shell: Run, tmp_path: Path) -> None:
     arm, path = narrowed(tmp_path), few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30)
     command = ["compensate", arm, path, "-o", "o.csv", "--match", "pose", "--json", "c.json"]
@@ -377,6 +380,7 @@ def test_doubts_go_to_stderr(shell: Run) -> None:
     assert "warning: rigid:" in result.stderr and "rigid:" not in result.stdout
 
 
+@pytest.mark.slow
 def test_a_terminal_without_the_plus_minus_sign(shell: Run) -> None:
     command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m"]
     assert "± mm" in fine(shell(*command, PYTHONIOENCODING="utf-8")).stdout
@@ -440,6 +444,7 @@ def test_rows_that_are_left_out_of_a_table_are_counted_as_what_they_are(armflex:
     assert int(hidden[1]) == (10 if lost else 0)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::armflex.errors.ArmflexWarning")
 def test_a_joint_that_cannot_be_at_zero_stands_in_the_middle_and_that_is_said(armflex: Run, tmp_path: Path) -> None:
     text = (HEAVY / "robot.urdf").read_text()

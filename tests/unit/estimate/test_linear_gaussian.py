@@ -180,6 +180,7 @@ def test_nothing_known_at_all_is_a_null_space_and_no_value() -> None:
     assert LinearGaussian.of(np.zeros((3, 0)), np.zeros(0)).solve(np.zeros(0)).shape == (0,)
 
 
+@pytest.mark.slow
 def test_information_that_is_none_is_refused() -> None:
     with pytest.raises(NotFiniteError, match="not finite"):
         LinearGaussian.of(np.array([[1.0, np.nan]]), np.zeros(2))

@@ -345,6 +345,7 @@ FORMATS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_nothing_is_written_but_what_is_asked_for(name: str, tmp_path: Path) -> None:
     """The file, and the JSON; where the arm or a payload is not there, nothing, and what stood there stays."""

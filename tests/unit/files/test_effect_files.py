@@ -54,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("arms")
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(effect=effects(), certain=st.booleans())
 def test_any_effect_is_read_as_it_was_written(folder: Path, effect: Effect, certain: bool) -> None:
@@ -469,6 +470,7 @@ def test_a_twist_that_nobody_can_predict_is_kept_as_uncertainty(calm: tuple, tmp
     assert 0.2 * 4e-4 * lever < np.median(np.linalg.norm(back.sigma, axis=1)) < 2.0 * 4e-4 * lever
 
 
+@pytest.mark.slow
 def test_an_arm_is_calibrated_about_effects_written_by_hand(tmp_path: Path) -> None:
     file, _, train, test, clean = campaign(tmp_path, "backlash", 1)
     true = json.loads((tmp_path / "truth.json").read_text())["effects"][0]

@@ -161,6 +161,7 @@ def test_a_tolerance_in_millimetres_is_questioned(arm: armflex.Arm) -> None:
         found.margin(0.1)
 
 
+@pytest.mark.slow
 def test_a_page_shows_itself_in_a_notebook(arm: armflex.Arm, tmp_path: Path) -> None:
     page = armflex.view(arm)
     assert (page._repr_html_().startswith("<iframe") and "&lt;" in page._repr_html_()) or "&quot;" in page._repr_html_()

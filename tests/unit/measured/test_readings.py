@@ -241,6 +241,7 @@ def test_parts_of_a_campaign_are_replaced_and_taken_by_rows(rows: Rows) -> None:
         replace(campaign, rotation=rotation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
 def test_one_row_in_a_thousand_is_an_outlier_by_chance(size: int) -> None:
     length = np.linalg.norm(np.random.default_rng(size).normal(size=(400_000, size)), axis=1)

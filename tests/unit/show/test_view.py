@@ -182,6 +182,7 @@ def test_page_is_made_without_process_or_socket(heavy: Arm, tmp_path: Path, monk
     view(heavy, path=tmp_path / "v.html")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no process groups")
 def test_command_leaves_no_process_behind(tmp_path: Path) -> None:
     code = "from armflex.cli.main import main; main()"
@@ -326,6 +327,7 @@ def test_browser_plays_the_trajectory(heavy: Arm, tmp_path: Path) -> None:
     assert any(share > 0.005 for share in moved)
 
 
+@pytest.mark.slow
 def test_the_worst_row_of_a_long_path_is_shown(tmp_path: Path, tarm: Arm) -> None:
     count = 1500
     q = np.zeros((count, 7))
