@@ -21,7 +21,7 @@ from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.parameters import OF_SESSION
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
-from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
+from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of, noises_of
 from armflex.plan.drive import driven
 from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
 from armflex.plan.instruments import TRACKER, Mounted, choose, levels_tell, offered
@@ -126,15 +126,18 @@ def plan(
     before, offer = learning(before, offer)
     candidates = [candidate_of(effect, reach.arm, offer) for effect in effects]
     refits = [refitted(candidate, before) for candidate in candidates]
-    explained = min((max(found.noise, 1.0) for found in refits if found), default=before.noise)
-    if explained < before.noise:  # one of them is what makes readings scatter
-        before = replace(before, noise=explained)
-        reach = replace(reach, sigma=_sigma_of(before, sigma))
+    fits = [before.told.fit, *filter(None, refits)] if before.told else []
+    best = min(fits, key=lambda one: max(one.noise * max(one.factors, default=1.0), 1.0), default=None)
+    if best is not None and best is not fits[0]:  # one of them is what makes readings scatter
+        before = replace(before, noises=noises_of(best))
+        reach = replace(reach, sigma=_sigma_of(before, sigma), sigmas=before.sigmas)
         offer = offer.read_by(reach, before.setup)
     model = model_of(before, offer, candidates)
-    if before.noise > SCATTER:
-        text = f"readings scatter {before.noise:.2g} times as much as stated: something is missing, trace it first"
-        flags = (*flags, Flag("unexplained_residual", text))
+    for name, noise in before.noises.items():
+        if noise > SCATTER:
+            whose = f"readings of {name}" if name else "readings"
+            text = f"{whose} scatter {noise:.2g} times as much as stated: something is missing, trace it first"
+            flags = (*flags, Flag("unexplained_residual", text))
     hypotheses = tuple(
         hypothesis_of(candidate, found, offer) for candidate, found in zip(candidates, refits, strict=True)
     )
@@ -257,7 +260,9 @@ def _reach_of(
         text = f"sigma is {spread.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
         raise InputError(f"{text}: is it in another unit?")
     levels = {name: tuple(float(x) for x in dict.fromkeys(values)) for name, values in covariates.items()}
-    return Reach(arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor), flags
+    return Reach(
+        arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor, sigmas=before.sigmas
+    ), flags
 
 
 def _approached(arm: Arm, effects: Sequence[Effect], covariates: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
@@ -288,9 +293,7 @@ def _sigma_of(before: Before, sigma: float | None) -> Array:
         return np.full(3, sigma)
     if before.campaign is None:
         return np.full(3, READING)
-    if not before.campaign.positioned.any():
-        return np.full(3, READING)
-    return before.noise * np.median(before.campaign.sigma[before.campaign.positioned], axis=0)
+    return before.sigmas.get("", np.full(3, READING))
 
 
 def _goal(

@@ -38,6 +38,8 @@ def test_every_fault_is_named(campaign: tuple[Arm, Measurements]) -> None:
     said = {fault.named: judged(*fault.written(*campaign)) for fault in faults(campaign[0])}
     assert len(said) >= 11
     assert {named for named, names in said.items() if not any(named in name for name in names)} == set()
+    rigid = {fault.named for fault in faults(replace(campaign[0], flexures=()))}
+    assert said.keys() - rigid == {f"the compliance is a thousand times too {how}" for how in ("large", "small")}
 
 
 def test_exchanged_payloads_are_named(campaign: tuple[Arm, Measurements]) -> None:

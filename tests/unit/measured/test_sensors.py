@@ -486,6 +486,23 @@ def test_a_plan_chooses_where_instruments_go(tmp_path: Path) -> None:
         plan(arm, 6, instruments=["levle"])
 
 
+def test_a_plan_weighs_every_instrument_by_its_own_scatter(tmp_path: Path) -> None:
+    """A level that states a hundredth of what it scatters by makes neither the tracker count less nor itself more."""
+    _, file, rows = campaign(tmp_path, LEVEL, tracker=1e-4)
+    arm, wrong = load_arm(file), tmp_path / "wrong.toml"
+    wrong.write_text(file.read_text().replace("sigma = 2e-5", "sigma = 2e-7"))
+    other = load_arm(wrong)
+    right, doubted = (
+        plan(one, 4, after=read_measurements(rows, one), instruments=["tracker", "level3"]) for one in (arm, other)
+    )
+    assert not any(flag.code == "unexplained_residual" for flag in right.flags)
+    (text,) = (flag.text for flag in doubted.flags if flag.code == "unexplained_residual")
+    assert "readings of level3 scatter" in text
+    np.testing.assert_allclose(doubted.std_before, right.std_before, rtol=0.2)
+    ((position, _), (level, _)) = doubted.offered.view.readings.placed
+    assert np.min(level.sigma) == pytest.approx(2e-5, rel=0.3) and np.min(position.sigma) == pytest.approx(1e-4)
+
+
 @pytest.mark.parametrize(
     "own", [(ACCELERATION,), (ENCODER,), (CAMERA,), (TARGET,)], ids=["acc", "encoder", "camera", "target"]
 )

@@ -98,7 +98,7 @@ def test_an_error_is_the_same_in_every_figure_where_several_instruments_read_len
 def test_what_no_tip_reading_tells_is_told_by_what_plan_mounts(tmp_path: Path) -> None:
     """A machine of the study: both effects are a class, a wire or a level is named, and with it the truth is alone."""
     one = one_of_a_pair(tmp_path, list(PAIRS)[1], 1)
-    assert one.alike and one.advised and one.told and one.without < 1.0, one.text
+    assert one.first == "class" and one.advised and one.told and one.without < 1.0, one.text
 
 
 def test_a_wire_and_a_level_are_as_good_as_a_tracker(tmp_path: Path) -> None:
