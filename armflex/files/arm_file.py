@@ -350,9 +350,10 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
             text = f"gives about {axis} alone, but the axis of its joint {joint.name!r} is {nearest} ({wanted})"
             told = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
             yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {told}")
+    # A joint_stiffness in another unit shows by how far the arm's own weight would turn the joint.
     places = [joint.name for joint in robot.chain]
-    for flexure in (flexure for flexure in flexures if flexure.name in stated):
-        if flexure.joint is None:
+    for flexure in flexures:
+        if flexure.joint is None or flexure.name not in stated:
             continue
         beyond = robot.chain[places.index(flexure.joint) :]
         drive = drive_of(beyond[0])
@@ -366,9 +367,11 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
             text = f"joint_stiffness {1.0 / softest:.4g} Nm/rad lets it turn by {np.degrees(turn):.3g} degrees under "
             text += "the arm's own weight: was it in kNm/rad (x 1000), Nm/deg (x 57.3) or Nm/arcmin (x 3438)?"
             yield Flag("soft", f"flexure {flexure.name!r}: {text}")
-    for flexure in (flexure for flexure in flexures if flexure.name not in stated):
-        for flag in (flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))):
-            yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")
+    # All other compliances are held against those that any arm has.
+    for flexure in flexures:
+        for law in () if flexure.name in stated else flexure.law.leaves:
+            for flag in softness(law.tangent(np.zeros(6), row)):
+                yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")
     exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
     if exact and any(flexure.law.uncertain for flexure in flexures):  # the sum would look too sure
         text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
