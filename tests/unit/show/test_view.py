@@ -9,6 +9,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.pages import BROWSER, hue_share, picture
+from support.pages import BROWSER, hue_share, picture, sheets
 from support.small_arms import ROBOTS, joint, link, robot, write
 
 from armflex import Arm, InputError, Payload, Trajectory, Wrench, check, load_arm, view
@@ -408,6 +409,16 @@ def test_meshes_that_are_not_drawn_are_said(tmp_path: Path, heavy: Arm) -> None:
     arm = load_arm(tmp_path / "arm" / "arm.toml")
     assert "1 meshes of the URDF are not drawn" in view(arm).html
     assert "package://parts/gone.stl" in view(arm, meshes=True).html
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_printed_page_has_the_picture(tarm: Arm, tmp_path: Path) -> None:
+    """What a browser keeps of a canvas is empty when it prints."""
+    assert sheets(view(tarm, payload="p600").html, tmp_path / "print") == 1
+    parts = (tmp_path / "print" / "page.pdf").read_bytes().split(b" obj")
+    drawn = [part.split(b"stream\n", 1)[1] for part in parts if b"/Subtype /Image" in part]
+    assert any(np.frombuffer(zlib.decompressobj().decompress(one), np.uint8).std() > 10.0 for one in drawn)
 
 
 @pytest.mark.slow
