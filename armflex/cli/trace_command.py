@@ -218,7 +218,8 @@ def _remarks(found: Trace) -> Iterator[str]:
         if hypotheses:
             more = f", and {len(hypotheses) - 3} more" if len(hypotheses) > 3 else ""
             yield f"These data do not tell {title} from {', '.join(hypotheses[:3])}{more}."
-    unit = SHOWN[found.state.measurements.readings.unit][0]
+    readings = found.state.measurements.readings
+    unit = SHOWN[readings.unit][0]
     for gone in found.withdrawn:
         calibrated, after = (number(rms * 1e3, 4) for rms in gone.errors)
         yield (
@@ -241,7 +242,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         least = min(found.smallest, key=lambda one: one.least)
         median = float(np.median([one.least for one in found.smallest]))
         yield (
-            f"Effects would have shown from {number(median * 1e3, 2)} {unit} RMS at the target "
+            f"Effects would have shown from {number(median * 1e3, 2)} {unit} RMS {readings.where_read} "
             f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} {unit})."
         )
     for advice in found.next_measurement[:MOST_ADVICE]:
@@ -252,20 +253,23 @@ def _remarks(found: Trace) -> Iterator[str]:
 
 
 def as_json(found: Trace) -> dict[str, Any]:
-    """Return a trace for programs: RMS in mm, parameters SI."""
-    left = found.unexplained
+    """Return a trace for programs: RMS in mm, parameters SI.
+
+    Where no length was read, what is called mm is thousandths of the unit that was, and beside it stands what is in it.
+    """
+    left, unit = found.unexplained, found.state.measurements.readings.unit
+    stages = {"declared": found.declared_rms, "calibrated": found.calibrated_rms, "after": found.rms}
+    held_out = dict(zip(("calibrated", "after"), found.held_out, strict=True))
+    in_unit = {"unit": unit, "noise_rms": found.noise_rms, "rms": stages, "held_out_rms": held_out}
     told = {
         "format": "armflex-trace-1",
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
         "rows": len(found.rows),
         "noise_rms_mm": found.noise_rms * 1e3,
-        "rms_mm": {
-            "declared": found.declared_rms * 1e3,
-            "calibrated": found.calibrated_rms * 1e3,
-            "after": found.rms * 1e3,
-        },
-        "held_out_rms_mm": dict(zip(("calibrated", "after"), (1e3 * rms for rms in found.held_out), strict=True)),
+        "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
+        "held_out_rms_mm": {stage: 1e3 * rms for stage, rms in held_out.items()},
+        **({} if unit == "m" else in_unit),
         "effects": [_effect_json(one) for one in found.found],
         "unexplained": left
         and {
@@ -284,6 +288,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         "noise_over_stated": found.noise,
         "outliers": [
             {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3, "kind": one.kind}
+            | ({} if unit == "m" else {"error": one.error_m, "unit": unit})
             for one in found.outliers
         ],
         "held_out_chosen_again_rms_mm": found.compared
