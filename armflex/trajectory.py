@@ -13,7 +13,7 @@ import numpy as np
 from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import Array, real_array
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, naming
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
@@ -112,7 +112,7 @@ class Trajectory(Result):
             those are q.
     """
 
-    TOLD = ("joint_names", "time", "q", "payload", "via", "v", "a", "covariates")
+    TOLD = ("joint_names", "time", "q", "target", "payload", "via", "v", "a", "covariates")
     ROWS = "table"
 
     joint_names: tuple[str, ...]
@@ -137,6 +137,10 @@ class Trajectory(Result):
         count = len(self.time)
         if count == 0 or self.q.shape != (count, len(self.joint_names)):
             raise ShapeError(f"trajectory q: expected ({count}, {len(self.joint_names)}), got {self.q.shape}")
+        for name in ("v", "a", "target"):
+            given = getattr(self, name)
+            if given is not None and given.shape != self.q.shape:
+                raise ShapeError(f"trajectory {name}: expected {self.q.shape}, got {given.shape}")
         if len(self.payload) != count or len(self.via) != count:
             raise ShapeError(f"trajectory: expected {count} payload and via names")
         if count > 1 and not (np.diff(self.time) > 0.0).all():
@@ -150,6 +154,11 @@ class Trajectory(Result):
     def meant(self) -> Array:
         """(N, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m]."""
         return self.q if self.target is None else self.target
+
+    @property
+    def is_moved(self) -> bool:
+        """Whether any row is elsewhere than the path is meant to be, as in a path that was compensated."""
+        return self.target is not None and bool((self.target != self.q).any())
 
     def __repr__(self) -> str:
         """One line: a path is too much to print."""
@@ -215,6 +224,12 @@ class Trajectory(Result):
         """Return what row i is called in an error, after its place in a file."""
         place, via = f"{self.places[i]}: " if self.places else "", f" ({self.via[i]})" if self.via[i] else ""
         return f"{place}row {i}{via} at {self.time[i]:g} s"
+
+    def check_targets(self, arm: Arm, places: Sequence[object] = ()) -> None:
+        """Raise where no rigid arm has its tip at a row's target, naming the row or its place in `places`."""
+        for i, q in enumerate(self.for_arm(arm).meant):
+            with naming(str(places[i]) if places else f"{self.where(i)}, {TARGET}"):
+                arm.check_position(q)
 
     @checked_kinds
     def under(self, table: ForceTable, arm: Arm) -> tuple[Trajectory, tuple[Flag, ...]]:
@@ -422,6 +437,8 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         given = any(name in table.columns for name in names[prefix])
         table.require(names[prefix] if given else ())
         moved[prefix] = table.matrix(names[prefix]) if given else None
+    if (target := moved[TARGET]) is not None:
+        check_joint_units(target, arm, places, TARGET)
     return Trajectory(
         arm.joint_names,
         time,

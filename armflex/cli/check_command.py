@@ -52,9 +52,12 @@ def command(
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
     meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
     say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
-    print_check(report, "moves" if against is None else "off by")
+    moved = against is not None or trajectory.is_moved
+    print_check(report, "off by" if moved else "moves")
     names = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst")
-    told = {name: getattr(report, name) for name in names} | ({} if against is None else {"against": str(desired_path)})
+    told = {name: getattr(report, name) for name in names} | (
+        {"against": str(desired_path or trajectory_path)} if moved else {}
+    )
     options.conclude(lambda: told, report.flags, arm)
     return 0 if report.ok else 1
 

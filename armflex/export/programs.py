@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import UNITS, Array, printable
+from armflex.conventions import UNITS, Array, number, printable
 from armflex.errors import Flag, InputError, UnknownNameError, UnsupportedError, listing, naming
 from armflex.export import Exported
 from armflex.export.rigid import require_six_turning
@@ -247,15 +247,16 @@ def path_of(
             given = "--covariates" if covariates else "--payload, --force and --force-table"
             raise InputError(f"{given} go with --compensate: without it nothing depends on them")
         told = "The path is written as it is; --compensate has the loaded tip where the rigid one would be."
-        if path.target is not None:
-            told = "The path is written as it is: compensated, as its target_ columns say."
-        what = "Not compensated" if path.target is None else "Compensated before"
+        if path.is_moved:
+            told = "The path is written as it is: off its target_ columns, as a path is that was compensated."
+        what = "Off its target_ columns, as compensated before" if path.is_moved else "Not compensated"
         return path, (told,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     found = compensated(arm, path, covariates=covariates)
     before, (after, sigma) = max(np.linalg.norm(row.before[:3]) for row in found.rows), found.remains_m
     known = "" if sigma is None else f" ± {sigma * 1e3:.2g}"
-    text = f"Compensated: of {before * 1e3:.3g} mm at most {after * 1e3:.2g}{known} mm remain in the rows"
+    left = f"of {number(before * 1e3, 3)} mm at most {number(after * 1e3, 2)}{known} mm"
+    text = f"Compensated: {left} remain in the rows"
     between = found.between_m or 0.0
     told, head = (f"{text}, {between * 1e3:.2g} mm halfway between.",), _head(path, "Compensated", arm_file)
     return found.trajectory, told, (*flags, *found.flags), head

@@ -103,7 +103,8 @@ def in_dh_words(robot: Robot) -> dict[str, tuple[str, float]]:
     for angles its d is 0: else it is several of them at once, and has no entry. Empty for a robot of no such rows.
     """
     found: dict[str, tuple[str, float]] = {}
-    rows = [joint for joint in robot.urdf.joints.values() if joint.name != FLANGE] if robot.urdf.dh else []
+    joints = list(robot.urdf.joints.values()) if robot.urdf.dh else []
+    rows = joints[: next((i for i, joint in enumerate(joints) if joint.name == FLANGE), 0)]  # a tool is none of them
     for number, joint in enumerate(rows):
         end = pin.SE3(joint.rotation, joint.origin)
         first = number == 0 and robot.urdf.dh == "standard"

@@ -249,6 +249,7 @@ COLUMNS: dict[str, dict[str, Key]] = {
         "sigma_z": Key("the same of z", "m"),
         "sigma_r": Key("one standard deviation of the orientation", "rad", "needed with rx ry rz"),
         "hold": Key("how long the load has stood", "s", "not known"),
+        "target_JOINT": Key("where a compensated path was meant to be; of no meaning here", "rad or m", "not known"),
         "point": Key("with `--points`: name of the row's point in that file", default="`pose`"),
     },
     "trajectory.csv": {

@@ -74,7 +74,7 @@ def _other_unit(values: Array) -> np.ndarray:
     return np.flatnonzero(large if large.sum() <= (~large).sum() else ~large)
 
 
-def check_joint_units(q: Array, arm: Arm, places: Sequence[Place]) -> None:
+def check_joint_units(q: Array, arm: Arm, places: Sequence[Place], column: str = "q") -> None:
     """Raise `TableError` naming the first row whose joint position is far beyond any limit: degrees, or mm."""
     beyond = in_other_units(q, arm)
     for index, joint in enumerate(arm.robot.moving):
@@ -82,8 +82,8 @@ def check_joint_units(q: Array, arm: Arm, places: Sequence[Place]) -> None:
         if len(far):
             unit, other = ("m", "mm") if joint.kind == "prismatic" else ("rad", "deg")
             where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
-            hint = f"{other}? Then name the column q_{joint.name}_{other}"
-            text = f"q_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
+            hint = f"{other}? Then name the column {column}_{joint.name}_{other}"
+            text = f"{column}_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
             raise TableError(places[far[0]], text)
 
 

@@ -423,7 +423,10 @@ def _sensor_kinds(arm: Arm) -> dict[str, str]:
 
 def column_kinds(arm: Arm) -> dict[str, str]:
     """Return the kind of quantity of each column of a campaign that may carry a unit."""
-    return KINDS | joint_kinds(arm, "q") | _sensor_kinds(arm)
+    joints = joint_kinds(arm, "q")
+    # A row that was driven from a compensated path may say where it was meant to be: no cause of anything.
+    meant = {f"target_{name.removeprefix('q_')}": kind for name, kind in joints.items()}
+    return KINDS | joints | meant | _sensor_kinds(arm)
 
 
 def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:

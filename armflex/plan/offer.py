@@ -244,11 +244,12 @@ def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
     held: list[np.ndarray] = []
     for payload in dict.fromkeys(rows.payload):
         own = np.array([i for i, name in enumerate(rows.payload) if name == payload])
+        before = +dropped
         first, others = asked(own[:FEW]), own[FEW:]
         if len(others) and first:
             held += asked(others)
         elif len(others):  # too heavy wherever it was tried: each of the others would take long to say the same
-            dropped[next(iter(dropped))] += len(others)
+            dropped[(dropped - before).most_common(1)[0][0]] += len(others)
         held += first
     if not held:
         reasons = listing(f"{count} {reason.replace('_', ' ')}" for reason, count in dropped.items())

@@ -161,12 +161,18 @@ def check(
     if not tolerance > 0.0 or (angle is not None and not angle > 0.0):
         raise InputError(f"tolerance must be positive, got {tolerance} m" + (f", {angle} rad" if angle else ""))
     trajectory = trajectory.with_constants(arm, covariates or {})
+    held: tuple[Flag, ...] = ()
     if against is not None:
-        trajectory, meant = trajectory.towards(against), against.for_arm(arm)
-        places = meant.places or [f"row {i} of the desired path" for i in range(len(meant))]
-        for q, place in zip(meant.q, places, strict=True):
-            with naming(place):
-                arm.check_position(q)
+        if against.is_moved:
+            text = "the desired path has joints elsewhere than its target_ columns, as one that was compensated: it is"
+            held = (Flag("desired_moved", f"{text} its joints that count here; are the two paths exchanged?"),)
+        trajectory = trajectory.towards(against)
+        trajectory.check_targets(arm, against.places or [f"row {i} of the desired path" for i in range(len(against))])
+    elif trajectory.is_moved:
+        trajectory.check_targets(arm)
+        held = (
+            Flag("target", "the tip is held against where the rigid arm has it with the joints of target_ columns"),
+        )
     derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
     _check_steps(arm, trajectory)
     certain, count = without_declared_uncertainty(arm), len(trajectory)
@@ -193,7 +199,7 @@ def check(
     vias = sorted((row for row in rows if row.name), key=lambda point: point.badness)
     worst = min(points, key=lambda point: point.badness)
     ok = all(point.verdict == "ok" for point in points)
-    flags = (*doubts, *derived, *met.values())
+    flags = (*doubts, *held, *derived, *met.values())
     return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows))
 
 

@@ -138,9 +138,9 @@ def compensate(
 ) -> Compensation:
     """Return the trajectory whose deflected tip is where the rigid arm's would have been.
 
-    It says in its `target` where that is: compensated again it stays what it is, and `check` holds it against that.
-    Where the arm's effects depend on the rows before, on the side that a joint came from or on play, it is those of the
-    compensated rows that count.
+    It says in its `target` where that is, unless `targets` are given: compensated again it stays what it is, and
+    `check` holds it against that. Where the arm's effects depend on the rows before, on the side that a joint came from
+    or on play, it is those of the compensated rows that count.
 
     Args:
         arm: The arm.
@@ -164,7 +164,13 @@ def compensate(
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
     trajectory = trajectory.with_constants(arm, covariates or {})
-    again = _aimed_elsewhere(trajectory) if targets is None else ()
+    again: tuple[Flag, ...] = ()
+    if targets is None and trajectory.is_moved:
+        trajectory.check_targets(arm)
+        away = int((trajectory.meant != trajectory.q).any(axis=1).sum())
+        text = f"{away} of {len(trajectory)} rows have joints elsewhere than their {TARGET}_ columns: this path was"
+        text = f"{text} compensated before, and is held against where those have the rigid arm"
+        again = (Flag("compensated", text),)
     trajectory = replace(trajectory, target=trajectory.meant if targets is None else None)
     costs = np.ones(len(arm.joint_names)) if weights is None else real_array(weights, "weights")
     if costs.shape != (len(arm.joint_names),) or not (costs > 0.0).all() or not np.isfinite(costs).all():
@@ -198,15 +204,6 @@ def compensate(
     return result
 
 
-def _aimed_elsewhere(trajectory: Trajectory) -> tuple[Flag, ...]:
-    """Return a flag where the rows are not where the path is meant to be: it was compensated before."""
-    away = (trajectory.meant != trajectory.q).any(axis=1)
-    if not away.any():
-        return ()
-    text = f"{away.sum()} of {len(away)} rows have joints elsewhere than their {TARGET}_ columns: this path was"
-    return (Flag("compensated", f"{text} compensated before, and is held against where those have the rigid arm"),)
-
-
 def _flags_about(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Sequence[CompensatedRow]) -> Iterator[Flag]:
     """Yield where joints move far for little or too fast, changes may not be the smallest, and payloads change."""
     near = min(rows, key=lambda row: row.sigma_min)
@@ -217,9 +214,12 @@ def _flags_about(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Seque
     if flagged:
         text = f"{len(flagged)} rows, the first at {flagged[0].time:g} s, are reached; smaller changes may do as well"
         yield Flag("not_smallest", text)
-    for i in range(1, len(moved)):
-        if moved.payload[i] != moved.payload[i - 1]:
-            jump = float(np.linalg.norm(rows[i].before[:3] - rows[i - 1].before[:3]))
+    changes = [i for i in range(1, len(moved)) if moved.payload[i] != moved.payload[i - 1]]
+    if changes:
+        here = moved.prepared(arm).points.some(np.repeat(changes, 2))
+        both = [moved.payload[row] for i in changes for row in (i - 1, i)]
+        shifts = arm.deflection(here.q, both, enforce_limits=False, **here.asked).displacement[:, :3]
+        for i, jump in zip(changes, np.linalg.norm(shifts[1::2] - shifts[::2], axis=1), strict=True):
             change = f"from {moved.payload[i - 1]} to {moved.payload[i]} at {moved.time[i]:g} s"
             between = f"between the rows at {moved.time[i - 1]:g} s and {moved.time[i]:g} s"
             text = f"{change} the tip springs by {jump * 1e3:.3g} mm; {between} it is off by up to as much"

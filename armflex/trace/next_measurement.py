@@ -204,7 +204,7 @@ class _Imitated:
                 link = "the tip" if sensor.link == view.arm.robot.tip else sensor.link
                 text = SPLITTING[word].format(place=sensor.shaft.joint if sensor.shaft else link)
                 there = any(one.link == sensor.link and one.kind is sensor.kind for one in known)
-                best[word] = f"another{text[1:]}" if there else text, sigmas
+                best[word] = f"another {text.split(' ', 1)[1]}" if there else text, sigmas
         return tuple(sorted(best.values(), key=lambda one: -one[1]))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -160,6 +161,14 @@ def test_bad_mjcf_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
     assert str(caught.value).startswith(str(path))
     if mark:
         assert caught.value.place.line == line_of(path.read_text(), mark)
+
+
+def test_mjcf_may_have_no_sites_or_no_joints(tmp_path: Path) -> None:
+    text = re.sub(r"<site name=[^>]*/>", "", MJCF)
+    assert "<site" not in text and len(load_robot(write(tmp_path, text, "crane.xml"), "hook").moving) == 4
+    still = re.sub(r"<joint name=[^>]*/>|<actuator>.*</actuator>", "", text)
+    with pytest.raises(UrdfError, match=r"crane\.xml:\d+: no joint moves between base 'world' and tip 'hook'"):
+        load_robot(write(tmp_path, still, "crane.xml"), "hook")
 
 
 def test_what_mujoco_warns_of_is_said_and_no_file_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import itertools
 import re
 import shutil
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -136,6 +137,11 @@ def test_a_path_is_compensated_once(
     one, other = check(arm, tmp_path / "once.csv", 1e-3), check(arm, once.trajectory, 1e-3, against=path)
     np.testing.assert_allclose([p.displacement_m for p in one.rows], [p.displacement_m for p in other.rows], atol=1e-9)
     assert max(point.displacement_m for point in one.rows) < 1e-8
+    assert [flag.code for flag in one.flags if flag.code == "target"] == ["target"]
+    springs = [[f.text for f in found.flags if f.code == "payload_change"] for found in (once, again)]
+    assert springs[0] == springs[1]
+    (told,) = (flag for flag in check(arm, path, 1e-3, against=once.trajectory).flags if flag.code == "desired_moved")
+    assert "exchanged" in told.text
 
 
 @pytest.mark.parametrize(("name", "match"), CASES)
@@ -482,6 +488,30 @@ def test_wrong_options(heavy: Arm, heavy_path: Trajectory, options: dict, error:
         compensate(heavy, some_rows(heavy_path, 10, 40), **options)
 
 
+@pytest.mark.parametrize(
+    ("target", "error", "complaint"),
+    [
+        (np.zeros((2, 5)), ShapeError, r"trajectory target: expected \(2, 6\), got \(2, 5\)"),
+        (np.zeros(6), ShapeError, r"trajectory target: expected \(2, 6\), got \(6,\)"),
+        (np.array([[0.0] * 6, [0.0, np.nan, 0.0, 0.0, 0.0, 0.0]]), InputError, "row 1 .*target: "),
+    ],
+)
+def test_targets_that_are_none_are_refused(
+    heavy: Arm, heavy_path: Trajectory, target: np.ndarray, error: type, complaint: str
+) -> None:
+    path = some_rows(heavy_path, 0, 1)
+    for task in (compensate, partial(check, tolerance=1e-3)):
+        with pytest.raises(error, match=complaint):
+            task(heavy, replace(path, target=target))
+
+
+def test_targets_in_degrees_are_asked_about(heavy: Arm, heavy_path: Trajectory, tmp_path: Path) -> None:
+    path = some_rows(heavy_path, 0, 1)
+    written = write_trajectory(replace(path, target=np.degrees(path.q) + 400.0), tmp_path / "path.csv")
+    with pytest.raises(InputError, match=r"target_J1 is .* Then name the column target_J1_deg"):
+        check(heavy, written, 1e-3)
+
+
 def test_errors_name_row_and_time(heavy: Arm, heavy_path: Trajectory, tmp_path: Path) -> None:
     q = heavy_path.q.copy()
     q[7, 1] = 9.0
@@ -503,7 +533,8 @@ def test_errors_name_row_and_time(heavy: Arm, heavy_path: Trajectory, tmp_path: 
 def test_payload_changes_and_haste_are_flagged(found: dict, tarm: Arm, tarm_path: Trajectory) -> None:
     flag = next(flag for flag in found["tarm", "position"].flags if flag.code == "payload_change")
     release = next(i for i in range(1, len(tarm_path)) if tarm_path.payload[i] != tarm_path.payload[i - 1])
-    spring = [tarm.deflection(tarm_path.q[i], tarm_path.payload[i]).displacement[:3] for i in (release - 1, release)]
+    there = found["tarm", "position"].trajectory.q[release]
+    spring = [tarm.deflection(there, tarm_path.payload[i]).displacement[:3] for i in (release - 1, release)]
     assert f"{1e3 * np.linalg.norm(spring[1] - spring[0]):.3g} mm; between the rows at" in flag.text
     assert "too_fast" not in {flag.code for flag in found["tarm", "position"].flags}
     stays = Trajectory(tarm.joint_names, np.array([0.0, 0.01]), tarm_path.q[[20, 20]], ("none",) * 2, ("", ""))
