@@ -12,27 +12,30 @@ from hypothesis import strategies as st
 from support.campaigns import draw
 from support.stage import few
 
-from armflex import load_arm, predict, read_measurements, trace
+from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.effect_block import LARGEST_MOTION, amplitude_prior
 from armflex.estimate.fit import moved
+from armflex.estimate.view import look
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import resolve
+from armflex.laws.effects.payload_mass import EACH
 from armflex.laws.effects.shapes import told_from_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.findings import write_traced
+from armflex.trace.grow import loosened
 from armflex.trace.polish import SOFT, Polished, polish, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import TIE, preferred
-from armflex.trace.state import State, add, context_at, sorted_out, stands, without
+from armflex.trace.state import State, add, begin, context_at, sorted_out, stands, without
 
 
 def candidate_of(state: State, name: str, site: str, axis: str | None, terms: tuple[int, ...] = (0,)) -> Candidate:
@@ -113,6 +116,37 @@ def test_a_link_keeps_a_mass_and_weighs_no_more_than_the_arm(before):
         assert is_sensible(before, mass, possible), possible
     for impossible in (-1.01 * own, -40_000.0, 1.01 * whole, 40_000.0):
         assert not is_sensible(before, mass, impossible), impossible
+
+
+@pytest.mark.parametrize("share", [0.6, 0.99, 1.01])
+def test_a_payload_found_lighter_weighs_what_is_left_of_it_just_once(before, share):
+    lightest = min(one.mass for one in before.declared.arm.payloads.values() if one.mass > 0.0)
+    places = CATALOGUE["payload_mass"].places(before.context.records)
+    lighter = Candidate(CATALOGUE["payload_mass"], next(one for one in places if one.partner == EACH), ())
+    amplitudes = np.array([-share * lightest])
+    setup = before.fit.setup.with_effect(lighter.effect(amplitudes))
+    fitted = replace(before.fit, view=look(setup, before.measurements, before.rows))
+    assert sensible(lighter, amplitudes, fitted, before.context, present=True) == (share < 1.0)
+    assert is_sensible(before, lighter, *amplitudes) == (share < 1.0)
+
+
+@pytest.mark.parametrize("aside", [(0.1, -0.15, 0.2), (0.0, 0.0, 0.0)])
+def test_where_a_link_is_pulled_beside_its_middle_is_a_detail_of_one_cause(campaign, aside):
+    _, arm, rows = campaign
+    law, place, hook = CATALOGUE["umbilical"], Location("link:J5"), (0.5, 0.2, 2.5, 0.3, 1.0)
+    pulled = replace(arm, effects=(Effect(law, place, (900.0, *hook, *aside)),))
+    read = predict(pulled, rows).position + np.random.default_rng(0).normal(0.0, 2e-4, rows.position.shape)
+    bare = begin(calibrate(arm, replace(rows, position=read), as_stated=True))
+    start = Candidate(law, place, (*hook, 0.0, 0.0, 0.0))
+    loose = loosened(add(bare, polish(start, bare.fit, bare.context, project(bare.fit))))
+    if not any(aside):
+        assert loose is None
+        return
+    assert loose is not None and loosened(loose) is None
+    last = slice(-3, None)
+    found, std = loose.fitted[0].inner[last], loose.stds_of(loose.effects[0])[last]
+    assert loose.effects[0].labels[-1].endswith("aside_z")
+    assert (np.abs(np.subtract(found, aside)) < 3.0 * std).all() and np.median(std) < 0.1
 
 
 def test_a_centre_of_mass_stays_within_a_metre(before):
