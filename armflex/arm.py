@@ -17,7 +17,6 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_init, checked_kinds
-from armflex.certainty import Certainty
 from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
 from armflex.errors import (
     ArmflexWarning,
@@ -42,6 +41,7 @@ from armflex.parameters import (
     MOUNTED,
     TARGET,
     ArmParameter,
+    Certainty,
     ParameterKind,
     named,
     numbers_of,

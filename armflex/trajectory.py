@@ -75,6 +75,11 @@ class Points(NamedTuple):
     target: Array | None
     wrenches: tuple[Wrench, ...]
 
+    @property
+    def meant(self) -> Array:
+        """(M, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m]."""
+        return self.q if self.target is None else self.target
+
     def some(self, rows: np.ndarray) -> Points:
         """Return the points of (M,) numbers."""
         v, a, target = (None if values is None else values[rows] for values in (self.v, self.a, self.target))
@@ -141,6 +146,11 @@ class Trajectory(Result):
     def __len__(self) -> int:
         return len(self.time)
 
+    @property
+    def meant(self) -> Array:
+        """(N, nq) joint positions that put the rigid tip where the flexed one is to be [rad or m]."""
+        return self.q if self.target is None else self.target
+
     def __repr__(self) -> str:
         """One line: a path is too much to print."""
         named = sum(map(bool, self.via))
@@ -192,8 +202,7 @@ class Trajectory(Result):
     def lengths(self, arm: Arm) -> Array:
         """Return the (N,) length of path [m] that the rigid arm's tip has gone to each row, where it is meant to be."""
         nominal, steps = arm.loaded(None).nominal or arm.loaded(None).chain, np.linspace(0.0, 1.0, ARC + 1)
-        own, gone = self.for_arm(arm), [np.zeros(1)]
-        q = own.q if own.target is None else own.target
+        q, gone = self.for_arm(arm).meant, [np.zeros(1)]
         for first in range(0, len(q) - 1, TOGETHER):
             here, there = q[first : first + TOGETHER][: len(q) - 1 - first], q[first + 1 : first + 1 + TOGETHER]
             along = here[:, None] + steps[:, None] * (there - here)[:, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +15,12 @@ from armflex.cli.terminal import number, print_table, progress, say, show_flags
 from armflex.conventions import RESOLUTION, SHOWN
 from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
+from armflex.estimate.block import learned_laws
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.identify import FittedParameter
-from armflex.estimate.law_block import learned_laws
 from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.sample import LawSamples, sample_laws
+from armflex.files.dh_table import in_dh_words
 from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
@@ -103,14 +104,17 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
             rows.append([kind.title, str(count), *(number(size * factor) for size in sizes), unit])
         print_table("By instrument, RMS", ["", "rows", "declared", "calibrated", "stated noise", "unit"], rows)
     known = [p for p in found.parameters if np.isfinite(p.prior) and p.kind is not ParameterKind.LAW]
+    words = in_dh_words(found.arm.robot)
     chosen = found.parameters if show_all else sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
-        print_table("Parameters" if show_all else "Moved most, against their priors", columns, map(_cells, chosen))
+        cells = [_cells(one, words) for one in chosen]
+        print_table("Parameters" if show_all else "Moved most, against their priors", columns, cells)
     blind = [p for p in found.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
         columns = ["not told from its prior", "can be exchanged for"]
-        cells = [[p.name, ", ".join(p.trades_against) or "moves the readings too little"] for p in blind[:12]]
+        named = [[words.get(name, (name,))[0] for name in (p.name, *p.trades_against)] for p in blind[:12]]
+        cells = [[name, ", ".join(others) or "moves the readings too little"] for name, *others in named]
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
         print_table(f"What these data cannot determine{more}", columns, cells)
     if not found.fit.blocks:
@@ -132,14 +136,19 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}")
 
 
-def _cells(parameter: FittedParameter) -> list[str]:
-    pull = number(parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
+def _cells(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -> list[str]:
+    """Return a parameter's line, a DH row's number by its name there (`in_dh_words`), a compliance by its factor."""
+    name, sign = words.get(parameter.name, (parameter.name, 1.0))
+    pull = number(sign * parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
     says = "wrong as declared" if parameter.surprising else "this" if parameter.determined else "nothing"
     if parameter.combined:
-        says = f"only with {', '.join(parameter.trades_against[:2]) or 'others'}"
+        others = (words.get(other, (other,))[0] for other in parameter.trades_against[:2])
+        says = f"only with {', '.join(others) or 'others'}"
+    if parameter.kind is ParameterKind.COMPLIANCE:
+        return [name, f"×{np.exp(parameter.value):.4g}", f"{number(100.0 * parameter.std, 2)} %", "", pull, says]
     least = RESOLUTION if parameter.unit in ("m", "rad") else 0.0
-    value, std = number(parameter.value, 4, least), number(parameter.std, 2, least)
-    return [parameter.name, value, std, parameter.unit, pull, says]
+    value, std = number(sign * parameter.value, 4, least), number(parameter.std, 2, least)
+    return [name, value, std, parameter.unit, pull, says]
 
 
 def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:

@@ -55,7 +55,8 @@ def command(
     print_compensation(found)
     remains, sigma = found.remains_m
     summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
-    options.conclude(summary | {"remains_m": remains, "sigma_m": sigma, "rows": found.rows}, found.flags, arm)
+    summary |= {"remains_m": remains, "sigma_m": sigma, "rows": found.rows}
+    options.conclude(lambda: summary, found.flags, arm)
     if found.ok or best_effort:
         write_trajectory(found.trajectory, output)
         say(f"Written to {output}.")

@@ -40,17 +40,20 @@ def command(
     found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
     covariance, flags = total_covariance(found)
     print_deflection(arm, found, covariance)
-    arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
-    content = {
-        "payload": payload,
-        "method": found.method,
-        "joint_names": found.names.joints,
-        "flexure_names": found.names.flexures,
-        **{name: getattr(found, name) for name in (*arrays, "compliance")},
-        "covariance": covariance,
-        "pose": found.pose.homogeneous,
-        "rigid_pose": found.rigid_pose.homogeneous,
-    }
+
+    def content() -> dict[str, Any]:
+        arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
+        return {
+            "payload": payload,
+            "method": found.method,
+            "joint_names": found.names.joints,
+            "flexure_names": found.names.flexures,
+            **{name: getattr(found, name) for name in (*arrays, "compliance")},
+            "covariance": covariance,
+            "pose": found.pose.homogeneous,
+            "rigid_pose": found.rigid_pose.homogeneous,
+        }
+
     options.conclude(content, (*found.flags, *found.overload, *flags), arm)
 
 

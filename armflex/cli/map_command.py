@@ -85,7 +85,7 @@ def command(
     if page is not None:
         map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
     print_map(found, limit)
-    options.conclude(as_json(found, limit), found.flags, arm)
+    options.conclude(lambda: as_json(found, limit), found.flags, arm)
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
 
 

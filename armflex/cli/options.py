@@ -150,12 +150,16 @@ def write_json(content: dict[str, Any], path: Path | None = None) -> None:
         write_whole(path, (json.dumps(plain(content), indent=1, allow_nan=False) + "\n").encode())
 
 
-def conclude(content: dict[str, Any], flags: Sequence[Flag], arm: Arm | None = None) -> None:
-    """Show the flags about a result, and write it for programs with them, its format's name and the arm's frames."""
+def conclude(content: Callable[[], dict[str, Any]], flags: Sequence[Flag], arm: Arm | None = None) -> None:
+    """Show the flags about a result, and write it for programs with them, its format's name and the arm's frames.
+
+    `content` is asked for where there is a `--json` alone: much of it may have to be computed.
+    """
     show_flags(flags)
-    named = {"format": f"armflex-{click.get_current_context().info_name}-1", **content}
-    named |= {"flags": [str(flag) for flag in flags]}
-    write_json(named if arm is None else named | {"base": arm.robot.base, "tip": arm.robot.tip})
+    if json_path():
+        named = {"format": f"armflex-{click.get_current_context().info_name}-1", **content()}
+        named |= {"flags": [str(flag) for flag in flags]}
+        write_json(named if arm is None else named | {"base": arm.robot.base, "tip": arm.robot.tip})
 
 
 def named_files(path: Path) -> list[Path]:

@@ -14,6 +14,7 @@ from armflex.cli.terminal import number, print_table, progress, say
 from armflex.conventions import NUMBER
 from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
+from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import read_measurements
 from armflex.parameters import OF_SESSION, ParameterKind
 from armflex.plan.drive import write_plan
@@ -117,7 +118,7 @@ def command(
 
         draw_plan(found, picture)
     print_plan(found)
-    options.conclude(as_json(found), found.flags)
+    options.conclude(lambda: as_json(found), found.flags)
     say(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
 
 
@@ -167,7 +168,12 @@ def print_plan(found: Plan) -> None:
     others = {one.label for one in found.model.parameters if one.group.kind in places}
     gaining = [one for one in _parameters(found) if one["name"] not in others and not found.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
-    rows = [[p["name"], number(p["before"], 3), number(p["after"], 3), p["unit"]] for p in gaining]
+    words, rows = in_dh_words(found.reach.arm.robot), []
+    factors = {one.label for one in found.model.parameters if one.group.kind is ParameterKind.COMPLIANCE}
+    for one in gaining:
+        unit, times = ("%", 100.0) if one["name"] in factors else (one["unit"], 1.0)
+        stds = (number(times * one[when], 3, 0.0) for when in ("before", "after"))
+        rows.append([words.get(one["name"], (one["name"],))[0], *stds, unit])
     if rows:
         print_table("Expected to become more certain, most first", ["parameter", "± now", "± after", "unit"], rows)
     say(*found.advice)

@@ -26,5 +26,5 @@ def command(
     """The predicted tip pose, its uncertainty, and the displacement from the rigid arm, row by row."""
     with progress("predicting") as tick:
         rows, flags = predict_file(arm, rows_path, output, tick, covariates, unnamed, table_path)
-    options.conclude({"rows": rows}, flags, arm)
+    options.conclude(lambda: {"rows": rows}, flags, arm)
     say(f"{rows} rows written to {output} (base {arm.robot.base}, tip {arm.robot.tip}).")

@@ -57,7 +57,7 @@ def command(
             again = "" if one.repeatability is None else f", dRP {_mm(one.repeatability)} mm"
             say(f"{one.pose}: {name} {_mm(one.accuracy)} mm{again} ({one.number} {one.of}).")
     say("", *found.remarks)
-    options.conclude(as_json(found), measurements.flags, arm)
+    options.conclude(lambda: as_json(found), measurements.flags, arm)
     if output is not None:
         from armflex.show.report import write_report  # draws
 

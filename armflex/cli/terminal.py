@@ -65,7 +65,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     table = Table(title=printable(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
     rows = [[printable(str(cell)) for cell in row] for row in rows]
     for index, column in enumerate(columns):
-        numeric = index > 0 and all(not row[index] or row[index][0] in "+-.0123456789" for row in rows)
+        numeric = index > 0 and all(not row[index] or row[index][0] in "+-.×0123456789" for row in rows)
         table.add_column(printable(column), justify="right" if numeric else "left", overflow="fold")
     for row in rows:
         failed = "fail" in row or "not reached" in row

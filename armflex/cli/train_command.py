@@ -103,7 +103,7 @@ def command(
         from armflex.show.view.training_picture import draw_training  # draws
 
         draw_training(result, data, picture)
-    options.conclude(as_json(result), result.flags)
+    options.conclude(lambda: as_json(result), result.flags)
     say(f'Written to {output}. In an arm.toml: model = "{result.trained.model}", file = "{output.name}"')
 
 

@@ -1,19 +1,30 @@
-"""What a fit may move: parameters that belong together, with what was known of them and what they do."""
+"""What a fit may move: parameters that belong together, with what was known of them and what they do.
+
+Here are what every such block says, the block of an effect (its amplitudes, and those of its inner parameters that the
+law is smooth in), and those of flexures' laws (what is learned of them, or factors on what they give).
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Setup
+from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.estimate.view import View
+from armflex.laws import Law
+from armflex.laws.declared import Flexure
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import EffectLaw
-from armflex.parameters import ArmParameter, ParameterKind
+from armflex.laws.effects.effect import Effect, EffectLaw, full
+from armflex.laws.joint.carried import ScaledLaw, scaled
+from armflex.laws.law import split
+from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
+from armflex.parameters import ArmParameter, ParameterKind, of_effect, of_law
 
 
 class Block(ABC):
@@ -99,3 +110,251 @@ def places_of(block: Block, blocks: Sequence[Block]) -> np.ndarray:
 def parameters_of(blocks: Sequence[Block]) -> tuple[ArmParameter, ...]:
     """Return the parameters of all blocks in their order."""
     return tuple(parameter for block in blocks for parameter in block.parameters)
+
+
+LARGEST_MOTION = 0.03
+"""RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard
+deviation. An axis that is off by two degrees somebody sees."""
+
+LOOSE = 2.0
+"""Prior standard deviation of the logarithm of an inner parameter about where its search ended."""
+
+STEP = 1e-4
+"""Step of numerical derivatives by inner parameters: relative for positive ones, of their size for others."""
+
+
+@dataclass(frozen=True, eq=False)
+class EffectBlock(Block):
+    """Free values of one effect.
+
+    Attributes:
+        effect: Where it starts; its fixed inner parameters stay as they are here.
+        free: Which inner parameters move, from where they start; positive ones by the logarithm of a factor.
+        context: The campaign; None where the block is only applied.
+        ordinal: Place of the effect among the arm's.
+        prior: (k,) standard deviations of its values about zero; see `amplitude_prior`.
+        number: Which it is among the arm's effects of the same name, from 1 on; see `numbers_of`.
+    """
+
+    effect: Effect
+    free: tuple[int, ...]
+    context: Context | None
+    ordinal: int
+    prior: Array
+    number: int = 1
+
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """Acting amplitudes, then free inner parameters."""
+        every, terms = of_effect(self.effect, self.number), len(self.effect.location.terms)
+        return (*every[:terms], *(every[terms + i] for i in self.free))
+
+    @property
+    def by_row(self) -> bool:
+        """Whether it remembers nothing of the rows before."""
+        return not self.effect.law.memory
+
+    @property
+    def start(self) -> Array:
+        moved = np.array(self.effect.inner) - self._origin
+        return np.concatenate([self.effect.acting, moved[list(self.free)]])
+
+    @property
+    def _origin(self) -> Array:
+        """Inner values that the free ones move from: as they are, or where a prior holds them."""
+        inners = zip(self.effect.law.inner, self.effect.inner, strict=True)
+        return np.array([value if one.spread is None else one.default for one, value in inners], float)
+
+    def jacobian(self, view: View) -> Array:
+        """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
+        assert self.context is not None
+        return effect_jacobian(view.setup.arm.effects[self.ordinal], self.free, view, self.context)
+
+    def at(self, values: Array) -> Effect:
+        """Return the effect at (k,) values of the block."""
+        law, location = self.effect.law, self.effect.location
+        amplitudes = full(values[: len(location.terms)], location, len(law.amplitudes))
+        inner, origin = list(self.effect.inner), self._origin.tolist()
+        for place, i in enumerate(self.free):
+            inner[i] = law.inner[i].moved(origin[i], float(values[len(location.terms) + place]))
+        return replace(self.effect, values=(*amplitudes, *inner))
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        return setup.with_effect(self.at(values))
+
+    @property
+    def looks_like(self) -> EffectLaw:
+        return self.effect.law
+
+    def of_rows(self, context: Context | None) -> EffectBlock:
+        return replace(self, context=context)
+
+    def stepped(self, setup: Setup, step: Array) -> Setup:
+        """Return the setup with the effect a step away, but for that by which it remembers: its state tells."""
+        law, values = self.effect.law, self.start + step
+        if law.memory:
+            values = np.append(values[: len(self.effect.location.terms)], np.zeros(len(self.free)))
+        effect, kept = self.at(values), list(setup.arm.effects)
+        if law.changes_model:  # it has changed the arm, to which what is more of it is added
+            more = np.subtract(effect.amplitudes, self.effect.amplitudes)
+            setup = setup.with_effect(replace(effect, values=(*more.tolist(), *effect.inner)))
+        kept[self.ordinal] = effect
+        return replace(setup, arm=replace(setup.arm, effects=tuple(kept)))
+
+    def std(self, values: Array, std: Array) -> dict[str, float]:
+        """Return the standard uncertainty of each free value by name, logarithms turned back."""
+        inner, law = self.at(values).inner, self.effect.law
+        scale = [abs(inner[i]) if law.inner[i].positive else 1.0 for i in self.free]
+        scales = [*(1.0 for _ in self.effect.location.terms), *scale]
+        return {label: float(size) * unit for label, size, unit in zip(self.labels, std, scales, strict=True)}
+
+
+def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
+    """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
+    location, law = effect.location, effect.law
+    jacobian = [view.effect_jacobian(effect, context)]
+    for i in free:
+        step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
+        ends = []
+        for side in (1.0, -1.0):
+            moved = list(effect.inner)
+            moved[i] = law.inner[i].moved(effect.inner[i], side * step)
+            ends.append(view.jacobian(law, location, tuple(moved), context) @ effect.acting)
+        jacobian.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
+    return np.concatenate(jacobian, axis=2)
+
+
+def largest_motion(view: View) -> float:
+    """Return the RMS of the tip's motion that is expected of a missing effect at most [m]; see `LARGEST_MOTION`."""
+    return LARGEST_MOTION * float(np.linalg.norm(view.line.tip[:, :3, 3], axis=1).max())
+
+
+def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `largest_motion`, inner ones loosely."""
+    jacobian = view.effect_jacobian(effect, context)
+    moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)])
+    # What moves nothing stays at zero rather than wander off.
+    amplitudes = np.where(moved > 0.0, largest_motion(view) / np.where(moved > 0.0, moved, 1.0), 1e-12)
+    amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
+    searched = [one.spread or (LOOSE if one.positive else np.inf) for one in map(effect.law.inner.__getitem__, free)]
+    return np.concatenate([amplitudes, searched])
+
+
+@dataclass(frozen=True, eq=False)
+class LawsBlock(Block):
+    """Values of the laws of some flexures.
+
+    Attributes:
+        flexures: Their names.
+        laws: The laws at the values where a fit starts.
+    """
+
+    flexures: tuple[str, ...]
+    laws: tuple[Law, ...]
+    curved = True
+
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        kind = ParameterKind.COMPLIANCE if self.logarithmic else ParameterKind.LAW
+        pairs = zip(self.flexures, self.laws, strict=True)
+        return tuple(one for name, law in pairs for one in of_law(name, law, kind))
+
+    @property
+    def prior(self) -> Array:
+        return np.array([one.prior for law in self.laws for one in law.parameters])
+
+    @property
+    def start(self) -> Array:
+        return np.concatenate([law.values for law in self.laws])
+
+    def jacobian(self, view: View) -> Array:
+        """Return the columns of every value, through the laws' answer; effects add nothing to them."""
+        line, names, jacobian = view.line, view.setup.arm.flexure_names, []
+        for place, name in enumerate(self.flexures):
+            index = names.index(name)
+            free = self._free(place, view.setup.arm.flexures[index].law)
+            jacobian.append((index, free.by_values(line.flexure_wrenches[:, index], line.row)))
+        return view.answer(
+            lambda one: np.concatenate([one.laws[:, :, index] @ twist for index, twist in jacobian], axis=2)
+        )
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        return self._with(setup, [law.at(own) for law, own in zip(self.laws, self.split(values), strict=True)])
+
+    def stepped(self, setup: Setup, step: Array) -> Setup:
+        return self._with(setup, [law.moved(own) for law, own in zip(self.laws, self.split(step), strict=True)])
+
+    def split(self, values: np.ndarray) -> list[np.ndarray]:
+        """Return every law's part of (k,) values."""
+        return split(self.laws, values)
+
+    @abstractmethod
+    def _free(self, place: int, law: Law) -> Law:
+        """Return the law that a flexure has with the parameters of one of the block's."""
+
+    @abstractmethod
+    def _with(self, setup: Setup, laws: Sequence[Law]) -> Setup:
+        """Return the setup with what the block's laws are now."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawBlock(LawsBlock):
+    """Values of all learned laws."""
+
+    laws: tuple[LearnedLaw, ...]
+
+    def _free(self, place: int, law: Law) -> Law:
+        return law
+
+    def _with(self, setup: Setup, laws: Sequence[Law]) -> Setup:
+        return replace(setup, arm=with_laws(setup.arm, dict(zip(self.flexures, laws, strict=True))))
+
+
+@dataclass(frozen=True, eq=False)
+class FactorBlock(LawsBlock):
+    """Logarithmic factors on some axes of what flexures' own laws give: C becomes S C S; see `joint.carried`."""
+
+    laws: tuple[ScaledLaw, ...]
+    logarithmic = True
+
+    def _free(self, place: int, law: Law) -> Law:
+        return self.laws[place].with_laws((law,))
+
+    def _with(self, setup: Setup, laws: Sequence[ScaledLaw]) -> Setup:
+        arm, steps = setup.arm, {name: law.logarithms for name, law in zip(self.flexures, laws, strict=True)}
+        own = {one.name: scaled(one.law, np.exp(0.5 * steps[one.name])) for one in arm.flexures if one.name in steps}
+        factors = {name: arm.factors.get(name, np.zeros(6)) + step for name, step in steps.items()}
+        return replace(setup, arm=replace(with_laws(arm, own), factors={**arm.factors, **factors}))
+
+
+def learned_laws(arm: Arm) -> dict[str, LearnedLaw]:
+    """Return the learned laws of an arm by flexure."""
+    return {flexure.name: flexure.learned for flexure in arm.flexures if flexure.learned}
+
+
+def with_laws(arm: Arm, laws: Mapping[str, Law]) -> Arm:
+    """Return the arm with other laws at some flexures."""
+    changed = [replace(f, law=laws[f.name]) if f.name in laws else f for f in arm.flexures]
+    return replace(arm, flexures=tuple(changed))
+
+
+def factor_block(arm: Arm, axes: Mapping[str, tuple[int, ...]], std: float = 0.0) -> FactorBlock:
+    """Return the block of factors on some axes of flexures' compliances."""
+    laws = {flexure.name: flexure.law for flexure in arm.flexures}
+    return FactorBlock(tuple(axes), tuple(ScaledLaw(laws[name], np.zeros(6), own, std) for name, own in axes.items()))
+
+
+def law_block(setup: Setup, rows: View, seen: Mapping[str, Seen] | None = None) -> LawBlock | None:
+    """Return the block of everything that is to be learned, as it was declared, None where nothing is.
+
+    `rows` shows the loads, unless `seen` has those of every flexure.
+    """
+
+    def start(flexure: Flexure, index: int) -> LearnedLaw:
+        assert flexure.learn is not None
+        declared = flexure.learned.declared if flexure.learned else flexure.law
+        loads = seen[flexure.name] if seen else seen_in(declared, rows.line.flexure_wrenches[:, index], rows.line.row)
+        return learned_law(declared, flexure.learn, loads)
+
+    laws = {one.name: start(one, i) for i, one in enumerate(setup.arm.flexures) if one.learn is not None}
+    return LawBlock(tuple(laws), tuple(laws.values())) if laws else None

@@ -1,6 +1,6 @@
 """Blocks of parameters that a fit may move: what [prior] frees of the instrument, the joints, the frames and the laws.
 
-Laws have a block of their own (`law_block`), as does an effect that was added (`effect_block`).
+What was learned of laws, and an effect that was added, have blocks of their own; see `estimate.block`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ import pinocchio as pin
 
 from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.estimate.block import Block, parameters_of
-from armflex.estimate.effect_block import EffectBlock
-from armflex.estimate.law_block import LawBlock, factor_block, learned_laws
+from armflex.estimate.block import Block, EffectBlock, LawBlock, factor_block, learned_laws, parameters_of
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere

@@ -11,11 +11,10 @@ from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
-from armflex.conventions import Array, covariate_array, real_array
+from armflex.conventions import Array, covariate_array, real_array, root_of_covariance
 from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.linear_gaussian import root_of_covariance
 from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loaded import Payload
 from armflex.mechanics.many_rows import COMPILED, draw_laws

@@ -14,12 +14,20 @@ from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.block import Block, parameters_of, places_of
-from armflex.estimate.robust import huber_weights, objective, robust_limit, whitened_regressors, whitened_residual
+from armflex.estimate.robust import (
+    huber_weights,
+    median_scatter,
+    objective,
+    robust_limit,
+    whitened_regressors,
+    whitened_residual,
+)
 from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
+from armflex.readings.chance import outlier_limit
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""
@@ -41,6 +49,9 @@ RESISTING = 3
 
 FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
+
+MOSTLY = 0.5
+"""Part of the squares that are expected of an instrument which its readings far off may have in its noise."""
 
 CHANCE = 4.0
 """Standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large for chance."""
@@ -162,19 +173,35 @@ class Fit:
     def noises(self) -> tuple[tuple[float, float], ...]:
         """(G, 2) of each instrument: `noise` of what it read alone, and its share of `freedom`.
 
-        What is fitted to it is the trace of its part of the hat matrix.
+        What is fitted to it is the trace of its part of the hat matrix. Where so much of it is far off that `noise`
+        would be of that, it is told by the median.
         """
         groups = self.view.readings.groups
         if len(groups) == 1:
-            return ((self.noise, self.freedom),)
+            return ((self._by_most(0, self.noise, self.freedom), self.freedom),)
         within = (self.residual * np.sqrt(self.weights.ravel())).reshape(self.view.residual.shape)
         columns, found = self.regressors.reshape(*self.view.residual.shape, -1), []
-        for place in groups:
+        for number, place in enumerate(groups):
             own = columns[:, place].reshape(-1, columns.shape[2])
             taken = float((self._as_stated.covariance * (own.T @ own)).sum())
             freedom = max(float(np.isfinite(self.view.sigma[:, place]).sum()) - taken, 1.0)
-            found.append((float(np.sqrt((within[:, place] ** 2).sum() / freedom)), freedom))
+            noise = float(np.sqrt((within[:, place] ** 2).sum() / freedom))
+            found.append((self._by_most(number, noise, freedom), freedom))
         return tuple(found)
+
+    def _by_most(self, number: int, noise: float, freedom: float) -> float:
+        """Return the noise of an instrument, from the median where readings far off would make up most of it.
+
+        Each of those adds the square of the limit to a sum that is to be one a number, and weighing by what comes of it
+        would add more: beyond as many of them proposal 2 has no finite answer (Huber 1981, 6.6).
+        """
+        place = self.view.readings.groups[number]
+        count = np.isfinite(self.view.sigma[:, place]).sum(axis=1)
+        far = np.where(self.weights[:, place].min(axis=1) < 1.0, count, 0)
+        limits = np.array([outlier_limit(max(int(one), 1)) ** 2 / max(int(one), 1) for one in range(count.max() + 1)])
+        if (far * limits[count]).sum() < MOSTLY * count.sum():
+            return noise
+        return median_scatter(self.view, number) * float(np.sqrt(count.sum() / freedom))
 
     @property
     def stated(self) -> Array:

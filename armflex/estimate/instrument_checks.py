@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import permutations, product
@@ -78,14 +78,12 @@ class _Way:
         said: What would be meant, and how to write it; {} is how many times better it fits.
         sensors: The sensors as they were then declared.
         values: By name the (N, d) numbers that were then read, in their unit.
-        unit: Whether it is a matter of units, which is asked before all else.
         changes: In how many things it differs; of what explains as much the simplest is meant.
     """
 
     said: str
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     values: Mapping[str, Array] = field(default_factory=dict)
-    unit: bool = False
     changes: int = 1
 
 
@@ -142,28 +140,18 @@ def suspected(
         at, own = declared.at.some(read), kind.some(read)
         off = said_of(float(np.median(np.linalg.norm(own.residual(at), axis=1))), kind.unit)
         said = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
-        tried: list[tuple[float, _Way]] = []
-        for way in _ways(kind, declared):
-            if not way.unit and any(one.unit for _, one in tried):
-                break  # units come first: what they explain, another place may make up for
-            names = (kind.name, *(name for name in way.values if name != kind.name))
-            before = found if len(names) == 1 else _off(start, names, blocks)
-            with suppress(ArmflexError):
-                after = _off(start, names, blocks, way)
-                if after.plausible and not after.absurd and DROP * after.misfit < before.misfit:
-                    tried.append((after.misfit, way))
-        tried.sort(key=lambda pair: pair[0])
-        alike = [way for size, way in tried if size < ALIKE * max(tried[0][0], EVEN)]
+        # Units come first: what they explain, another place may make up for.
+        in_unit = _explaining(_units(kind), start, kind.name, found, blocks)
+        explaining = in_unit or _explaining(_meanings(kind, declared), start, kind.name, found, blocks)
+        best = min((misfit for misfit, _ in explaining), default=0.0)
+        alike = [way for misfit, way in explaining if misfit < ALIKE * max(best, EVEN)]
         least = min((way.changes for way in alike), default=0)
-        better = f"{np.sqrt(found.misfit / max(tried[0][0], 1e-12)):.3g}" if tried else ""
+        better = f"{np.sqrt(found.misfit / max(best, 1e-12)):.3g}"
         reasons = tuple(way.said.replace("{}", better) for way in alike if way.changes == least)[:MOST_SAID]
-        if not any(way.unit for _, way in tried):
+        if not in_unit:
             elsewhere = None if reasons else own.elsewhere(at)
-            reasons = (
-                *reasons,
-                *(() if elsewhere is None else (elsewhere,)),
-                *(() if found.plausible else otherwise()),
-            )
+            reasons += () if elsewhere is None else (elsewhere,)
+            reasons += () if found.plausible else otherwise()
         if reasons:
             raise ConventionError(f"{said}: {'; or '.join(reasons)}", reasons)
         if not found.plausible:
@@ -219,33 +207,55 @@ def _off(declared: View, names: tuple[str, ...], blocks: Sequence[Block], way: _
     return _Off(misfit, typical, float(pulls[sensors].max(initial=0.0)), float(pulls.max(initial=0.0)))
 
 
-def _ways(kind: Kind, declared: View) -> Iterator[_Way]:
-    """Yield what else may be meant by what a sensor read, or of where it is, its units first."""
-    arm, name, tried = declared.arm, kind.name, set[float]()
-    sensor, units = arm.sensors[name], TRIED[kind.unit]
+def _explaining(
+    ways: Iterable[_Way], start: View, name: str, found: _Off, blocks: Sequence[Block]
+) -> list[tuple[float, _Way]]:
+    """Return the ways in which what a sensor read is plausible, with their misfits, the least first.
+
+    Args:
+        ways: What else may be meant.
+        start: The rows as everything is declared, instruments where they were placed.
+        name: The sensor.
+        found: How far it is off as declared.
+        blocks: All that is free.
+    """
+    explaining = []
+    for way in ways:
+        names = (name, *(other for other in way.values if other != name))
+        before = found if len(names) == 1 else _off(start, names, blocks)
+        with suppress(ArmflexError):
+            after = _off(start, names, blocks, way)
+            if after.plausible and not after.absurd and DROP * after.misfit < before.misfit:
+                explaining.append((after.misfit, way))
+    return sorted(explaining, key=lambda pair: pair[0])
+
+
+def _units(kind: Kind) -> Iterator[_Way]:
+    """Yield the units in which a sensor may have read its numbers."""
+    units, factors = TRIED[kind.unit], set[float]()
     for header, unit in permutations(units, 2):
         factor = units[unit] / units[header]
-        if round(np.log(factor), 6) not in tried:
-            tried.add(round(np.log(factor), 6))
+        if round(np.log(factor), 6) not in factors:
+            factors.add(round(np.log(factor), 6))
             text = f"it fits {{}} times better in {unit}, not {header} (write the unit into the header)"
-            yield _Way(text, values={name: factor * kind.values}, unit=True)
+            yield _Way(text, values={kind.name: factor * kind.values})
+
+
+def _meanings(kind: Kind, declared: View) -> Iterator[_Way]:
+    """Yield what else but a unit may be meant by what a sensor read, or of where it is."""
+    name, sensor = kind.name, declared.arm.sensors[kind.name]
     if isinstance(kind, Acceleration):
         text = f"it reads the opposite: write {OPPOSITE[sensor.sign < 0.0]} into its declaration"
         yield _Way(text, sensors={name: replace(sensor, sign=-sensor.sign)})
-    for order in permutations(range(kind.dimension)):
-        for signs in product((1.0, -1.0), repeat=kind.dimension):
-            if order == tuple(range(kind.dimension)) and min(signs) > 0.0:
-                continue
-            away = [kind.channels[i] for i in range(kind.dimension) if order[i] != i]
-            turned = [kind.channels[i] or "its sign" for i in range(kind.dimension) if signs[i] < 0.0]
+    places = range(kind.dimension)
+    for order, signs in product(permutations(places), product((1.0, -1.0), repeat=kind.dimension)):
+        away = [kind.channels[i] for i in places if order[i] != i]
+        turned = [kind.channels[i] or "its sign" for i in places if signs[i] < 0.0]
+        if away or turned:
             words = [f"{' and '.join(away)} {'swapped' if len(away) == 2 else 'exchanged in turn'}"] if away else []
             words += [f"{' and '.join(turned)} reversed"] if turned else []
-            values = {name: kind.values[:, list(order)] * signs}
-            yield _Way(
-                f"it fits {{}} times better with {', '.join(words)}",
-                values=values,
-                changes=len(away) // 2 + len(turned),
-            )
+            text, values = f"it fits {{}} times better with {', '.join(words)}", kind.values[:, list(order)] * signs
+            yield _Way(text, values={name: values}, changes=len(away) // 2 + len(turned))
     for other in declared.readings.kinds:
         if other.name and other.name != name and type(other) is type(kind):
             text = f"its columns and those of {other.name} are exchanged (exchange their headers)"
@@ -277,8 +287,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
         about: Flags on sensors that are implausible for another reason.
     """
     readings, suspects = found.view.readings, {flag.about for flag in about}
-    names = list(dict.fromkeys(kind.name for kind in readings.kinds))
-    for number, (name, scatter) in enumerate(zip(names, found.scatters, strict=True)):
+    for number, (name, scatter) in enumerate(zip(readings.names, found.scatters, strict=True)):
         others = [one for i, one in enumerate(found.scatters) if i != number]
         large = others and scatter > UNMEANT * max(1.0, min(others))
         freedom = found.noises[number][1]
@@ -311,7 +320,7 @@ def moved(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) ->
         measurements: Its campaign.
         about: Flags on sensors that are implausible, of which a step must explain `ALL`.
     """
-    names, suspects = list(dict.fromkeys(kind.name for kind in found.view.readings.kinds)), {one.about for one in about}
+    names, suspects = found.view.readings.names, {one.about for one in about}
     whole, scale = found.residual @ found.residual, np.sqrt(found.weights) / found.view.sigma
     sessions, root = np.array(found.view.sessions), LinearGaussian(found.told).with_precision(found.precision).root
     for kind, place in found.view.readings.placed:

@@ -15,9 +15,8 @@ import numpy as np
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ConvergenceError, Flag
-from armflex.estimate.block import Block
+from armflex.estimate.block import Block, LawBlock, learned_laws, with_laws
 from armflex.estimate.fit import Effort, Fit, Weighed, fit
-from armflex.estimate.law_block import LawBlock, learned_laws, with_laws
 from armflex.estimate.sample import LawSamples
 from armflex.laws.learned import LearnedLaw
 from armflex.parallel import Progress

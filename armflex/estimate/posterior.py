@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from armflex.arm import Arm, Setup
-from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import Flag, listing
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View, look, untold_shifts
-from armflex.parameters import FRAMES, ParameterKind, fitted_group
+from armflex.parameters import FRAMES, Certainty, ParameterKind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
 from armflex.rows import Rows

@@ -50,10 +50,13 @@ def robust_limit(view: View) -> Array:
     While it is wrong all residuals are long; what is far is then judged by their median, not by the noise: (G,), one of
     each instrument's own.
     """
-    limits = np.ones(len(view.readings.groups))
-    for number, (length, expected, read) in enumerate(_lengths(view, median_length)):
-        limits[number] = max(1.0, float(np.median(length[read] / expected[read]))) if read.any() else 1.0
-    return limits
+    return np.maximum([median_scatter(view, number) for number in range(len(view.readings.groups))], 1.0)
+
+
+def median_scatter(view: View, number: int) -> float:
+    """Return the scatter of what an instrument read over its standard deviations, by the median; 0 of nothing."""
+    length, expected, read = list(_lengths(view, median_length))[number]
+    return float(np.median(length[read] / expected[read])) if read.any() else 0.0
 
 
 def instrument_weights(view: View, limit: Array | float | None = None) -> Array:
@@ -73,10 +76,10 @@ def huber_weights(view: View, limit: Array | float | None = None) -> Array:
     return found
 
 
-def row_weights(view: View, limit: Array | float | None = None) -> Array:
+def row_weights(view: View) -> Array:
     """Return the (M,) weights of the rows: each as that of the instrument that is believed most there."""
     read = np.stack([np.isfinite(view.sigma[:, place]).any(axis=1) for place in view.readings.groups], axis=1)
-    return np.where(read, instrument_weights(view, limit), 0.0).max(axis=1)
+    return np.where(read, instrument_weights(view), 0.0).max(axis=1)
 
 
 def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:

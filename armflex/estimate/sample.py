@@ -12,8 +12,8 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
+from armflex.estimate.block import LawBlock, learned_laws
 from armflex.estimate.fit import Fit
-from armflex.estimate.law_block import LawBlock, learned_laws
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import ROUNDING

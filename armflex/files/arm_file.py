@@ -30,9 +30,14 @@ from armflex.errors import (
     did_you_mean,
     listing,
 )
-from armflex.files.calibration_table import Campaign, calibration_table, read_calibration, with_certainty
-from armflex.files.certainty_table import with_covariance
-from armflex.files.dh_table import FLANGE, is_dh, read_dh
+from armflex.files.calibration_table import (
+    Campaign,
+    calibration_table,
+    read_calibration,
+    with_certainty,
+    with_covariance,
+)
+from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
@@ -202,7 +207,9 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
 
 
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
-    by_dh = is_dh(table)
+    by_dh = table.has("dh")
+    if by_dh and table.has("urdf"):
+        raise table.fail("dh", "stands beside 'urdf', which is the robot already: give one of them")
     urdf = read_dh(table) if by_dh else table.path.parent / table.text("urdf")
     tip, base = table.text("tip", FLANGE if by_dh else None), table.text("base", "-")
     gravity = table.numbers("gravity", (3,)) if table.has("gravity") else None

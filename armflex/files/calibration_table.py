@@ -1,25 +1,34 @@
-"""[calibration] in an arm.toml: what a fit found, applied to what was declared where it is read."""
+"""[calibration] in an arm.toml: what a fit found, applied to what was declared where it is read, and how sure that is.
+
+`parameters` names what the rows of `covariance` are of: block and parameter, 'compliance A4 ry'. An effect's are
+'effect LAW SITE AXIS PARAMETER'; where the file has several [[effect]]s of one law, site and axis, those from the
+second on have their number before the parameter, in the order of the file: 'effect gear_harmonic A2 rz #2 k'.
+"""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import Array
+from armflex.conventions import TWIST_NAMES, Array, covariance_fault
 from armflex.declaration import Declaration
-from armflex.errors import Flag, did_you_mean
-from armflex.files.certainty_table import certainty_table, read_certainty
+from armflex.errors import FileError, Flag, did_you_mean, listing
 from armflex.laws.declared import Flexure
+from armflex.laws.effects.location import site_names
 from armflex.laws.joint.carried import scaled
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
-from armflex.parameters import of_law
+from armflex.parameters import Certainty, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
+from armflex.storage.array_file import Layout, read_arrays, write_arrays
+from armflex.storage.schema import Numbers
 
 LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
@@ -201,6 +210,11 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
     law = learned_law(flexure.law, flexure.learn, Seen(**seen))
     values, scales = table.numbers("values", law.values.shape), table.numbers("scales", (len(law.scales),))
     _positive(table, "scales", scales)
+    free = () if law.free is None else law.free.parameters
+    for parameter, value in zip(free, values[: len(free)], strict=True):
+        if parameter.unit == "1" and abs(value) > LARGEST_LOGARITHM:
+            text = f"{parameter.name} is the logarithm of a factor, or of a coupling: expected at most"
+            raise table.fail("values", f"{text} {LARGEST_LOGARITHM:.3g} either way, got {value:g}")
     law = replace(law, values=values, scales=tuple(scales.tolist()))
     if table.has("reach"):  # how its correction ends; files before `energy` was part of that have none
         reach, faded = table.numbers("reach", (6,)), table.number("faded")
@@ -232,3 +246,122 @@ def _definite(table: Declaration, key: str, found: Array) -> None:
     scaled = found / np.outer(unit, unit)
     if np.abs(scaled - scaled.T).max() > ROUNDING or np.linalg.eigvalsh(scaled)[0] < -ROUNDING:
         raise table.fail(key, "expected a symmetric matrix without negative eigenvalues")
+
+
+MOST_ROWS = 150
+"""Parameters from which on their covariance stands in a file of its own: as text it would take seconds to read."""
+
+BLOCKS = tuple(kind.value for kind in ParameterKind if kind is not ParameterKind.UNEXPLAINED)
+"""What the name of every fitted parameter begins with."""
+
+LAYOUT = Layout(
+    "the covariance of a calibrated arm",
+    "armflex-covariance-1",
+    {"covariance": Numbers(("parameters", "parameters"), covariance=True)},
+    {"parameters": tuple[str, ...]},
+    lambda about: {"parameters": (len(about["parameters"]),)},
+    anew="calibrate the arm anew",
+    most_bytes=130_000_000,
+)
+"""Of 4000 parameters at most, so that it is proven positive within seconds."""
+
+
+def certainty_table(certainty: Certainty) -> dict[str, Any]:
+    """Return what of [calibration] says how well the parameters are known, the covariance as an array."""
+    table: dict[str, Any] = {}
+    if certainty.misfit:
+        table["misfit_m"] = certainty.misfit
+    if certainty.unexplained is not None:
+        table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
+    table["parameters"] = list(certainty.labels)
+    if certainty.directions is not None:
+        table["undetermined"] = [_rounded(row) for row in certainty.directions]
+    return table | {"covariance": certainty.covariance}
+
+
+def with_covariance(table: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return [calibration] as the file at `path` is to have it: its covariance as rows of the lower triangle.
+
+    A large one is written to a file beside it.
+    """
+    covariance = table["covariance"]
+    if len(covariance) <= MOST_ROWS:
+        return table | {"covariance": [_rounded(row[: i + 1]) for i, row in enumerate(covariance)]}
+    # The arm.toml that is there stays whole until the new one takes its place: it keeps its own covariance.
+    digest = hashlib.sha256(covariance.tobytes()).hexdigest()[:8]
+    passing = f".unfinished-{digest}" if table.get("unfinished") else ""
+    beside = path.with_suffix(f"{passing}.covariance.safetensors")
+    written = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": table["parameters"]})
+    others = {key: value for key, value in table.items() if key != "covariance"}
+    return others | {"covariance_file": beside.name, "covariance_sha256": written}
+
+
+def _rounded(values: Array) -> list[float]:
+    return [float(f"{x:.10e}") for x in values.tolist()]
+
+
+def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
+    """Return the covariance of the fitted parameters; None where it is not given.
+
+    Args:
+        table: [calibration].
+        arm: With everything that its file declares, effects and learned laws, too: parameters are looked up in it. One
+            that it has no more (another preset) is kept as what it is called.
+    """
+    if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
+        return None
+    labels = table.texts("parameters")
+    if len(set(labels)) < len(labels):
+        raise table.fail("parameters", "a parameter is named twice")
+    for label in labels:
+        if not any(label.startswith(f"{block} ") and label != f"{block} " for block in BLOCKS):
+            hint = did_you_mean(label.partition(" ")[0], BLOCKS)
+            raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
+    key = "covariance_file" if table.has("covariance_file") else "covariance"
+    covariance = _from_file(table, labels) if key == "covariance_file" else _from_rows(table, labels)
+    directions = None
+    if table.has("undetermined"):  # directions that nothing determined
+        given = table.raw("undetermined")
+        lengths = [len(labels)] * len(given) if isinstance(given, list) else []
+        expected = f"rows of {len(labels)} finite numbers, one for each of the parameters"
+        directions = np.array(table.ragged("undetermined", lengths, expected))
+        directions = directions if len(directions) else None
+    known = np.ones(len(labels), dtype=bool) if directions is None else ~directions.any(axis=0)
+    if (known & (np.diag(covariance) == 0.0)).any():
+        label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
+        raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
+    misfit, unexplained = table.std("misfit_m", 0.0), None
+    if table.has("unexplained"):
+        part = table.sub("unexplained")
+        site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
+        unexplained = site, axis, part.std("std")
+        part.finish()
+    return Certainty(arm.named(labels), covariance, unexplained, directions, misfit)
+
+
+def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
+    """Return a covariance given as the lower triangle's rows."""
+    expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
+    rows = table.ragged("covariance", range(1, len(labels) + 1), expected)
+    covariance = np.zeros((len(labels), len(labels)))
+    for i, row in enumerate(rows):
+        covariance[i, : i + 1] = covariance[: i + 1, i] = row
+    if fault := covariance_fault(covariance):
+        raise table.fail("covariance", fault)
+    return covariance
+
+
+def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
+    """Return a covariance from the safetensors file beside the arm.toml, whose layout says that it must be one."""
+    path = table.path.parent / table.text("covariance_file")
+    if not table.has("covariance_sha256"):
+        raise table.fail("covariance_file", f"was made by an earlier version, without its SHA-256: {LAYOUT.anew}")
+    digest = table.text("covariance_sha256")
+    try:
+        found = read_arrays(path, LAYOUT)
+    except FileError as error:
+        raise table.fail("covariance_file", f"{path.name} {error.problem}") from None
+    if found.digest != digest or found.about["parameters"] != labels:
+        problem = f"{path.name} is not the file that was written with this table: {LAYOUT.anew}"
+        raise table.fail("covariance_file", problem)
+    return found.arrays["covariance"]

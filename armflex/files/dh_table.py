@@ -15,22 +15,16 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from armflex.conventions import RESOLUTION
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, Flag, Place
+from armflex.parameters import ParameterKind, of_motions
 from armflex.robot.robot import Robot
 from armflex.robot.urdf import FARTHEST, RESERVED, Inertial, Joint, Link, Urdf
 
 FORMS = ("standard", "modified")
 FLANGE = "flange"
 """The frame of the last row, and the tip where none is named."""
-
-
-def is_dh(table: Declaration) -> bool:
-    """Return whether a [robot] table has a robot's parameters; raise where it names a URDF as well."""
-    given = table.has("dh")
-    if given and table.has("urdf"):
-        raise table.fail("dh", "stands beside 'urdf', which is the robot already: give one of them")
-    return given
 
 
 def read_dh(table: Declaration) -> Urdf:
@@ -99,6 +93,36 @@ def in_other_form(robot: Robot) -> Robot:
     }
     urdf = replace(robot.urdf, joints=robot.urdf.joints | moved, dh=form)
     return replace(robot, urdf=urdf, chain=tuple(urdf.joints[joint.name] for joint in robot.chain))
+
+
+def in_dh_words(robot: Robot) -> dict[str, tuple[str, float]]:
+    """Return by label of a geometry parameter the row's number that it is, 'alpha of J2', and the sign between them.
+
+    A twist of a joint's frame in its own axes is theta and d of its row about and along z. About and along x and y it
+    is a, alpha and beta of the row that ends before these where the joint's own theta is a number of right angles, and
+    for angles its d is 0: else it is several of them at once, and has no entry. Empty for a robot of no such rows.
+    """
+    found: dict[str, tuple[str, float]] = {}
+    rows = [joint for joint in robot.urdf.joints.values() if joint.name != FLANGE] if robot.urdf.dh else []
+    for number, joint in enumerate(rows):
+        end = pin.SE3(joint.rotation, joint.origin)
+        first = number == 0 and robot.urdf.dh == "standard"
+        across = pin.SE3.Identity() if first else _across(end)
+        along, straight = across.inverse() * end, abs(across.rotation[0, 2]) < RESOLUTION  # of no beta
+        of_row = {"dz": ("d", joint.name, 1.0), "rz": ("theta", joint.name, 1.0)}
+        before = joint.name if robot.urdf.dh == "modified" else rows[number - 1].name
+        for axis, own in () if first else enumerate("xy"):
+            there = np.round(along.rotation[:, axis], 9)
+            x, y = float(there[0]), float(there[1])
+            at_once = abs(along.translation[2]) > RESOLUTION
+            if abs(x) == 1.0 and straight:
+                of_row |= {f"d{own}": ("a", before, x)} | ({} if at_once else {f"r{own}": ("alpha", before, x)})
+            elif abs(y) == 1.0 and not at_once:
+                of_row[f"r{own}"] = ("beta", before, y)
+        named = {axis: (f"{key} of {name}", sign) for axis, (key, name, sign) in of_row.items()}
+        every = of_motions(ParameterKind.GEOMETRY, (joint.name,))
+        found |= {one.label: named[one.name] for one in every if one.name in named}
+    return found
 
 
 def _across(end: pin.SE3) -> pin.SE3:

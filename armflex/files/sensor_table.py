@@ -6,13 +6,16 @@ import numpy as np
 
 from armflex.conventions import SMALLEST_STD
 from armflex.declaration import Declaration
-from armflex.errors import did_you_mean, listing
+from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.readings import SENSOR_KINDS, SlideEncoder
 from armflex.readings.sensor import LONGEST, Sensor, Shaft
 from armflex.robot import Robot
 
 FURTHEST = 50.0
 """Distance from the base [m], beyond the arm's reach, that no anchor of a wire has."""
+
+UNKNOWN = ", where the wire begins [m]; of one that nobody measured write [0, 0, 0] and anchor_std = 2.0"
+"""What is said where a wire's anchor is left out: it is found from as far away as its standard deviation says."""
 
 SEEN_FROM = {"distance": "anchor_link", "relative_position": "seen_from"}
 """Key of the link that the other end is on."""
@@ -62,7 +65,10 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
     declared, std = [], []
     for one in kind.nuisances:
         if one.name == "anchor" and what == "distance":
-            value = table.numbers("anchor", (3,))
+            try:
+                value = table.numbers("anchor", (3,))
+            except ArmFileError as error:
+                raise error if table.has("anchor") else ArmFileError(error.place, f"{error.problem}{UNKNOWN}") from None
             if np.linalg.norm(value) > robot.reach + FURTHEST:
                 away = f"{np.linalg.norm(value):.3g} m from the base, and the arm reaches {robot.reach:.3g} m"
                 raise table.fail("anchor", f"is {away}: millimetres?")

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from armflex.conventions import WRENCH_NAMES, Array
+from armflex.conventions import WRENCH_NAMES, Array, root_of_covariance
 from armflex.errors import Flag, LawError, MissingCovariateError
-from armflex.linear_gaussian import root_of_covariance
 from armflex.robot import Robot
 
 NOTHING = np.zeros(6)

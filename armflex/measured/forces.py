@@ -141,21 +141,29 @@ class Unnamed(NamedTuple):
 
     def put(self, table: Table) -> Table:
         """Return a table with these in the rows whose cells for them are empty, or which has no such columns."""
-        columns, blank = dict(table.columns), Column("", "", 1.0, ("",) * len(table))
+        columns = dict(table.columns)
+
+        def column(name: str) -> Column:
+            return columns.get(name, Column(name, "", 1.0, ("",) * len(table)))
+
         if self.payload != "none":
-            own = columns.get("payload", replace(blank, header="payload"))
+            own = column("payload")
             columns["payload"] = replace(own, cells=tuple(cell.strip() or self.payload for cell in own.cells))
         if self.force is not None:
-            named = [any(cells) for cells in zip(*(table.texts(n) for n in FORCES if n in columns), strict=True)]
-            named = named or [False] * len(table)
-            whole = np.concatenate([self.force.force, self.force.moment]).tolist()
-            axes = next(name for name, meant in FORCE_AXES.items() if meant == self.force.axes)
-            for name, value in zip((*FORCES, *FORCE_TEXTS), (*whole, self.force.frame, axes), strict=True):
-                own = columns.get(name, replace(blank, header=name))
-                here = repr(value / own.factor) if isinstance(value, float) else value
-                there = "0" if name in FORCES and name not in table.columns else ""
-                cells = (cell or there if one else here for cell, one in zip(own.cells, named, strict=True))
+            given = [table.texts(name) for name in FORCES if name in columns]
+            named = [any(cells) for cells in zip(*given, strict=True)] if given else [False] * len(table)
+
+            def put(name: str, text: str, blank: str = "") -> None:
+                """Put a text into the rows that name no force, and into those that do for what they leave out."""
+                own = column(name)
+                cells = (cell or blank if force else text for cell, force in zip(own.cells, named, strict=True))
                 columns[name] = replace(own, cells=tuple(cells))
+
+            for name, value in zip(FORCES, [*self.force.force.tolist(), *self.force.moment.tolist()], strict=True):
+                put(name, repr(value / column(name).factor), "" if name in columns else "0")
+            axes = next(name for name, meant in FORCE_AXES.items() if meant == self.force.axes)
+            for name, text in zip(FORCE_TEXTS, (self.force.frame, axes), strict=True):
+                put(name, text)
         return replace(table, columns=columns)
 
 

@@ -326,30 +326,38 @@ class _Seen:
 def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
     """Return the columns that have a meaning, after checking that all needed are there and none is misspelt."""
     known = [*column_kinds(arm), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
-    joints, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
-    table.require([*joints, *(() if inputs_only or points or sensed else POSITION)])
-    stems = {name.rstrip("0123456789"): name for name in arm.sensors}
+    needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
+    table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
     for name, column in table.columns.items():
-        base = name.removeprefix("sigma_")
-        own = next(
-            (part for part in (base, *base.rsplit("_", 2)[:1], base.rpartition("_")[0]) if _stem(part) in stems), ""
-        )
-        if name not in known and (own or (name != base and arm.sensors)):
-            text = f"column {column.header!r}: the arm file declares no [instrument.{own or base}]"
-            raise TableError(Place(table.path, 1), f"{text}{did_you_mean(own or base, arm.sensors)}")
+        if name not in known and (sensor := _undeclared(name, arm)):
+            text = f"column {column.header!r}: the arm file declares no [instrument.{sensor}]"
+            raise TableError(Place(table.path, 1), f"{text}{did_you_mean(sensor, arm.sensors)}")
     meant = [*known, *(("point",) if points else ())]
     lowered = [word.lower() for word in meant]
-    check_load_names(table, arm, (name for name in table.columns if name not in meant))
-    for name in table.columns:
-        if name not in meant:
-            long = [word for word in lowered if len(word) > 3]
-            near = difflib.get_close_matches(name.lower(), long, n=1, cutoff=0.85)
-            if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
-                hint = did_you_mean(name, meant)
-                raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
+    long = [word for word in lowered if len(word) > 3]  # of a short one every other short word is a misspelling
+    unknown = [name for name in table.columns if name not in meant]
+    check_load_names(table, arm, unknown)
+    for name in unknown:
+        near = difflib.get_close_matches(name.lower(), long, n=1, cutoff=0.85)
+        if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
+            hint = did_you_mean(name, meant)
+            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     return known
+
+
+def _undeclared(name: str, arm: Arm) -> str:
+    """Return the sensor that a column which has no meaning is of by its name, '' where it is of none.
+
+    Where the arm has a sensor `dial1`, `dial3` and `dial3_x` are of `dial3`; where it has any, `sigma_NAME` is of NAME.
+    """
+    base, digits = name.removeprefix("sigma_"), "0123456789"
+    series = {sensor.rstrip(digits) for sensor in arm.sensors}
+    for part in (base, base.rsplit("_", 2)[0], base.rpartition("_")[0]):
+        if (stem := part.rstrip(digits)) != part and stem in series:
+            return part
+    return base if name != base and arm.sensors else ""
 
 
 def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, Array] | None = None) -> Measurements:
@@ -357,7 +365,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
     q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _vectors(table, POSITION)
     turned, rotation = _vectors(table, ROTATION)
-    sensed = _sensed(table, arm)
+    readings = Readings(len(table), _sensed(table, arm))
     alone = turned & ~measured
     if alone.any():
         problem = "has rx ry rz but no x y z: an orientation alone is not used"
@@ -367,7 +375,6 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         cells = table.texts(column) if column in table.columns else ("",) * len(table)
         return tuple(cell or (str(i) if default is None else default) for i, cell in enumerate(cells, first))
 
-    alike = not sensed or POSITION[0] in table.columns
     payload = named("payload", "none")
     check_payloads(table, payload, arm)
     # Recorded directions; where a joint has none, that of its last change of position.
@@ -380,8 +387,14 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
                 row = int(bad.argmax())
                 problem = f"{name} is {approach[row, index]:g}, not -1, 0 or 1"
                 raise TableError(Place(table.path, table.lines[row]), problem)
-    names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
-    sigma = _deviations(table, names, measured, "the positions", "m", 1.0)
+    tracked: dict[str, Any] = {}
+    if POSITION[0] in table.columns or not readings.kinds:
+        names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
+        unread = np.inf if readings.kinds else 1.0
+        tracked |= {"position": position, "sigma": _deviations(table, names, measured, "the positions", "m", unread)}
+    if turned.any():
+        sigma_r = _deviations(table, ("sigma_r",), turned, "they", "rad", np.inf)[:, 0]
+        tracked |= {"rotation": rotation, "sigma_r": sigma_r}
     return Measurements(
         joint_names=arm.joint_names,
         pose=named("pose", None),
@@ -390,12 +403,9 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         time=table.numbers("time") if "time" in table.columns else np.arange(first, first + len(table), dtype=float),
         q=q,
         approach=approach,
-        measured=measured | Readings(len(table), sensed).read,
-        readings=Readings(len(table), sensed),
-        position=position if alike else None,
-        rotation=rotation if turned.any() else None,
-        sigma=(np.where(measured[:, None], sigma, np.inf) if sensed else sigma) if alike else None,
-        sigma_r=_deviations(table, ("sigma_r",), turned, "they", "rad", np.inf)[:, 0] if turned.any() else None,
+        measured=measured | readings.read,
+        readings=readings,
+        **tracked,
         hold=table.numbers("hold") if "hold" in table.columns else None,
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
@@ -414,12 +424,6 @@ def _sensor_kinds(arm: Arm) -> dict[str, str]:
 def column_kinds(arm: Arm) -> dict[str, str]:
     """Return the kind of quantity of each column of a campaign that may carry a unit."""
     return KINDS | joint_kinds(arm, "q") | _sensor_kinds(arm)
-
-
-def _stem(name: str) -> str:
-    """Return a sensor's name without the number that tells it from its like; '' where it has none."""
-    stem = name.rstrip("0123456789")
-    return stem if stem != name else ""
 
 
 def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
@@ -494,7 +498,8 @@ def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
     if partly.any():
         line = table.lines[int(partly.argmax())]
         raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
-    return there, np.column_stack([table.numbers_where(name, there) for name in names])
+    empty = ": leave the cell empty where nothing was read"
+    return there, np.column_stack([table.numbers_where(name, there, empty) for name in names])
 
 
 def _deviations(

@@ -199,13 +199,14 @@ def _guess(path: Path, rows: Rows) -> int:
         return len({all(cells[i].lstrip("+-").isdigit() for _, cells in rows) for i in range(k, k + 3)}) == 1
 
     possible = [[may_be(cells, k) for _, cells in rows] for k in (1, 2, 3)]
-    fitting = [k for k, fits in enumerate(possible, 1) if all(fits) and alike(k)]
-    if len(fitting) == 1:
-        return fitting[0]
+    fitting = [k for k, fits in enumerate(possible, 1) if all(fits)]
+    written_alike = [k for k in fitting if alike(k)]
+    if len(written_alike) == 1:
+        return written_alike[0]
     if fitting:
         text = "names cannot be told from numbers: add a header line such as '// Group Point X Y Z'"
         raise TableError(Place(path, rows[0][0]), text)
-    line, cells = rows[max(possible, key=sum).index(False)] if not all(map(all, possible)) else rows[0]
+    line, cells = rows[max(possible, key=sum).index(False)]
     text = f"expected a name of one to three parts and x y z, found {listing(map(repr, cells), 8)}"
     raise TableError(Place(path, line), text)
 

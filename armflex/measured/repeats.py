@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.measured.measurements import Measurements
 from armflex.result import Result
-from armflex.rows.poses import numbered, same_positions
+from armflex.rows.rows import numbered, same_positions
 
 REPEATED = 2e-5
 """Joint positions nearer than this [rad or m] repeat a pose: 0.2 mm at the end of a 10 m arm."""

@@ -41,6 +41,9 @@ PLAIN = "0123456789+-.eE "
 BEYOND = f"beyond {LARGEST:g}"
 """What is said of a number that is larger than any."""
 
+NOTHING = ("nan", "na", "n/a", "null", "none", "-", "--")
+"""What others write into a cell where there is nothing."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -70,10 +73,10 @@ class Table:
             return self.path.sha256
         return hashlib.sha256(self.path.read_bytes()).hexdigest()
 
-    def numbers(self, name: str, beyond: str = BEYOND) -> Array:
+    def numbers(self, name: str, beyond: str = BEYOND, hint: str = "") -> Array:
         """Return a column in SI; raise `TableError` naming the first cell that is no finite number up to `LARGEST`.
 
-        `beyond` is what is said of a larger one.
+        `beyond` is what is said of a larger one, `hint` what is added of a word for nothing, such as nan.
         """
         column, plain = self.columns[name], self.plain(name)
         if plain is not None:
@@ -83,6 +86,7 @@ class Table:
             if not abs(number) <= LARGEST:
                 kind = beyond if np.isfinite(number) else "not a finite number"
                 what = f"is {shown(cell)}, {kind}" if cell.strip() else "is empty"
+                what += hint if cell.strip().lower() in NOTHING else ""
                 raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
         return np.array([float(cell) for cell in column.cells]) * column.factor
 
@@ -96,11 +100,14 @@ class Table:
         fine = not "".join(column.cells).strip(PLAIN) and (np.abs(values) <= LARGEST).all()
         return values * column.factor if fine else None
 
-    def numbers_where(self, name: str, rows: np.ndarray) -> Array:
-        """Return a column in SI at the rows of a (N,) mask, zero elsewhere; the other cells are not looked at."""
+    def numbers_where(self, name: str, rows: np.ndarray, hint: str = "") -> Array:
+        """Return a column in SI at the rows of a (N,) mask, zero elsewhere; the other cells are not looked at.
+
+        `hint` is as for `numbers`.
+        """
         column = self.columns[name]
         kept = tuple(cell if row else "0" for cell, row in zip(column.cells, rows, strict=True))
-        return replace(self, columns={name: replace(column, cells=kept)}).numbers(name)
+        return replace(self, columns={name: replace(column, cells=kept)}).numbers(name, hint=hint)
 
     def matrix(self, names: Sequence[str], beyond: str = BEYOND) -> Array:
         """Return several columns as (N, len(names)) in SI; see `numbers`."""

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.robot import FlexModel
+from armflex.mechanics.pinocchio_model import FlexModel
 
 FLEXURE, TURNS, SLIDES, RIGID, ROTATED = 0, 1, 2, 3, 4
 """Kinds of elements; `ROTATED` is added where one is rotated against the one before."""

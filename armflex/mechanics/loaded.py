@@ -20,8 +20,8 @@ from armflex.laws.effects.effect import Manipulator
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.pinocchio_model import Load, Mechanics
-from armflex.robot import Corrections, FlexModel, Site, build_model
+from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
+from armflex.robot import Corrections, Site
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"

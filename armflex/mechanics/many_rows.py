@@ -8,6 +8,7 @@ they were taken for, which takes two to four rounds. Every law and every load is
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from functools import cache, cached_property
 from types import ModuleType
@@ -39,6 +40,8 @@ SETTLED = 1e-13
 
 NO_CHANGES = np.zeros((0, 0, 6, 6))
 
+COMPILING = "armflex compiles its engine for this machine, once: about a minute"
+
 Pushed = tuple[np.ndarray, Array, Array]
 """Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
 
@@ -47,9 +50,28 @@ NOT_PUSHED: Pushed = (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)), NO_
 
 @cache
 def kernel() -> ModuleType:
-    """Return the compiled engine, which takes a while to import."""
+    """Return the compiled engine, which takes a while to import.
+
+    Where its code is not kept yet, a line of the log says that it is compiled; without a log of one's own that is on
+    stderr.
+    """
+    from numba.core import event
+
     from armflex.mechanics import kernel as compiled
 
+    class Said(event.Listener):
+        told = False
+
+        def on_start(self, event: event.Event) -> None:
+            dispatcher = (event.data or {}).get("dispatcher")
+            if not self.told and getattr(dispatcher, "__module__", "") == compiled.__name__:
+                self.told = True
+                logging.getLogger(__name__).warning(COMPILING)
+
+        def on_end(self, event: event.Event) -> None:
+            """Nothing is said of its end: an answer follows."""
+
+    event.register("numba:compile", Said())
     return compiled
 
 

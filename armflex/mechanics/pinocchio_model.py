@@ -1,13 +1,18 @@
-"""What Pinocchio is asked: loads on the flexures, how they change, and where the tip is.
+"""A robot as Pinocchio models it, rigid or with a free-flyer wherever it may give, and what the models are asked.
 
-Everything is in the generalized velocities of the flexible model: a motion has the twists of the flexures, exponential
-coordinates, among zeros for the joints, and a torque is minus the loads that deform them. So nothing is gathered where
-an equilibrium is found.
+The models are built joint by joint from the validated data rather than from edited URDF text: every position is one
+number (Pinocchio reads a continuous joint as a cosine and a sine), numbers are parsed once, and joints keep the
+chain's order. `tests/referee/test_robot.py` holds the result against Pinocchio's own URDF reader.
+
+Asked are the loads on the flexures, how they change, and where the tip is. Everything is in the generalized velocities
+of the flexible model: a motion has the twists of the flexures, exponential coordinates, among zeros for the joints, and
+a torque is minus the loads that deform them. So nothing is gathered where an equilibrium is found.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple, Protocol
 
@@ -15,8 +20,10 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.errors import UnsupportedError
 from armflex.mechanics.laws import LawStack, PlacedLaws
-from armflex.robot import FlexModel
+from armflex.robot import Corrections, Robot, Site
+from armflex.robot.urdf import MOVING, Joint
 from armflex.rows.wrench import Wrench, same_objects, wrenches_in
 
 gravity, static_torque, rnea, integrate = (
@@ -34,6 +41,121 @@ log3, dot, BASE_AXES = pin.log3, np.dot, pin.LOCAL_WORLD_ALIGNED
 
 BASE = np.eye(4)
 NOTHING_KNOWN: Mapping[str, Array] = {}
+
+MAX_FREEDOMS = 1000
+"""Joints and six times the flexures; Pinocchio's workspace grows with the cube of it (3500 take 22 s to make)."""
+
+
+@dataclass(frozen=True)
+class FlexModel:
+    """A Pinocchio model and where its parts are.
+
+    Attributes:
+        model: Shared read-only; each thread makes its own `pin.Data`.
+        neutral: (nq_model,) configuration with all joints and flexures at zero.
+        q_index: (nq,) place of each joint position in the configuration.
+        v_index: (nq,) place of each joint velocity.
+        flexure_v: (6 n,) places of the flexures' twists, in the order of the sites.
+        tip: Frame id of the tip link.
+        base: Frame id of the base link.
+    """
+
+    model: pin.Model
+    neutral: Array
+    q_index: np.ndarray
+    v_index: np.ndarray
+    flexure_v: np.ndarray
+    tip: int
+    base: int
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links at and beyond the base."""
+        return tuple(frame.name for frame in self.model.frames if frame.type == pin.FrameType.BODY)
+
+    def frame(self, link: str) -> int:
+        """Return the frame id of a link that is known to exist (Pinocchio answers any other name, too)."""
+        return self.model.getFrameId(link, pin.FrameType.BODY)
+
+
+def build_model(
+    robot: Robot,
+    sites: Sequence[Site] = (),
+    payload: pin.Inertia | None = None,
+    corrections: Corrections | None = None,
+) -> FlexModel:
+    """Return the model of a robot with a flexure at every site, several at one joint in series.
+
+    Args:
+        robot: A validated robot.
+        sites: Places of the flexures; names and joints must exist in the robot.
+        payload: Inertia in the tip frame, rigidly fixed to the tip.
+        corrections: Constant errors of the kinematics; none when not given.
+
+    Raises:
+        UnsupportedError: More than `MAX_FREEDOMS` degrees of freedom.
+    """
+    freedoms = len(robot.moving) + 6 * len(sites)
+    if freedoms > MAX_FREEDOMS:
+        raise UnsupportedError(f"{robot.urdf.path}: {freedoms} degrees of freedom, more than {MAX_FREEDOMS}")
+    corrections, model, on_chain = corrections or Corrections(), pin.Model(), {joint.name for joint in robot.chain}
+    model.name, model.gravity.linear = robot.urdf.name, robot.gravity
+
+    def flexed(joint: str | None, parent: int, place: pin.SE3, before: bool = False) -> tuple[int, pin.SE3]:
+        """Add the flexures at a joint; return the Pinocchio joint of what is beyond them, and its place on that."""
+        for site in sites:
+            if site.joint == joint and site.before == before:
+                parent = model.addJoint(parent, pin.JointModelFreeFlyer(), place, _flexure_name(site))
+                place = pin.SE3.Identity()
+        return parent, place
+
+    def jointed(joint: Joint, parent: int, place: pin.SE3) -> tuple[int, pin.SE3]:
+        """Add a joint and the flexures behind it; return the Pinocchio joint and the child link's place on it."""
+        here = place * pin.SE3(joint.rotation, joint.origin) * corrections.frame(joint)
+        parent, here = flexed(joint.name, parent, here, before=True)
+        if joint.kind not in MOVING:
+            return flexed(joint.name, parent, here)
+        if joint.name not in on_chain:
+            return parent, here * joint.motion(robot.locked[joint.name])
+        added = model.addJoint(parent, _joint_model(joint), here * corrections.zero(joint), joint.name)
+        return flexed(joint.name, added, pin.SE3.Identity())
+
+    stack = [(robot.base, *flexed(None, 0, pin.SE3.Identity()))]
+    while stack:
+        link, parent, place = stack.pop()
+        body = corrections.body(link, robot.urdf.links[link].inertial)
+        if body is not None:
+            model.appendBodyToJoint(parent, body, place)
+        model.addFrame(pin.Frame(link, parent, 0, place, pin.FrameType.BODY))
+        stack.extend((joint.child, *jointed(joint, parent, place)) for joint in robot.urdf.children[link])
+    tip = model.getFrameId(robot.tip, pin.FrameType.BODY)
+    if payload is not None:
+        model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
+    joints = [model.joints[model.getJointId(name)] for name in robot.joint_names]
+    starts = [model.joints[model.getJointId(_flexure_name(site))].idx_v for site in sites]
+    return FlexModel(
+        model=model,
+        neutral=pin.neutral(model),
+        q_index=np.array([joint.idx_q for joint in joints]),
+        v_index=np.array([joint.idx_v for joint in joints]),
+        flexure_v=np.array([start + axis for start in starts for axis in range(6)], dtype=int),
+        tip=tip,
+        base=model.getFrameId(robot.base, pin.FrameType.BODY),
+    )
+
+
+def _flexure_name(site: Site) -> str:
+    return f"flexure:{site.name}"  # a prefix, because a flexure may have its joint's name
+
+
+def _joint_model(joint: Joint) -> pin.JointModel:
+    aligned = ("PX", "PY", "PZ") if joint.kind == "prismatic" else ("RX", "RY", "RZ")
+    for axis, name in zip(np.eye(3), aligned, strict=True):
+        if np.array_equal(axis, joint.axis):
+            return getattr(pin, f"JointModel{name}")()
+    if joint.kind == "prismatic":
+        return pin.JointModelPrismaticUnaligned(joint.axis)
+    return pin.JointModelRevoluteUnaligned(joint.axis)
 
 
 class Load(Protocol):

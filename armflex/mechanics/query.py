@@ -16,8 +16,7 @@ from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import COMPILED, ROUNDS, SETTLED, RowSolver, kernel, turned
-from armflex.mechanics.pinocchio_model import Load, LoadCase
-from armflex.robot import build_model
+from armflex.mechanics.pinocchio_model import Load, LoadCase, build_model
 from armflex.rows.wrench import Wrench, check_rows
 
 FLOAT = np.dtype(float)

@@ -14,14 +14,14 @@ Rows are chosen one after the other, then exchanged until none is better (Fedoro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Effect, EffectLaw
 from armflex.linear_gaussian import LinearGaussian
 
 WORTH = 1e-6
@@ -193,7 +193,27 @@ def path(goal: Goal, known: LinearGaussian, rows: Array) -> Array:
     return np.array(reached)
 
 
-def instead(own: Effect, hypothesis: Effect) -> str:
-    """Return what tells two effects apart that move the tip alike."""
-    told = dict.fromkeys(effect.law.instead for effect in (hypothesis, own) if effect.law.instead)
-    return ", or ".join(told) or "measure a second target between the places in question"
+def shows(law: EffectLaw, place: str, levels: Collection[str]) -> str:
+    """Return what shows a law at a place of the arm otherwise, '' where nobody knows.
+
+    `levels` are the places at which a level tells, see `armflex.plan.instruments.levels_tell`.
+    """
+    return law.level if law.level and place in levels else law.instead
+
+
+def instead(own: Effect, hypothesis: Effect, levels: Collection[str] = ()) -> str:
+    """Return what tells two effects apart that move the tip alike.
+
+    Two causes of one motion, at one place about one axis, no watching of it tells apart. `levels` are as for `shows`.
+    """
+    both, places = (hypothesis, own), (hypothesis.location, own.location)
+    one_motion = len({(place.site, place.axis) for place in places}) == 1 and places[0].axis is not None
+    told = dict.fromkeys(
+        shows(one.law, one.location.place, levels) for one in both if not (one_motion and one.law.watched)
+    )
+    told.pop("", None)
+    if told or not one_motion:
+        return ", or ".join(told) or "measure a second target between the places in question"
+    if own.law.loaded != hypothesis.law.loaded:
+        return "carry other payloads in the same poses"
+    return "correct either of them, because they move the arm alike"

@@ -9,15 +9,23 @@ from functools import cached_property
 import numpy as np
 
 from armflex.arm import Arm, Setup
-from armflex.certainty import Certainty
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
-from armflex.estimate.block import Block, parameters_of, places_of
+from armflex.estimate.block import (
+    Block,
+    EffectBlock,
+    LawBlock,
+    amplitude_prior,
+    effect_jacobian,
+    law_block,
+    learned_laws,
+    parameters_of,
+    places_of,
+    with_laws,
+)
 from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block, sensor_block
-from armflex.estimate.effect_block import EffectBlock, amplitude_prior, effect_jacobian
 from armflex.estimate.fit import Fit, prior_of
-from armflex.estimate.law_block import LawBlock, law_block, learned_laws, with_laws
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.robust import whitened_regressors
 from armflex.estimate.view import View, look
@@ -25,7 +33,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import FRAMES, ArmParameter, Group, ParameterKind, numbers_of
+from armflex.parameters import FRAMES, ArmParameter, Certainty, Group, ParameterKind, numbers_of
 from armflex.plan.offer import Offer
 from armflex.readings import Readings
 from armflex.readings.instrument import Instrument
@@ -248,9 +256,7 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     frames = [frame_block(setup)] if arm.measurement.frame == "unknown" else []
     kept = blocks_of(known.parameters, setup, context=offer.view.context)
     assert kept is not None  # some of what is there as a whole
-    sensors = [
-        (name, one) for name, one in arm.sensors.items() if name in {kind.name for kind in offer.view.readings.kinds}
-    ]
+    sensors = [(name, one) for name, one in arm.sensors.items() if name in offer.view.readings.names]
     unknown = [sensor_block(setup, name, ("",)) for name, one in sensors if len(one.free) and not one.found]
     fresh = [*unknown, *_law_blocks(new), *candidates]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)

@@ -15,7 +15,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError, UnsupportedError
-from armflex.estimate.effect_block import EffectBlock, amplitude_prior
+from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.files.effect_file import TEMPERATURE as USUAL_TEMPERATURE
 from armflex.files.effect_file import locations_on, names_of

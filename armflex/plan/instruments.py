@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, did_you_mean, listing
+from armflex.laws.effects.location import BASE
 from armflex.plan.design import Goal
 from armflex.plan.design_model import Model
 from armflex.readings import SENSOR_KINDS, Acceleration, Distance, Encoder, Inclination, Kind, Position, SlideEncoder
@@ -32,6 +33,13 @@ USUAL: dict[str, Usual] = {
 ANCHORS, AWAY, HEIGHTS, FEWER = 8, 0.8, (0.0, 0.6), 5
 """Directions about the base in which anchors are offered, how far and at which heights, in parts of the reach; every so
 many-th of them for a wire to another link than the tip."""
+
+
+LEVELS = (Inclination, Acceleration)
+"""Kinds that read how a link stands to gravity."""
+
+UPRIGHT = 0.1
+"""Angle to gravity [rad] up to which an axis counts as parallel: a level tells less than a tenth of a turn about it."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +106,51 @@ def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
         return tuple(found)
     point = {"point": np.array([0.0, 0.0, 0.1])} if word == "target" else {}
     return tuple(sensor(joint.child, joint.child, point) for joint in arm.robot.moving)
+
+
+def levels_tell(arm: Arm, read: Collection[str]) -> frozenset[str]:
+    """Return the places (joints, 'base') of which a level tells how they turn, and on whose link none is read yet.
+
+    About an axis that stays parallel to gravity nothing tilts: that of a joint which is so at zero, while all joints
+    inboard of it slide or are so, too.
+
+    Args:
+        arm: The arm.
+        read: Names of its sensors that are read.
+    """
+    up = arm.robot.gravity / max(float(np.linalg.norm(arm.robot.gravity)), 1e-300)
+    turn, upright, told = np.eye(3), True, {BASE} if up.any() else set[str]()
+    for joint in arm.robot.chain:
+        turn = turn @ joint.rotation
+        if joint in arm.robot.moving and joint.kind != "prismatic" and up.any():
+            upright = upright and float(np.linalg.norm(np.cross(turn @ joint.axis, up))) < UPRIGHT
+            told |= set() if upright else {joint.name}
+    on = _moved_by(arm)
+    return frozenset(told - {on.get(one.link) for one in _those(arm, read) if issubclass(one.kind, LEVELS)})
+
+
+def unlike(arm: Arm, word: str, read: Collection[str]) -> tuple[Sensor, ...]:
+    """Return the places of `usual` where none of the sensors that are read, by their names, says the same already."""
+    on, known = _moved_by(arm), _those(arm, read)
+
+    def there(sensor: Sensor) -> bool:
+        kinds = LEVELS if sensor.kind in LEVELS else sensor.kind
+        return any(issubclass(one.kind, kinds) and on.get(one.link) == on[sensor.link] for one in known)
+
+    return tuple(one for one in usual(arm, word) if one.kind is Distance or not there(one))
+
+
+def _moved_by(arm: Arm) -> dict[str, str]:
+    """Return by link of the chain the last joint that moves it, 'base' for none."""
+    place, found = BASE, {arm.robot.base: BASE}
+    for joint in arm.robot.chain:
+        place = joint.name if joint in arm.robot.moving else place
+        found[joint.child] = place
+    return found
+
+
+def _those(arm: Arm, names: Collection[str]) -> list[Sensor]:
+    return [one for name, one in arm.sensors.items() if name in names]
 
 
 def choose(

@@ -238,8 +238,16 @@ def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
             return [part for half in np.array_split(some, 2) for part in asked(half)]
         return [some]
 
-    held = asked(np.arange(len(rows)))
+    held: list[np.ndarray] = []
+    for payload in dict.fromkeys(rows.payload):
+        own = np.array([i for i, name in enumerate(rows.payload) if name == payload])
+        first, others = asked(own[:FEW]), own[FEW:]
+        if len(others) and first:
+            held += asked(others)
+        elif len(others):  # too heavy wherever it was tried: each of the others would take long to say the same
+            dropped[next(iter(dropped))] += len(others)
+        held += first
     if not held:
         reasons = listing(f"{count} {reason.replace('_', ' ')}" for reason, count in dropped.items())
         raise InputError(f"no row can be measured: of {len(rows)} offered {reasons}")
-    return np.concatenate(held), dropped
+    return np.sort(np.concatenate(held)), dropped

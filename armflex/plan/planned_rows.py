@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,15 +11,17 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Flag
+from armflex.estimate.block import EffectBlock
 from armflex.estimate.identify import UNDETERMINED, partners_of
+from armflex.files.dh_table import in_dh_words
 from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.shapes import ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, numbered
-from armflex.plan.design import Goal, IOptimal, TOptimal, instead
+from armflex.plan.design import Goal, IOptimal, TOptimal, instead, shows
 from armflex.plan.design_model import CandidateBlock, Model
 from armflex.plan.hypotheses import Hypothesis
-from armflex.plan.instruments import Mounted
+from armflex.plan.instruments import Mounted, levels_tell
 from armflex.plan.offer import Offer, Reach
 from armflex.result import Result
 from armflex.rows import Rows
@@ -55,11 +57,11 @@ class Blind:
     instead: str
 
 
-def blind_spots(model: Model, rows: Array, tip: Array) -> tuple[Blind, ...]:
+def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) -> tuple[Blind, ...]:
     """Return the parameters that stay as uncertain as [prior] has them though all of (N, d, P) rows were measured.
 
     Only those of the arm: neither where the instrument stands nor what is in question. `tip` is the (N, 3, P) change
-    of the tip's position [m] in those rows.
+    of the tip's position [m] in those rows; `levels` are where a level would tell, see `levels_tell`.
     """
     seen = np.tensordot(rows, rows, axes=([0, 1], [0, 1]))
     whole = model.known.with_rows(rows)
@@ -74,7 +76,8 @@ def blind_spots(model: Model, rows: Array, tip: Array) -> tuple[Blind, ...]:
             faint = seen[place, place] < 1.0
             partners = () if faint else partners_of(seen, whole, place, model.names)
             unloaded = faint and block.kind in COMPLIANCE.stands_for
-            how = UNLOADED if unloaded else (law.instead if law is not None else "") or ON_THE_LINK
+            of = block.effect.location.place if isinstance(block, EffectBlock) else model.parameters[place].group.of
+            how = UNLOADED if unloaded else (shows(law, of or "", levels) if law is not None else "") or ON_THE_LINK
             found.append(Blind(model.names[place], float(most[place]), partners, how))
     return tuple(found)
 
@@ -160,10 +163,13 @@ class Plan(Result):
     @cached_property
     def advice(self) -> tuple[str, ...]:
         """What no tip reading tells, and what would: a line for all that the same measurement would tell."""
-        told = list(_between(self))
+        told, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
         for how in dict.fromkeys(one.instead for one in self.blind):
             alike = [one for one in self.blind if one.instead == how]
-            names, more = ", ".join(one.name for one in alike[:MOST_NAMES]), len(alike) - MOST_NAMES
+            names, more = (
+                ", ".join(words.get(one.name, (one.name,))[0] for one in alike[:MOST_NAMES]),
+                len(alike) - MOST_NAMES,
+            )
             names += f", and {more} more" if more > 0 else ""
             most = max(one.moves for one in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
@@ -181,16 +187,17 @@ def _between(plan: Plan) -> tuple[str, ...]:
         f"{hypothesis.candidate.effect.title}{numbered(hypothesis.candidate.number)}" for hypothesis in plan.hypotheses
     ]
     pair, apart = " from ".join(titles), float(plan.goal.shown(plan.reached[-1]))
+    otherwise = instead(one, other, levels_tell(plan.reach.arm, plan.reach.read))
     told: tuple[str, ...] = ()
     if plan.goal.shown(plan.everything) < TOLD:
         read = "No tip reading" if "" in plan.reach.read else "None of these readings"
-        return (f"{read} tells {pair}; instead, {instead(one, other)}.",)
+        return (f"{read} tells {pair}; instead, {otherwise}.",)
     if isinstance(plan.goal, TOptimal) and len(plan.goal.truths) == 1:
         places = np.flatnonzero(plan.goal.truths[0].own)
         true = int(places[0] not in plan.model.place(plan.hypotheses[0].candidate))
         told += (
             f"Were {titles[1 - true]} true, {titles[true]} and what calibration frees would do as well whatever is "
-            f"read; these rows are for the case that it is {titles[true]}. Otherwise, {instead(one, other)}.",
+            f"read; these rows are for the case that it is {titles[true]}. Otherwise, {otherwise}.",
         )
     if apart < TOLD:
         more = int(np.ceil((len(plan.reached) - 1) * (TOLD / max(apart, 1e-9)) ** 2))

@@ -23,7 +23,7 @@ from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exch
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
 from armflex.plan.drive import driven
 from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
-from armflex.plan.instruments import TRACKER, Mounted, choose, offered
+from armflex.plan.instruments import TRACKER, Mounted, choose, levels_tell, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
 from armflex.plan.planned_rows import TOLD, UNKNOWN, Plan, blind_spots
 from armflex.readings import Position, unread
@@ -172,7 +172,7 @@ def plan(
         random=np.array([path(goal, known, every[some]) for some in draws]),
         everything=goal.value(known.with_rows(every)),
         hypotheses=hypotheses,
-        blind=blind_spots(model, every, _tip_rows(before, model, offer)),
+        blind=blind_spots(model, every, _tip_rows(before, model, offer), levels_tell(reach.arm, reach.read)),
         offered=offer,
         uncertainty=_uncertainties(model, _tip_rows(before, model, offer), every, told, seed),
         mounts=mounts,

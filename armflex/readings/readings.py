@@ -37,6 +37,11 @@ class Readings:
         """Numbers of a row, d."""
         return sum(kind.dimension for kind in self.kinds)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the instruments, in order; '' is the one at the tip."""
+        return tuple(dict.fromkeys(kind.name for kind in self.kinds))
+
     @cached_property
     def sigma(self) -> Array:
         """(N, d) one standard deviation of every number [m, rad]; infinite where it was not read."""
@@ -110,8 +115,7 @@ class Readings:
     @cached_property
     def groups(self) -> tuple[slice, ...]:
         """Where the numbers stand that were read together: by the instrument at the tip, and by every sensor."""
-        places = dict.fromkeys(kind.name for kind in self.kinds)
-        ends = {name: [place for kind, place in self.placed if kind.name == name] for name in places}
+        ends = {name: [place for kind, place in self.placed if kind.name == name] for name in self.names}
         return tuple(slice(own[0].start, own[-1].stop) for own in ends.values())
 
     @property
@@ -147,8 +151,7 @@ class Readings:
 
     def scaled(self, *factors: float) -> Readings:
         """Return the readings with all standard deviations times a factor, or (G,) times that of their instrument."""
-        names = list(dict.fromkeys(kind.name for kind in self.kinds))
-        of = dict(zip(names, factors * len(names) if len(factors) == 1 else factors, strict=True))
+        of = dict(zip(self.names, factors * len(self.names) if len(factors) == 1 else factors, strict=True))
         return replace(self, kinds=tuple(kind.scaled(of[kind.name]) for kind in self.kinds))
 
 

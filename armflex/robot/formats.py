@@ -131,7 +131,13 @@ class _Tree:
         self.joints[name] = Joint(name, kind, parent, between, *pose, axis, *limits, None, place, faults)
 
     def robot(self, name: str) -> Urdf:
-        """Return all of them."""
+        """Return all of them.
+
+        Raises:
+            UrdfError: There is none.
+        """
+        if not self.links:
+            raise UrdfError(Place(self.path), f"{name!r} has no links")
         return Urdf(name, self.path, self.links, self.joints, tuple(self.flags), translated=True, gravity=self.gravity)
 
 
@@ -150,6 +156,14 @@ def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
     named = {int(kinds.mjJNT_HINGE): "revolute", int(kinds.mjJNT_SLIDE): "prismatic", int(kinds.mjJNT_BALL): "ball"}
     bodies = [model.body(i).name or f"body{i}" for i in range(model.nbody)]
     joints = [model.joint(i).name or f"joint{i}" for i in range(model.njnt)]
+    sites = [model.site(i).name for i in range(model.nsite)]
+    for kind, names in (("body", bodies), ("joint", joints), ("site", sites)):
+        for key in ("pos", "quat", "axis", "ipos", "iquat", "mass", "inertia"):
+            found = getattr(model, f"{'jnt' if kind == 'joint' else kind}_{key}", None)
+            fine = [] if found is None else (np.abs(found.reshape(len(names), -1)) <= LARGEST).all(axis=1)
+            for i in np.flatnonzero(np.logical_not(fine)):
+                where, numbers = Place(path, lines.get((kind, names[i]), 0)), listing(map(str, np.ravel(found[i])))
+                raise UrdfError(where, f"{kind} {names[i]!r}: {key} is {numbers}, expected finite numbers")
     loops = _loops(mujoco, model, bodies)
     efforts = np.where(model.jnt_actfrclimited, np.abs(model.jnt_actfrcrange).max(axis=1, initial=0.0), np.inf)
     for i in range(model.nu):
@@ -198,8 +212,8 @@ def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
             rest = shift.inverse() if last else pin.SE3.Identity()
             tree.joint(joints[j], kind, ends, at, rest, axis.copy(), limits, where, problem)
             parent, here = child, shift.inverse()
-    for i in range(model.nsite):
-        if (name := model.site(i).name) and name not in tree.links:
+    for i, name in enumerate(sites):
+        if name and name not in tree.links:
             line = lines.get(("site", name), 0)
             tree.link(name, None, line)
             place = pin.SE3(_turn(model.site_quat[i]), model.site_pos[i].copy())

@@ -158,6 +158,61 @@ class Robot:
         return float(sum(np.linalg.norm(joint.origin) for joint in self.chain[turning + 1 :]))
 
 
+@dataclass(frozen=True)
+class Site:
+    """Where something gives: outboard of a joint's motion, in its child frame; the base when `joint` is None.
+
+    With `before` it is the end of the link that the joint ends: inboard of the joint's motion, in its origin frame.
+    """
+
+    name: str
+    joint: str | None
+    before: bool = False
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """Constant errors of the kinematics, found by calibration.
+
+    Attributes:
+        joint_offset: What each joint's true position exceeds the reported one by [rad or m].
+        geometry: (6,) twist of each joint's origin frame, in its own axes [m, rad].
+        bodies: (4,) extra mass of a link [kg], and how far its centre of mass is from the declared one [m].
+    """
+
+    joint_offset: Mapping[str, float] = field(default_factory=dict)
+    geometry: Mapping[str, Array] = field(default_factory=dict)
+    bodies: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def move(self) -> bool:
+        """Whether the rigid arm stands elsewhere than without them."""
+        return any(self.joint_offset.values()) or any(np.any(twist) for twist in self.geometry.values())
+
+    def body(self, link: str, inertial: Inertial | None) -> pin.Inertia | None:
+        """Return the true body of a link, None for one without mass."""
+        extra = self.bodies.get(link, np.zeros(4))
+        nominal = pin.Inertia.Zero()
+        if inertial is not None:
+            # Pinocchio wants exact symmetry and no negative diagonal: rounding would break both, and
+            # `Robot.check_motion` refuses what is negative by more.
+            turned = inertial.turned
+            np.fill_diagonal(turned, np.diag(turned).clip(0.0))
+            nominal = pin.Inertia(inertial.mass, inertial.origin, turned)
+        mass = nominal.mass + float(extra[0])
+        if mass <= 0.0:
+            return None
+        return pin.Inertia(mass, nominal.lever + extra[1:], nominal.inertia)
+
+    def frame(self, joint: Joint) -> pin.SE3:
+        """Return the true origin frame of a joint in its nominal one."""
+        return pin.exp6(pin.Motion(np.asarray(self.geometry.get(joint.name, np.zeros(6)))))
+
+    def zero(self, joint: Joint) -> pin.SE3:
+        """Return the true zero of a moving joint in its origin frame."""
+        return joint.motion(self.joint_offset.get(joint.name, 0.0))
+
+
 def load_robot(
     urdf: str | Path | Urdf,
     tip: str | None = None,

@@ -12,8 +12,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
+from armflex.conventions import covariance_fault
 from armflex.errors import did_you_mean, listing
-from armflex.linear_gaussian import covariance_fault
 
 LARGEST = 1e50
 """Numbers beyond this are taken for a mistake: products of six of them are finite. What must be positive is no smaller

@@ -41,6 +41,10 @@ TOGETHER = 512
 VERDICTS = ("fail", "uncertain", "ok")
 """The worst first."""
 
+FAIL, UNCERTAIN, OK = range(len(VERDICTS))
+HALVES = slice(0, 3), slice(3, 6)
+"""The shift of a displacement, and its turn."""
+
 CLOSEST = 1e-6
 """Fraction of the tolerance below which a peak between samples no longer counts."""
 
@@ -310,32 +314,30 @@ class _Judge:
 
     def judge(self, found: DeflectionBatch, covariance: Array | None, points: Points, reason: np.ndarray) -> _Samples:
         """Return the verdicts on points whose displacements have a (M, 6, 6) covariance."""
-        halves, error = (slice(0, 3), slice(3, 6)), found.displacement
+        error, near = found.displacement, points.target is not None
         if points.target is not None:
             rigid = self.arm.loaded(None)
             error = displaced_from(error, found.rigid_pose, rigid_tips(rigid.nominal or rigid.chain, points.target))
-        sizes = np.stack([np.linalg.norm(error[:, half], axis=1) for half in halves], axis=1)
+        sizes = np.stack([np.linalg.norm(error[:, half], axis=1) for half in HALVES], axis=1)
         sigmas = np.full(sizes.shape, np.nan)
         if covariance is not None:
-            near = points.target is not None
-            each = [length_sigma(error[:, half], covariance[:, half, half], near) for half in halves]
+            each = [length_sigma(error[:, half], covariance[:, half, half], near) for half in HALVES]
             sigmas = np.stack(each, axis=1)
+        # Of the turn only where an angle is asked for; what has no uncertainty is as it is.
         limits = np.array([self.tolerance] if self.angle is None else [self.tolerance, self.angle])
-        size, half_widths = sizes[:, : len(limits)], COVERAGE * np.nan_to_num(sigmas[:, : len(limits)], posinf=np.inf)
-        half_widths = np.minimum(half_widths, ENDLESS * limits)
-        margins = limits - size
-        verdicts = np.where(np.abs(margins) < half_widths, 1, np.where(margins >= 0.0, 2, 0))
-        verdict = np.where(reason == "", verdicts.min(axis=1), 0)
-        most, least = ((size + sign * half_widths) / limits for sign in (1.0, -1.0))
+        size, sigma = sizes[:, : len(limits)], np.nan_to_num(sigmas[:, : len(limits)], posinf=np.inf)
+        half_width = np.minimum(COVERAGE * sigma, ENDLESS * limits)
+        margins, possible = limits - size, reason == ""
+        verdicts = np.where(np.abs(margins) < half_width, UNCERTAIN, np.where(margins >= 0.0, OK, FAIL))
+        verdict = np.where(possible, verdicts.min(axis=1), FAIL)
+        most, least = ((size + sign * half_width) / limits for sign in (1.0, -1.0))
         scores = np.stack([sizes[:, 0] / self.tolerance, most.max(axis=1), least.max(axis=1)], axis=1)
-        scores = np.where((reason == "")[:, None], scores, np.maximum(scores, [0.0, 2.0, 2.0]))
+        scores[~possible, 1:] = np.maximum(scores[~possible, 1:], 2.0)
         cause = np.zeros(len(sizes), dtype=int)
         if self.arm.flexure_names:
-            turned = np.argmin(margins / limits, axis=1) == 1
-            along = np.where(turned[:, None], found.displacement[:, 3:], found.displacement[:, :3])
-            parts = found.contributions
-            parts = np.where(turned[:, None, None], parts[:, :, 3:], parts[:, :, :3])
-            cause = np.argmax((parts @ along[:, :, None])[:, :, 0], axis=1)
+            shares = np.stack([found.shares(half) for half in HALVES], axis=1)
+            worse = np.argmin(margins / limits, axis=1)
+            cause = shares[np.arange(len(shares)), worse].argmax(axis=1)
         badness = (margins / (margins + size)).min(axis=1)
         payload = np.array(points.payload, dtype=object)
         return _Samples(points.time, sizes, sigmas, verdict, cause, scores, badness, payload, reason)

@@ -38,7 +38,7 @@ from armflex.tasks.inverse_kinematics import (
     Corrector,
     Trial,
 )
-from armflex.trajectory import Trajectory, as_trajectory
+from armflex.trajectory import TARGET, Trajectory, as_trajectory
 
 TOGETHER = 1024
 """Rows that are solved together."""
@@ -138,6 +138,7 @@ def compensate(
 ) -> Compensation:
     """Return the trajectory whose deflected tip is where the rigid arm's would have been.
 
+    It says in its `target` where that is: compensated again it stays what it is, and `check` holds it against that.
     Where the arm's effects depend on the rows before, on the side that a joint came from or on play, it is those of the
     compensated rows that count.
 
@@ -163,23 +164,25 @@ def compensate(
     if between is not None and not between > 0.0:
         raise InputError(f"between must be positive, got {between} m")
     trajectory = trajectory.with_constants(arm, covariates or {})
+    again = _aimed_elsewhere(trajectory) if targets is None else ()
+    trajectory = replace(trajectory, target=trajectory.meant if targets is None else None)
     costs = np.ones(len(arm.joint_names)) if weights is None else real_array(weights, "weights")
     if costs.shape != (len(arm.joint_names),) or not (costs > 0.0).all() or not np.isfinite(costs).all():
         raise InputError(f"weights: expected {len(arm.joint_names)} positive numbers")
     scale = np.sqrt(costs.min() / costs)
     poses = _targets(arm, trajectory, targets)
     rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
-    gaps = _gaps(arm, trajectory, moved) if targets is None else None
+    gaps = _gaps(arm, moved) if targets is None else None
     for _ in range(MAX_INSERTIONS):
         if between is None or gaps is None or not (gaps > between).any():
             break
         trajectory = trajectory.with_midpoints(gaps > between)
         poses = _targets(arm, trajectory, None)
         rows, moved = _solve_rows(_Solver(arm, trajectory, match, scale), poses, progress)
-        gaps = _gaps(arm, trajectory, moved)
+        gaps = _gaps(arm, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
     rows, uncertain = _with_sigmas(arm, moved, rows)
-    flags = [*moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows), *uncertain]
+    flags = [*again, *moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows), *uncertain]
     if between is not None and (widest is None or widest > between):
         left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
         text = f"the error halfway between rows {left}; at most {between:g} m was asked"
@@ -193,6 +196,15 @@ def compensate(
         text = f"{len(lost)} of {len(rows)} rows cannot be reached; worst at {place}: {left} mm remain, {worst.reason}"
         raise UnreachableError(text, result)
     return result
+
+
+def _aimed_elsewhere(trajectory: Trajectory) -> tuple[Flag, ...]:
+    """Return a flag where the rows are not where the path is meant to be: it was compensated before."""
+    away = (trajectory.meant != trajectory.q).any(axis=1)
+    if not away.any():
+        return ()
+    text = f"{away.sum()} of {len(away)} rows have joints elsewhere than their {TARGET}_ columns: this path was"
+    return (Flag("compensated", f"{text} compensated before, and is held against where those have the rigid arm"),)
 
 
 def _flags_about(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Sequence[CompensatedRow]) -> Iterator[Flag]:
@@ -303,7 +315,7 @@ def _as_driven(
 def _targets(arm: Arm, trajectory: Trajectory, targets: Sequence[object] | None) -> list[pin.SE3]:
     if targets is None:
         poses = []
-        for i, q in enumerate(trajectory.q):
+        for i, q in enumerate(trajectory.meant):
             with naming(trajectory.where(i)):
                 poses.append(arm.rigid_pose(q))
         return poses
@@ -466,15 +478,15 @@ def _error(pose: pin.SE3, target: pin.SE3) -> Array:
     return np.concatenate([pose.translation - target.translation, turn])
 
 
-def _gaps(arm: Arm, commanded: Trajectory, moved: Trajectory) -> Array:
+def _gaps(arm: Arm, moved: Trajectory) -> Array:
     """Return the (N - 1,) tip error halfway between rows [m], 0 where the payload changes between them."""
-    gaps, known = np.zeros(len(commanded) - 1), moved.prepared(arm)
-    same = [one == other for one, other in pairwise(commanded.payload)]
+    gaps, known = np.zeros(len(moved) - 1), moved.prepared(arm)
+    same = [one == other for one, other in pairwise(moved.payload)]
     rigid = arm.loaded(None)
     for some in in_pieces(np.flatnonzero(same), TOGETHER):
         half = np.full(len(some), 0.5)
-        target = rigid_tips(rigid.nominal or rigid.chain, commanded.between(some, half).q)
         middle = known.between(some, half)
+        target = rigid_tips(rigid.nominal or rigid.chain, middle.meant)
         found = arm.deflection(middle.q, middle.payload, **middle.asked)
         gaps[some] = np.linalg.norm(found.pose[:, :3, 3] - target[:, :3, 3], axis=1)
     return gaps

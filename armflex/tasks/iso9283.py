@@ -32,7 +32,7 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
-from armflex.rows.poses import numbered, same_positions
+from armflex.rows.rows import numbered, same_positions
 from armflex.tasks.predict import predict
 
 CYCLES, POSES = 30, 5

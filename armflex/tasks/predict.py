@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -319,15 +319,18 @@ class _Flags:
 
 def _columns(prediction: Prediction) -> dict[str, list]:
     """Return the columns of a table of predictions."""
-    rows, sigma = prediction.rows, prediction.sigma
+    rows = prediction.rows
+
+    def named(names: Sequence[str], values: Array | None) -> dict[str, list]:
+        """Return (N, k) values by column, blank where there are none."""
+        columns = [[""] * len(rows)] * len(names) if values is None else values.T.tolist()
+        return dict(zip(names, columns, strict=True))
+
     columns: dict[str, list] = {"pose": list(rows.pose), "session": list(rows.session)}
     columns |= {"time": rows.time.tolist(), "payload": list(rows.payload)}
-    columns |= {axis: prediction.position[:, i].tolist() for i, axis in enumerate("xyz")}
-    columns |= {f"pose_r{axis}": prediction.rotation[:, i].tolist() for i, axis in enumerate("xyz")}
-    blank = [""] * len(rows)
-    columns |= {f"sigma_{axis}": blank if sigma is None else sigma[:, i].tolist() for i, axis in enumerate("xyz")}
+    columns |= named("xyz", prediction.position) | named(["pose_rx", "pose_ry", "pose_rz"], prediction.rotation)
+    columns |= named(["sigma_x", "sigma_y", "sigma_z"], prediction.sigma)
     for kind, std in prediction.sensors:
         names = kind.columns(kind.name)
-        columns |= {name: kind.values[:, i].tolist() for i, name in enumerate(names)}
-        columns |= {f"sigma_{name}": blank if std is None else std[:, i].tolist() for i, name in enumerate(names)}
-    return columns | {name: prediction.displacement[:, i].tolist() for i, name in enumerate(TWIST_NAMES)}
+        columns |= named(names, kind.values) | named([f"sigma_{name}" for name in names], std)
+    return columns | named(TWIST_NAMES, prediction.displacement)

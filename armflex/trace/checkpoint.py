@@ -20,7 +20,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import FileError, Place, did_you_mean, listing
-from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.block import EffectBlock
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look

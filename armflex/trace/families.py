@@ -25,7 +25,7 @@ from scipy.optimize import minimize_scalar
 
 from armflex.conventions import Array
 from armflex.errors import listing
-from armflex.estimate.effect_block import EffectBlock
+from armflex.estimate.block import EffectBlock
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.compliance import COMPLIANCE

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.errors import ArmflexError
-from armflex.estimate.effect_block import amplitude_prior
+from armflex.estimate.block import amplitude_prior
 from armflex.estimate.robust import robust_limit
 from armflex.rows.rows import POSE
 from armflex.trace.accept import APART, ENOUGH, MARGIN, Step, null_maximum, prove
@@ -160,17 +160,22 @@ def accepted(state: State, looked: Round, apart: float = APART) -> State | None:
     if apart > APART and not looked.best.candidate.law.physical:
         return None
     if looked.together:  # greedy order misleads: what explains most beside the others is looked at first
-        first = looked.together[0]
-        null = _beyond_chance(state, looked, first)
-        found = None if null is None else _proven(state, looked, _added(state, [first]), null, apart)
+        found = _tried(state, looked, looked.together[0], apart)
         if found is not None:
             return found
-    null = _beyond_chance(state, looked, looked.best)
-    found = None if null is None else _proven(state, looked, _refitted(state, looked, null), null, apart)
+    found = _tried(state, looked, looked.best, apart, shortlist=True)
     if found is None and looked.contender is not None and apart == APART:
-        null = _beyond_chance(state, looked, looked.contender)
-        found = None if null is None else _proven(state, looked, _added(state, [looked.contender]), null, apart)
+        found = _tried(state, looked, looked.contender, apart)
     return found
+
+
+def _tried(state: State, looked: Round, best: Polished, apart: float, shortlist: bool = False) -> State | None:
+    """Return the state with a candidate in it, or with the best of the `shortlist` that it leads; else None."""
+    null = _beyond_chance(state, looked, best)
+    if null is None:
+        return None
+    refitted = _refitted(state, looked, null) if shortlist else _added(state, [best])
+    return _proven(state, looked, refitted, null, apart)
 
 
 def _beyond_chance(state: State, looked: Round, best: Polished) -> float | None:

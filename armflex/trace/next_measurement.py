@@ -24,7 +24,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
 from armflex.plan.design import Truth, instead
-from armflex.plan.instruments import usual
+from armflex.plan.instruments import levels_tell, unlike
 from armflex.readings import Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, LEVEL_OF
@@ -82,7 +82,7 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
     except ArmflexError:  # a mixture of positions that the arm does not hold: no proposal is better than a wrong one
         return ()
     context, told = view.context, []
-    others_read = _with_instruments(state.fit.view)
+    others_read, levels = _with_instruments(state.fit.view), levels_tell(setup.arm, view.readings.names)
     for index, hypothesis in ((i, one) for i, several in enumerate(hypotheses) for one in several[:HYPOTHESES]):
         own, imitated = state.fitted[index], _Imitated.of(state, index, hypothesis)
         pair = f"{own.title}{numbered(state.effects[index].number)} from {hypothesis.title}"
@@ -93,7 +93,7 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
         if sigmas < TELLING and other:
             told.append(f"No more rows like those recorded tell {pair}; {other}.")
         elif sigmas < TELLING:
-            told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, hypothesis)}.")
+            told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, hypothesis, levels)}.")
         else:
             size = f"{said_of(difference, view.readings.unit)} apart, {sigmas:.2g} standard deviations"
             where = f"measure at {_described(own, hypothesis, offer, row)} ({size})"
@@ -105,7 +105,8 @@ def _with_instruments(view: View) -> View:
     """Return some rows of a campaign as instruments would read them that nobody has, each wherever it could be."""
     some = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
     count, known = len(some.rows), view.arm.sensors
-    sensors = {one.name: one for word in SPLITTING for one in usual(view.arm, word) if one.name not in known}
+    places = (one for word in SPLITTING for one in unlike(view.arm, word, view.readings.names))
+    sensors = {one.name: one for one in places if one.name not in known}
     setup = replace(view.setup, arm=replace(view.arm, sensors={**known, **sensors}))
     read = Readings(count, tuple(one.kind.unread(count, one.sigma, one.name) for one in sensors.values()))
     here = replace(some, setup=setup, readings=read, residual=np.zeros((count, read.size)))
@@ -189,18 +190,21 @@ class _Imitated:
         What is open of an instrument itself is found from the same readings.
         """
         after, best = self.seen(view, context) / view.sigma[:, :, None], dict[str, tuple[str, float]]()
+        known = [one for name, one in view.arm.sensors.items() if name not in view.readings.names]
         before = _chi_square(self.known)
         for kind, place in view.readings.placed:
             sensor = view.arm.sensors[kind.name]
             open_of_it = sensor_block(view.setup, kind.name, ("",))
             own = open_of_it.jacobian(view)[:, place] / view.sigma[:, place, None]
             information = np.asarray(block_diag(np.diag(open_of_it.prior**-2.0), self.known.information))
-            known = LinearGaussian(information).with_rows(np.concatenate([own, after[:, place]], axis=2))
-            sigmas = float(np.sqrt(max(_chi_square(known) - before, 0.0)))
+            both = LinearGaussian(information).with_rows(np.concatenate([own, after[:, place]], axis=2))
+            sigmas = float(np.sqrt(max(_chi_square(both) - before, 0.0)))
             word = kind.name.partition("_")[0]
             if sigmas > max(SPLIT, best.get(word, ("", 0.0))[1]):
                 link = "the tip" if sensor.link == view.arm.robot.tip else sensor.link
-                best[word] = SPLITTING[word].format(place=sensor.shaft.joint if sensor.shaft else link), sigmas
+                text = SPLITTING[word].format(place=sensor.shaft.joint if sensor.shaft else link)
+                there = any(one.link == sensor.link and one.kind is sensor.kind for one in known)
+                best[word] = f"another{text[1:]}" if there else text, sigmas
         return tuple(sorted(best.values(), key=lambda one: -one[1]))
 
 

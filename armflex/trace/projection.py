@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.effect_block import largest_motion
+from armflex.estimate.block import largest_motion
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from armflex.arm import Setup
 from armflex.conventions import Array
-from armflex.estimate.block import Block
+from armflex.estimate.block import Block, EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import Calibration
-from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.robust import row_weights
 from armflex.estimate.view import View, look

@@ -19,7 +19,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
-from armflex.estimate.effect_block import amplitude_prior
+from armflex.estimate.block import amplitude_prior
 from armflex.estimate.fit import THOROUGH, Fit
 from armflex.estimate.held_out import errors_of, held_out, judged_by, near, pose_folds
 from armflex.estimate.robust import huber_weights, robust_limit

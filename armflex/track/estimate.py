@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
-from armflex.conventions import Array
-from armflex.linear_gaussian import root_of_covariance
+from armflex.conventions import Array, root_of_covariance
 from armflex.readings.chance import outlier_limit
 
 GROSS = 100.0

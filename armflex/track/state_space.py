@@ -9,17 +9,15 @@ from functools import cached_property
 import numpy as np
 
 from armflex.arm import Arm, Setup
-from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import InputError
-from armflex.estimate.block import Block, parameters_of
+from armflex.estimate.block import Block, learned_laws, parameters_of, with_laws
 from armflex.estimate.blocks import blocks_of, declared_blocks, sensor_block
 from armflex.estimate.fit import realise
-from armflex.estimate.law_block import learned_laws, with_laws
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.view import look, untold_shifts
 from armflex.laws.effects.in_arm import derived_directions
-from armflex.parameters import FRAME, OF_SESSION, TARGET, ArmParameter, Group, ParameterKind, of_law
+from armflex.parameters import FRAME, OF_SESSION, TARGET, ArmParameter, Certainty, Group, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
 from armflex.track.estimate import Seen
 from armflex.track.reading import Reading, as_row

@@ -240,7 +240,8 @@ def page(found: dict[str, Shown], records: Records, folder: Path) -> str:
         lines += [f"| parameters | {'<br>'.join(map(parameter, parameters))} |"]
         lines += [f"| needs | {needs(law, one)} |"]
         if law.instead:
-            lines += [f"| told otherwise | {law.instead} |"]
+            tilts = f"; where gravity turns with the joint, {law.level}" if law.level else ""
+            lines += [f"| told otherwise | {law.instead}{tilts} |"]
         if one:
             draw(one, folder / f"{name}.png")
             alike = (

@@ -51,7 +51,7 @@ FURTHER = (
         "estimate.draw.draw_arms",
     ),
     *("trace.findings.Trace", "tasks.iso9283.PosePerformance", "measured.points.read_points"),
-    *("measured.repeats.repeats", "measured.repeats.Repeats", "rows.poses.pose_groups", "rows.poses.leaked"),
+    *("measured.repeats.repeats", "measured.repeats.Repeats", "rows.rows.pose_groups", "rows.rows.leaked"),
     *("plan.planned_rows.Plan", "plan.picture.draw_plan", "track.watch.Change"),
     *("measured.joint_data.JointData", "bench.training.TrainResult"),
     *("tasks.workspace.WorkspaceMap", "tasks.workspace.draw_map", "tasks.workspace.read_map"),

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex import Arm
-from armflex.robot import build_model
+from armflex.mechanics.pinocchio_model import build_model
 
 TURN = 1e-3
 """How long a call's turn lasts [s]: long enough to fill the caches anew, short enough to be seldom interrupted."""

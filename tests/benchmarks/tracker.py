@@ -21,9 +21,9 @@ from baseline import machine, medians_us, rigid_baseline
 from boom import Boom, make_boom
 
 from armflex import Arm, Reading, Tracker
-from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.learned import Learning, learned_law, seen_in
+from armflex.parameters import Certainty
 from armflex.readings.instrument import Instrument
 
 GOAL, CALLS, POSES, SIGMA = 500, 5000, 64, 2e-4

@@ -18,8 +18,8 @@ from support.structures import BEAM
 from support.two_links import PAYLOADS
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
+from armflex.estimate.block import EffectBlock
 from armflex.estimate.calibrate import write_calibrated
-from armflex.estimate.effect_block import EffectBlock
 from armflex.measured.measurements import Measurements
 
 SLIDING = joint("lift", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 0, 1), kind="prismatic")

@@ -23,7 +23,7 @@ from armflex import Reading, Tracker, load_arm, load_law, map_workspace, save_la
 from armflex.arm import Arm
 from armflex.errors import FileError, ModelFileError
 from armflex.estimate.bootstrap import FORM
-from armflex.files.certainty_table import LAYOUT as COVARIANCE
+from armflex.files.calibration_table import LAYOUT as COVARIANCE
 from armflex.laws.law import Row
 from armflex.laws.law_file import TrainedLaw
 from armflex.storage.array_file import read_arrays, write_arrays

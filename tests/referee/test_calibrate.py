@@ -25,7 +25,6 @@ from armflex import (
     read_trajectory,
     total_covariance,
 )
-from armflex.certainty import Certainty
 from armflex.cli.calibrate_command import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
@@ -35,6 +34,7 @@ from armflex.estimate.fit import prior_of, realise
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.joint.linear import LinearFit
+from armflex.parameters import Certainty
 
 pytestmark = pytest.mark.slow
 

@@ -14,11 +14,11 @@ from support.plant import Push, State
 from support.three_joint_plant import ARM, SIGMA
 
 from armflex import Arm, Reading, Tracker, calibrate, plan, predict, read_measurements, trace
-from armflex.certainty import Certainty
 from armflex.errors import InputError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.files.effect_file import effect_table
+from armflex.parameters import Certainty
 from armflex.readings.instrument import Instrument
 from armflex.show.report import write_report
 from armflex.trace.findings import Trace, write_traced

@@ -16,7 +16,8 @@ from lxml import etree
 from support.small_arms import ROBOTS
 
 from armflex.errors import UrdfError
-from armflex.robot import FlexModel, Robot, Site, build_model, load_robot
+from armflex.mechanics.pinocchio_model import FlexModel, build_model
+from armflex.robot import Robot, Site, load_robot
 from armflex.robot.urdf import MOVING
 
 

@@ -21,7 +21,7 @@ from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
 from armflex.plan.design import instead
-from armflex.rows.poses import pose_groups
+from armflex.rows.rows import pose_groups
 from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.findings import Trace, write_traced

@@ -11,11 +11,11 @@ import pytest
 from support.tracking import SIGMA, error, followed, in_base, measured
 
 from armflex import Arm, Reading, Tracker, calibrate
-from armflex.certainty import Certainty
 from armflex.errors import MissingCovariateError
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
+from armflex.parameters import Certainty
 from armflex.readings.instrument import Instrument
 from armflex.track.state_space import Model, Sight, model_of
 

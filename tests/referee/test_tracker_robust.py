@@ -12,8 +12,8 @@ from support.tracking import SIGMA, error, followed, shifted
 
 from armflex import Arm, Tracker, load_arm
 from armflex.arm import Prior
-from armflex.certainty import Certainty
 from armflex.errors import InputError, JointLimitError, UnknownNameError
+from armflex.parameters import Certainty
 from armflex.track.estimate import Seen, absorb, estimate_of, innovation, take, widen
 from armflex.track.state_space import model_of
 

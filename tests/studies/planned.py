@@ -26,9 +26,9 @@ from support.plant import Array, Plant, Push, Rows, State, apply, pose, turn
 from support.undeclared import AXES
 
 from armflex import Arm, Measurements, Trajectory, calibrate, load_arm, plan, predict, read_measurements, write_plan
+from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess
-from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import fit
 from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian

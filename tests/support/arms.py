@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from armflex import Arm, Flexure, load_arm
-from armflex.robot.model import Corrections
+from armflex.robot import Corrections
 from support.bench import some_law
 from support.small_arms import ROBOTS, arm_of, joint, link, three_joints
 

@@ -15,7 +15,7 @@ ROOMS = (
     *("robot", "rows", "readings"),
     *("laws", "laws.effects"),
     "mechanics",
-    *("parameters", "certainty", "arm", "configurations", "files"),
+    *("parameters", "arm", "configurations", "files"),
     *("measured", "trajectory"),
     "estimate",
     *("bench", "plan", "track", "trace"),

@@ -185,6 +185,8 @@ class EffectLaw(ABC):
         name: As files name it; 'unnamed_' and more where `shape` is their name for it.
         words: For people.
         instead: What shows it by other means than more rows of the same kind; '' where nobody knows.
+        level: What is said in its stead where gravity turns with the joint: what a level shows of it.
+        watched: Whether both only watch what moves, which does not tell two causes of one motion apart.
         plausible: How large it is on machines that work.
         places: Where it makes sense.
         amplitudes: Linear parameters.
@@ -210,6 +212,8 @@ class EffectLaw(ABC):
     name: str
     words: Words
     instead: str = ""
+    level: str = ""
+    watched: bool = False
     plausible: Plausible = Plausible(0.015, 0.01, "what moves further is seen with the naked eye")
     places: Callable[[Records], Iterable[Location]]
     amplitudes: tuple[Amplitude, ...]

@@ -7,7 +7,7 @@ import numpy as np
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
+from armflex.laws.effects.shapes import OVER_ITS_RANGE, SECOND_ENCODER, at_drives, on_drive, own_position
 
 
 def _places(records: Records) -> list[Location]:
@@ -18,7 +18,9 @@ def _places(records: Records) -> list[Location]:
 ENCODER_ECCENTRICITY = TwistLaw(
     name="encoder_eccentricity",
     words=Words("encoder eccentricity", "the error turns with the joint", "A sin q + B cos q"),
-    instead=OVER_ITS_RANGE,
+    instead=SECOND_ENCODER,
+    level=OVER_ITS_RANGE,
+    watched=True,
     plausible=Plausible(0.001, 0.003, "a disc that is 0.05 mm off its axis at 20 mm of radius"),
     places=_places,
     amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),

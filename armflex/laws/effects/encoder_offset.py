@@ -8,7 +8,9 @@ from armflex.laws.effects.shapes import at_drives, on_drive
 ENCODER_OFFSET = TwistLaw(
     name="encoder_offset",
     words=Words("encoder offset", "the joint stands beside where it is said to stand", "constant"),
-    instead="level the joint's link with an inclinometer",
+    instead="measure the joint's link in the base frame, by marks on both or a wire from a known anchor",
+    level="level the joint's link with an inclinometer",
+    watched=True,
     plausible=Plausible(0.005, 0.01, "zeroed at a mark by eye"),
     places=at_drives,
     amplitudes=(Amplitude("offset", "{m}"),),

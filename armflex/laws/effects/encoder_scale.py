@@ -1,12 +1,14 @@
 """Encoder scale: eps (q - q0); q0 is an encoder offset, which calibration has, and is taken as zero."""
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import OVER_ITS_RANGE, at_drives, on_drive, own_position
+from armflex.laws.effects.shapes import OVER_ITS_RANGE, SECOND_ENCODER, at_drives, on_drive, own_position
 
 ENCODER_SCALE = TwistLaw(
     name="encoder_scale",
     words=Words("encoder scale", "the joint moves further than is said, or less", "scale · (q − q₀)"),
-    instead=OVER_ITS_RANGE,
+    instead=SECOND_ENCODER,
+    level=OVER_ITS_RANGE,
+    watched=True,
     plausible=Plausible(0.002, 0.005, "a tooth in a thousand, or a belt that stretches"),
     places=lambda records: at_drives(records, "q_{joint}"),
     amplitudes=(Amplitude("scale", "1"),),

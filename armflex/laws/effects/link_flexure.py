@@ -10,6 +10,7 @@ LINK_FLEXURE = TwistLaw(
     name="link_flexure",
     words=Words("link flexure", "the link itself bends", "C · w"),
     instead=ON_THE_LINK,
+    watched=True,
     plausible=Plausible(0.015, 0.01, "what gives by more is seen with the naked eye, and declared"),
     places=lambda records: singly_and_together(records.links, *turning_terms(3, 6)),
     amplitudes=(

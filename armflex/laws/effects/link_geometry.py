@@ -10,6 +10,7 @@ LINK_GEOMETRY = TwistLaw(
     name="link_geometry",
     words=Words("link geometry correction", "the link is otherwise than drawn", "constant twist"),
     instead=ON_THE_LINK,
+    watched=True,
     plausible=Plausible(0.005, 0.01, "what is built a cm off its drawing is measured again"),
     places=lambda records: singly_and_together(records.links, (0, 1, 2), (3, 4, 5)),
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),

@@ -23,6 +23,7 @@ ROUNDING = 1e-9
 """Share of a joint's largest load below which a load along another of its axes is rounding."""
 
 BY_HAND = "push the joint to and fro with its brake on, because play gives without force and wind-up springs back"
+SECOND_ENCODER = "compare the joint's encoder with a second one over the joint's range"
 OVER_ITS_RANGE = "compare the joint's encoder with a second one or an inclinometer on its link over the joint's range"
 ON_THE_LINK = "measure a second target on the link"
 ON_THE_FLOOR = "measure fixed targets on the floor in every session"

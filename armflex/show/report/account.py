@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from armflex.estimate.identify import parameters
+from armflex.files.dh_table import in_dh_words
 from armflex.parameters import ParameterKind
 from armflex.readings import Position
 from armflex.show.report import cover, effect_figures, figures, summary
@@ -72,21 +73,22 @@ def _parameters(trace: Trace) -> SimpleNamespace:
         [one for one in parameters(fit) if np.isfinite(one.prior) and one.kind not in own]
         for fit in (trace.before, trace.state.fit)
     )
-    nothing = "nothing in particular: the readings do not depend on it"
+    nothing, called_in = "nothing in particular: the readings do not depend on it", in_dh_words(trace.arm.robot)
     return SimpleNamespace(
         all=cover.parameter_rows(trace.arm, parameters(trace.state.fit)),
-        pulls=figures.pulls(before, after, bool(trace.found)) if after else "",
+        pulls=figures.pulls(before, after, bool(trace.found), called_in) if after else "",
         moved=tuple(
             (
-                one.name,
-                measure(one.value, one.std, one.unit),
-                measure(one.prior, None, one.unit),
+                *cover.changed(one, called_in),
+                f"{100.0 * one.prior:.3g} %"
+                if one.kind is ParameterKind.COMPLIANCE
+                else measure(one.prior, None, one.unit),
                 f"{abs(one.pull):.1f}",
             )
             for one in after
             if one.surprising
         ),
-        undetermined=tuple((one.name, ", ".join(one.trades_against) or nothing) for one in after if not one.determined),
+        undetermined=cover.trades(trace.arm, [one for one in after if not one.determined], nothing),
     )
 
 

@@ -6,7 +6,7 @@ The cover is one printed sheet: what was found, how large the error is, from whi
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from types import SimpleNamespace
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ from armflex.estimate import Calibration
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.view import View
+from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Position, Readings
@@ -156,20 +157,34 @@ def parameter_rows(arm: Arm, found: Sequence[FittedParameter]) -> Table:
 
     A compliance changes by a factor; what it is now is said as a stiffness, of the axis by itself.
     """
-    rows = []
+    rows, words = [], in_dh_words(arm.robot)
     for one in found:
         if one.kind in (*FRAMES, ParameterKind.LAW, ParameterKind.EFFECT, ParameterKind.UNEXPLAINED):
             continue
+        name, change = changed(one, words)
         if not one.determined:
-            rows.append((one.name, "not determined by these readings", ""))
-        elif one.kind is ParameterKind.COMPLIANCE:
-            factor = np.exp(one.value)
-            change = f"{with_std(100.0 * (factor - 1.0), 100.0 * factor * one.std)} %".replace("-", "−")
-            change = change if one.value < 0.0 else f"+{change}"
-            rows.append((one.name, f"compliance {change}", stiffness(arm, one)))
+            rows.append((name, "not determined by these readings", ""))
         else:
-            rows.append((one.name, signed(one.value, one.std, one.unit), ""))
+            rows.append((name, change, stiffness(arm, one) if one.kind is ParameterKind.COMPLIANCE else ""))
     return tuple(rows)
+
+
+def changed(one: FittedParameter, words: Mapping[str, tuple[str, float]]) -> tuple[str, str]:
+    """Return a parameter's name, see `in_dh_words`, and its change: '×1.50 ± 0.03' of a compliance, else a length or
+    an angle with its sign.
+    """
+    name, sign = words.get(one.name, (one.name, 1.0))
+    if one.kind is not ParameterKind.COMPLIANCE:
+        return name, signed(sign * one.value, one.std, one.unit)
+    factor = float(np.exp(one.value))
+    return name, f"×{with_std(factor, factor * one.std)}"
+
+
+def trades(arm: Arm, found: Sequence[FittedParameter], nothing: str) -> Table:
+    """Return the names of parameters, and of what each can be exchanged for; `nothing` where that is nothing."""
+    words = in_dh_words(arm.robot)
+    named = ([words.get(name, (name,))[0] for name in (one.name, *one.trades_against)] for one in found)
+    return tuple((name, ", ".join(others) or nothing) for name, *others in named)
 
 
 def stiffness(arm: Arm, one: FittedParameter) -> str:
@@ -227,9 +242,7 @@ def calibration_account(found: Calibration) -> SimpleNamespace:
         parameters=parameter_rows(found.arm, found.parameters),
         points=points(measurements, rows, now, before, left) if placed else [],
         point_head=POINT_HEAD,
-        undetermined=tuple(
-            (one.name, ", ".join(one.trades_against) or "moves the readings too little") for one in found.undetermined
-        ),
+        undetermined=trades(found.arm, found.undetermined, "moves the readings too little"),
         by_kind=tuple(
             (kind.title, *(f"{short(size * SHOWN[kind.unit][1])} {SHOWN[kind.unit][0]}" for size in sizes))
             for kind, *sizes in found.by_kind

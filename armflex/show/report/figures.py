@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -179,10 +179,21 @@ def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
     return inline(figure, "Where the unexplained variance points")
 
 
-def pulls(before: Sequence[FittedParameter], after: Sequence[FittedParameter], both: bool) -> str:
-    """Return the parameters that moved most against their priors: before and after, or after alone."""
+def pulls(
+    before: Sequence[FittedParameter],
+    after: Sequence[FittedParameter],
+    both: bool,
+    words: Mapping[str, tuple[str, float]],
+) -> str:
+    """Return the parameters that moved most against their priors: before and after, or after alone.
+
+    `words` are those of `in_dh_words`.
+    """
     earlier = {parameter.name: abs(parameter.pull) for parameter in before}
-    pairs = [(one.name, earlier.get(one.name, abs(one.pull)), abs(one.pull)) for one in after]
+    named = [words.get(one.name, (one.name,))[0] for one in after]
+    pairs = [
+        (name, earlier.get(one.name, abs(one.pull)), abs(one.pull)) for name, one in zip(named, after, strict=True)
+    ]
     chosen = sorted(pairs, key=lambda row: -max(row[1:]))[:MOST_PULLS][::-1]
     place = np.arange(len(chosen))
     figure, (panel,) = canvas(7.6, 0.6 + 0.27 * max(len(chosen), 3))

@@ -9,13 +9,12 @@ import pytest
 from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm, predict, read_measurements
-from armflex.certainty import Certainty
 from armflex.errors import InputError
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import first_guess
 from armflex.laws.effects import CATALOGUE, Effect, Location
-from armflex.parameters import ArmParameter, Group, ParameterKind, of_effect
+from armflex.parameters import ArmParameter, Certainty, Group, ParameterKind, of_effect
 from armflex.readings.instrument import Instrument
 
 TARM = ROBOTS / "tarm_like"

@@ -19,13 +19,12 @@ from support.plant import Campaign, Plant
 from support.small_arms import arm_of, joint, link, one_joint, robot, three_joints
 
 from armflex import Arm, Flexure, calibrate, load_arm, read_measurements
-from armflex.certainty import Certainty
 from armflex.export.sheet import export
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.joint.linear import LinearLaw
-from armflex.parameters import ParameterKind, of_compliance, of_effect, of_motions, of_offsets
+from armflex.parameters import Certainty, ParameterKind, of_compliance, of_effect, of_motions, of_offsets
 from armflex.robot import Corrections, load_robot
 
 FORMS = ("dh_standard", "dh_modified")

@@ -13,7 +13,7 @@ from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm
 from armflex.errors import ArmFileError
-from armflex.files.certainty_table import LAYOUT
+from armflex.files.calibration_table import LAYOUT
 from armflex.storage.array_file import write_arrays
 
 LABELS = ("joint_offset A1", "joint_offset A2", "joint_offset A3")

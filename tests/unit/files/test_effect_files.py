@@ -17,9 +17,9 @@ from support.effect_arms import BACKLASH, TEXT, arm_and, arm_with, context, loca
 from armflex import Arm, Measurements, Payload, calibrate, predict, read_measurements, total_covariance, trace
 from armflex.errors import ArmFileError, ExtrapolationError, MissingCovariateError, UnsupportedError
 from armflex.estimate import Calibration
+from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
-from armflex.estimate.effect_block import EffectBlock, amplitude_prior
 from armflex.estimate.posterior import certainty_of
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect

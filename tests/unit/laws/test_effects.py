@@ -18,7 +18,7 @@ from armflex import Arm, Trajectory
 from armflex.arm import Setup
 from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
-from armflex.estimate.effect_block import EffectBlock, amplitude_prior
+from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.view import look
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY

@@ -19,13 +19,12 @@ from support.learned_laws import DECLARED, LOADS, ROW, SIZE, compliance, moved, 
 from support.small_arms import central_difference
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements, total_covariance
-from armflex.certainty import Certainty
 from armflex.cli.main import armflex
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.estimate import Calibration
+from armflex.estimate.block import law_block, with_laws
 from armflex.estimate.calibrate import first_guess, loads_seen, write_calibrated
-from armflex.estimate.law_block import law_block, with_laws
 from armflex.estimate.learn import learned_axes
 from armflex.estimate.sample import sample_laws
 from armflex.estimate.view import look
@@ -34,7 +33,7 @@ from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.law import beyond
 from armflex.laws.learned import LearnedLaw, Learning, learned_law, seen_in
-from armflex.parameters import ArmParameter, Group, ParameterKind
+from armflex.parameters import ArmParameter, Certainty, Group, ParameterKind
 
 
 def ending(law: LearnedLaw, **changed: object) -> LearnedLaw:
@@ -415,6 +414,17 @@ def test_what_learning_never_leaves_is_refused_at_its_line(learned, tmp_path, ke
     (tmp_path / "bad.toml").write_text("\n".join([*lines[:number], f"{key} = {value}", *lines[number + 1 :]]))
     with pytest.raises(ArmFileError, match=rf"bad\.toml:{number + 1}: .*{key}: .*{re.escape(message)}"):
         load_arm(tmp_path / "bad.toml")
+
+
+@pytest.mark.parametrize("size", [-3e5, 3e5])
+def test_a_factor_that_is_no_number_is_refused(learned, tmp_path, size):
+    folder, found = learned
+    path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    text, count = re.subn(r"(?m)^values = \[[^,]+,", f"values = [{size},", path.read_text(), count=1)
+    path.write_text(text)
+    with pytest.raises(ArmFileError, match=r"values: .*logarithm of a factor.*200 either way, got") as caught:
+        load_arm(path)
+    assert count == 1 and text.splitlines()[caught.value.place.line - 1].startswith("values")
 
 
 def test_a_correction_of_a_file_without_energy_fades_by_distance(learned, tmp_path):

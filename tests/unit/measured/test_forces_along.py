@@ -12,7 +12,6 @@ from support.command_line import Run, few_rows, fine, strict_json
 from support.small_arms import ROBOTS
 
 from armflex import Arm, InputError, Wrench, check, compensate, load_arm
-from armflex.certainty import Certainty
 from armflex.cli.main import COMMANDS
 from armflex.cli.options import FILES
 from armflex.errors import TableError
@@ -20,6 +19,7 @@ from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.measured.forces import read_force_table
 from armflex.measured.measurements import read_measurements
+from armflex.parameters import Certainty
 from armflex.trajectory import read_trajectory, write_trajectory
 
 HEAVY = ROBOTS / "heavy_six"

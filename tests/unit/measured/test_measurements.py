@@ -15,7 +15,7 @@ from armflex.errors import TableError
 from armflex.estimate.view import look
 from armflex.measured.data_flags import duplicates
 from armflex.readings.instrument import Instrument
-from armflex.rows.poses import leaked, pose_groups
+from armflex.rows.rows import leaked, pose_groups
 
 
 def renamed(rows: list[dict[str, object]], **names: str) -> list[dict[str, object]]:

@@ -12,8 +12,7 @@ from support.measurement_rows import campaign, written
 
 from armflex import Arm, Measurements, calibrate, read_measurements
 from armflex.errors import AxesError, IdentifiabilityError, Place, UnitError
-from armflex.estimate.placement import check_enough
-from armflex.measured.axes import check_axes
+from armflex.estimate.placement import check_axes, check_enough
 from armflex.measured.repeats import repeats
 
 PLACES = [Place(Path("m.csv"), 2 + i) for i in range(40)]

@@ -89,6 +89,7 @@ def test_a_joined_name_is_whole(heavy: Arm, tmp_path: Path) -> None:
 
 BODY = "\n".join(line(i, f"Main p{i}", " ") for i in range(6))
 REFUSED = {
+    "one coordinate is whole": ("A,tip,p2,101.5,201.25,125", HEAD, {}, "export.txt:4: names cannot be told from num"),
     "no unit": (BODY, "// Frame: World\n", {}, "states no unit: add .*// Unit: mm"),
     "no frame": (BODY, "// Units: mm\n", {}, "states no frame: add .*// Frame: World"),
     "unknown unit": (BODY, "// Units: milimeters\n", {}, "export.txt:1: unit 'milimeters'.*did you mean 'millimeters'"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -320,6 +321,71 @@ def test_a_standard_deviation_that_is_wrong_is_that_of_one_instrument(tmp_path: 
             assert wrong.fit.posterior.std == pytest.approx(right.fit.posterior.std, rel=0.3)
 
 
+def _in_mm(columns: dict[str, list[str]]) -> dict[str, list[str]]:
+    for name in ("ta_x", "ta_y", "ta_z"):
+        _times(name, 1e3)(columns)
+    return {(f"{name}_m" if name.startswith("ta_") else name): cells for name, cells in columns.items()}
+
+
+def _one_for_the_other(columns: dict[str, list[str]]) -> dict[str, list[str]]:
+    other = {"ta": "tb", "tb": "ta"}
+    return {other.get(name[:2], name[:2]) + name[2:]: cells for name, cells in columns.items()}
+
+
+TWO_TARGETS = tuple(
+    TARGET.replace("smr2", name).replace("0.3, 0.05", y) for name, y in (("ta", "0.3, 0.05"), ("tb", "-0.25, 0.1"))
+)
+TWO_LEVELS = tuple(
+    LEVEL.replace("level3", name).replace("link3", on) for name, on in (("ta", "link3"), ("tb", "link5"))
+)
+
+
+@pytest.mark.parametrize(
+    ("instruments", "change", "said"),
+    [
+        (TWO_LEVELS, _one_for_the_other, "columns and those of tb are exchanged"),
+        (TWO_TARGETS, _one_for_the_other, "columns and those of tb are exchanged"),
+        (TWO_TARGETS, _in_mm, "better in mm, not m"),
+    ],
+    ids=["levels", "targets", "mm"],
+)
+def test_one_of_two_instruments_in_other_units_and_two_exchanged_are_named(tmp_path, instruments, change, said) -> None:
+    _, arm, rows = campaign(tmp_path, *instruments)
+    assert not fitted(arm, rows).flags
+    with pytest.raises(ConventionError, match=said):
+        fitted(arm, rewritten(rows, change))
+
+
+def test_values_absurdly_far_from_their_priors_are_flagged(tmp_path: Path) -> None:
+    """Offsets of a milliradian under a prior of a microradian: priors are wrong, or something else is."""
+    _, arm, rows = campaign(tmp_path, tracker=2e-5)
+    right = fitted(arm, rows)
+    assert not any(flag.code == "beyond_priors" for flag in right.flags)
+    arm.write_text(arm.read_text().replace("joint_offset = 1e-3", "joint_offset = 1e-6"))
+    wrong = fitted(arm, rows, anyway=True, as_stated=True)
+    (flag,) = (flag for flag in wrong.flags if flag.code == "beyond_priors")
+    far = sum(abs(one.pull) > 10.0 for one in wrong.parameters)
+    assert far > 3 and flag.text.startswith(f"{far} values are absurdly far from what was declared (joint_offset J")
+    assert re.search(r"joint_offset J\d by \d{2,4} prior standard deviations", flag.text)
+
+
+def test_lost_beams_of_one_instrument_are_no_convention(tmp_path: Path) -> None:
+    """A tenth of a wire's lengths is wrong by decimetres: each is an outlier of the wire, and nothing is suspected."""
+    _, arm, rows = campaign(tmp_path, WIRE, LEVEL)
+    lost = list(range(3, 60, 10))
+
+    def glitched(columns: dict[str, list[str]]) -> None:
+        cells = columns["wire1_mm"]
+        columns["wire1_mm"] = [repr(float(cell) + 200.0 + i) if i in lost else cell for i, cell in enumerate(cells)]
+
+    found = fitted(arm, rewritten(rows, glitched))
+    assert sorted(one.row for one in found.outliers) == lost and {one.instrument for one in found.outliers} == {"wire1"}
+    assert not found.flags and found.left_out == len(lost)
+    right = fitted(arm, rows)
+    off = [abs(one.value - same.value) / same.std for one, same in zip(found.parameters, right.parameters, strict=True)]
+    assert max(off) < 5.0  # Huber's weights leave a bias of lost beams on one side
+
+
 def test_what_no_row_reads_is_said(tmp_path: Path) -> None:
     _, arm, rows = campaign(tmp_path, WIRE, LEVEL, count=20)
     loaded = load_arm(arm)
@@ -338,6 +404,7 @@ def test_columns_and_instruments_go_together(tmp_path: Path) -> None:
         (lambda columns: columns.update(wire2_mm=columns["wire1_mm"]), r"no \[instrument.wire2\], did you mean"),
         (lambda columns: columns.update(sigma_wires=columns["wire1_mm"]), r"sigma_wires"),
         (lambda columns: columns.pop("level3_y_deg") and None, "has no column 'level3_y'"),
+        (lambda columns: columns.update(wire1_mm=["NaN", *columns["wire1_mm"][1:]]), "'NaN', .*: leave the cell empty"),
         (lambda columns: columns.update(level3_x_mm=columns.pop("level3_x_deg")), "'mm' is no unit of inclination"),
         (lambda columns: {name: own for name, own in columns.items() if name[0] not in "wl"}, "no column 'x', 'y'"),
     ):  # fmt: skip
@@ -361,7 +428,7 @@ def test_columns_and_instruments_go_together(tmp_path: Path) -> None:
         (WIRE.replace('"distance"', '"distanze"'), "'distanze' is not known, did you mean 'distance'"),
         (WIRE.replace('"tool"', '"tol"'), r"\[instrument.wire1\] link: the arm has no link 'tol', did you mean 'tool'"),
         (WIRE.replace("[1.6, -1.2, 0.3]", "[1600, -1200, 300]"), "anchor: is 2.02e.03 m from the base.*millimetres"),
-        (WIRE.replace("anchor = [1.6, -1.2, 0.3]\n", ""), r"needs 'anchor'; is 'anchor_std' meant|needs 'anchor'"),
+        (WIRE.replace("anchor = [1.6, -1.2, 0.3]\n", ""), r"needs 'anchor'.* write \[0, 0, 0\] and anchor_std = 2"),
         (WIRE + "bias_std = 1e-3\n", "bias_std: unknown key"),
         (WIRE.replace("sigma = 5e-5", "sigma = 50.0"), "sigma: expected one standard deviation"),
         (LEVEL.replace("mounting_std = 5e-3", "mounting_std = 45.0"), "mounting_std: expected a standard deviation"),

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import textwrap
 from dataclasses import replace
 
 import numpy as np
@@ -26,6 +29,7 @@ from armflex.estimate.draw import draw_arms
 from armflex.laws import LinearLaw
 from armflex.mechanics import deflection as batch_module
 from armflex.mechanics.deflection import DeflectionBatch
+from armflex.mechanics.many_rows import COMPILING
 
 NEAR = 1e-12
 """m and rad; of loads relative to the largest."""
@@ -356,3 +360,19 @@ def test_an_arm_that_is_pulled_at_is_drawn_whole(tmp_path):
     expected = [one.deflection(q).displacement for one in draw_arms(arm, 3, seed=1)]
     np.testing.assert_array_equal(ensemble(arm, q, draws=3, seed=1), expected)
     assert np.ptp(expected, axis=0).max() > 1e-9
+
+
+def test_compiling_is_announced_once() -> None:
+    """A minute without a word looks like a program that hangs; the line is there in a process that has no log."""
+    code = """
+    import numba
+    from numba.core.event import trigger_event
+    from armflex.mechanics.many_rows import kernel
+    compiled = kernel()
+    for compiling in (numba.njit(lambda x: x), compiled.rigid_tips, compiled.rigid_tips):
+        with trigger_event("numba:compile", data={"dispatcher": compiling}):
+            print(compiling.__name__)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["<lambda>", "rigid_tips", "rigid_tips"]
+    assert done.stderr.splitlines() == [COMPILING]

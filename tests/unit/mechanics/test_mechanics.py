@@ -28,8 +28,8 @@ from support.small_arms import (
 from armflex import Arm, Flexure, Payload, Wrench, load_arm
 from armflex.laws import LinearFit, LinearLaw
 from armflex.laws.law import WithoutParameters
-from armflex.mechanics.pinocchio_model import LoadCase
-from armflex.robot import Corrections, build_model, load_robot
+from armflex.mechanics.pinocchio_model import LoadCase, build_model
+from armflex.robot import Corrections, load_robot
 
 G = 9.81
 WEIGHTLESS = np.zeros(3)

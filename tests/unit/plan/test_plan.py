@@ -15,6 +15,7 @@ import pytest
 from studies import planned
 from studies.planned import SIGMA, Machine, declared, rival_study, written
 from support.command_line import Run, few_rows, fine, strict_json
+from support.instruments import ACCELERATION, ENCODER, LEVEL, heavy
 from support.small_arms import ROBOTS, random_compliance, three_joints
 
 from armflex import Arm, InputError, Measurements, load_arm, plan, predict, read_measurements, write_plan
@@ -26,9 +27,10 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.learned import Learning
 from armflex.linear_gaussian import LinearGaussian
-from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
+from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, instead, path, shows
 from armflex.plan.drive import driving_order, motion
 from armflex.plan.hypotheses import named_effect, spelled
+from armflex.plan.instruments import levels_tell, unlike
 from armflex.plan.picture import draw_plan
 from armflex.plan.planned_rows import Plan
 from armflex.rows import Rows
@@ -227,10 +229,47 @@ def test_what_the_instrument_hides_is_said(six: Arm, found: Plan) -> None:
     """The first joint turns the arm as the instrument's frame does; in the base frame its offset shows."""
     blind = {one.name: one for one in found.blind}
     assert "joint_offset J1" in blind and any("instrument" in name for name in blind["joint_offset J1"].partners)
-    assert any("joint_offset J1" in line and "inclinometer" in line for line in found.advice)
+    level = next(line for line in found.advice if "inclinometer" in line)
+    assert "joint_offset J6" in level and "joint_offset J1" not in level  # whose axis is upright: nothing tilts
+    assert any("joint_offset J1" in line and "in the base frame" in line for line in found.advice)
     assert blind["compliance J1 rz"].moves < 1e-4 and not blind["compliance J1 rz"].partners
     seen = plan(replace(six, measurement=Measurement("base")), 6)
     assert "joint_offset J1" not in {one.name for one in seen.blind}
+
+
+def test_a_level_is_advised_where_it_tells_and_none_is_yet(six: Arm, tmp_path: Path) -> None:
+    """It sees no turn about an axis that stays upright, and no second one on a link says more than the first."""
+    offset = CATALOGUE["encoder_offset"]
+    assert levels_tell(six, ()) == {"base", "J2", "J3", "J4", "J5", "J6"}
+    hung = replace(six, robot=replace(six.robot, gravity=np.array([9.81, 0.0, 0.0])))
+    assert levels_tell(hung, ()) == {"base", *six.joint_names}
+    assert "inclinometer" in shows(offset, "J1", levels_tell(hung, ()))
+    assert "base frame" in shows(offset, "J1", levels_tell(six, ()))
+    sliding = levels_tell(quietly(BOOM), ())
+    assert "M1" not in sliding and "A1" not in sliding and "A2" in sliding
+    for text in (LEVEL, ACCELERATION.replace("link2", "link3"), LEVEL.replace("link3", "tool")):
+        arm = load_arm(heavy(tmp_path, text))
+        joint = "J6" if "tool" in text else "J3"
+        assert levels_tell(six, ()) - levels_tell(arm, arm.sensors) == {joint}
+        missing = {one.link for one in unlike(six, "level", ())} - {
+            one.link for one in unlike(arm, "level", arm.sensors)
+        }
+        assert len(missing) == 1 and len(unlike(arm, "wire", arm.sensors)) == len(unlike(six, "wire", ()))
+    arm = load_arm(heavy(tmp_path, ENCODER))
+    assert "encoder_J2" not in {one.name for one in unlike(arm, "encoder", arm.sensors)}
+    assert {one.name for one in unlike(arm, "encoder", ())} >= {"encoder_J2", "encoder_J3"}
+
+
+def test_two_causes_of_one_motion_are_told_by_no_reading_of_it(six: Arm) -> None:
+    """An encoder beside the joint's, or a level, sees what turns it, not why."""
+    levels = levels_tell(six, ())
+    scale, cables, other = (
+        named_effect(text, six, ()) for text in ("encoder_scale:J2", "dress_pack:J2", "encoder_scale:J3")
+    )
+    assert instead(scale, cables, levels) == "repeat a few poses with the dress pack untied"
+    assert "inclinometer" in instead(other, cables, levels) and "untied" in instead(other, cables, levels)
+    softer = named_effect("compliance:J2:ry", six, ())
+    assert "other payloads" in instead(scale, softer, levels)
 
 
 @pytest.mark.slow

@@ -31,7 +31,8 @@ from armflex.errors import (
     UrdfError,
 )
 from armflex.laws import LinearLaw
-from armflex.robot import Site, build_model, load_robot
+from armflex.mechanics.pinocchio_model import build_model
+from armflex.robot import Site, load_robot
 
 
 def test_the_good_file_is_good(tmp_path):

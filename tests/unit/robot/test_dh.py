@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import csv
+import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from support import wire_file
-from support.command_line import fine, run_here
+from support.command_line import fine, run_here, strict_json
 from support.small_arms import ROBOTS
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.errors import ArmFileError, ConventionError, TableError
 from armflex.export.sheet import export as sheet
 from armflex.export.urdf_file import export as urdf
-from armflex.files.dh_table import in_other_form
+from armflex.files.dh_table import in_dh_words, in_other_form
+from armflex.robot import Corrections
 
 MODIFIED = """[robot]
 dh = "modified"
@@ -226,3 +229,84 @@ def test_masses_are_points_and_say_so_where_the_arm_moves(tmp_path: Path) -> Non
     assert "point_masses" not in {flag.code for flag in arm.deflection(q).flags}
     for found in (arm.deflection(q, v=v), arm.deflection(q, a=v), arm.deflection(q[None], v=v[None]).row(0)):
         assert [flag.code for flag in found.flags].count("point_masses") == 1
+
+
+ROWS = {  # theta, d, a, alpha, beta of rows whose numbers are each a twist of a joint's frame by itself, or are not
+    "one": (0.3, 0.4, 0.1, -np.pi / 2, 0.0),
+    "two": (-np.pi / 2, 0.0, 0.3, 0.0, 0.0),
+    "three": (np.pi, 0.2, 0.2, 0.4, 0.0),
+    "four": (0.0, 0.0, 0.1, np.pi / 2, 0.2),
+    "five": (0.7, 0.1, 0.0, 0.1, 0.0),
+}
+NUMBERS = ("theta", "d", "a", "alpha", "beta")
+
+
+@pytest.mark.parametrize("form", ["standard", "modified"])
+def test_geometry_goes_by_the_numbers_of_the_rows(tmp_path: Path, form: str) -> None:
+    """What is called one of them moves the arm as that number does, with its sign."""
+
+    def arm(**more: float) -> Arm:
+        rows = {
+            name: {key: value + more.get(f"{key} of {name}", 0.0) for key, value in zip(NUMBERS, row, strict=True)}
+            for name, row in ROWS.items()
+        }
+        joints = "\n".join(
+            f"{name} = {{ {', '.join(f'{key} = {value!r}' for key, value in row.items())} }}"
+            for name, row in rows.items()
+        )
+        return read(tmp_path, f'[robot]\ndh = "{form}"\n[robot.joint]\n{joints}\n')
+
+    plain, q, small = arm(), np.array([0.2, -0.4, 0.5, 0.3, -0.6]), 1e-6
+    words = in_dh_words(plain.robot)
+    assert {number.partition(" ")[0] for number, _ in words.values()} == set(NUMBERS)
+    assert {sign for _, sign in words.values()} == {1.0, -1.0} and 14 <= len(words) < 30
+    for label, (number, sign) in words.items():
+        _, joint, axis = label.split()
+        twist = sign * small * np.eye(6)[("dx", "dy", "dz", "rx", "ry", "rz").index(axis)]
+        found = replace(plain, corrections=Corrections(geometry={joint: twist})).deflection(q).pose
+        expected = arm(**{number: small}).rigid_pose(q)
+        assert isinstance(found, pin.SE3)
+        assert np.abs(found.homogeneous - expected.homogeneous).max() < 1e-3 * small, (label, number)
+    assert in_dh_words(load_arm(ROBOTS / "heavy_six" / "arm.toml").robot) == {}
+
+
+def test_people_read_numbers_of_rows_and_factors_and_programs_what_files_have(tmp_path: Path) -> None:
+    """A compliance half as large again: x1.5 in the terminal, the plan and on the page, its logarithm in JSON."""
+    text = MODIFIED.replace("[robot]\n", "[robot]\ngravity = [0.0, 0.0, -9.81]\n")
+    text += '[flexure.luff]\njoint = "luff"\ncompliance = [0, 0, 0, 0, 0, SOFT]\n[prior]\ncompliance = 0.5\n'
+    text += 'geometry = 1e-3\n[measurement]\nframe = "base"\n'
+    arm, rng = read(tmp_path, text.replace("SOFT", "3e-5")), np.random.default_rng(0)
+    slewed = replace(arm, corrections=Corrections(geometry={"reach": np.array([2e-3, 0, 0, 0, 0, 0])}))
+    q = rng.uniform([-2.0, -1.0, 0.0], [2.0, 1.0, 0.3], (40, 3))
+    tip = slewed.deflection(q).pose
+    assert isinstance(tip, np.ndarray)
+    cells = np.column_stack([q, tip[:, :3, 3] + rng.normal(0.0, 1e-5, (40, 3)), np.full(40, 1e-5)])
+    header = ",".join([*(f"q_{name}" for name in arm.joint_names), "x,y,z,sigma"])
+    np.savetxt(tmp_path / "rows.csv", cells, delimiter=",", header=header, comments="")
+    read(tmp_path, text.replace("SOFT", "2e-5"))
+    done = fine(
+        run_here(
+            tmp_path, "calibrate", "arm.toml", "rows.csv", "-o", "c.toml", "--json", "c.json", "--report", "c.html"
+        )
+    )
+    (own,) = (line.split() for line in done.stdout.splitlines() if line.strip().startswith("compliance luff rz"))
+    factor, percent = float(own[3].removeprefix("×")), float(own[4])
+    assert abs(factor / 1.5 - 1.0) < 0.03 * percent < 0.5 and own[5] == "%"
+    assert "a of reach" in done.stdout and "geometry reach dx" not in done.stdout
+    told = {one["name"]: one for one in strict_json(tmp_path / "c.json")["parameters"]}
+    logarithm = told["compliance luff rz"]
+    assert logarithm["value"] == pytest.approx(np.log(factor), abs=1e-3) and logarithm["std"] == pytest.approx(
+        0.01 * percent, rel=0.1
+    )
+    assert told["geometry reach dx"]["value"] == pytest.approx(2e-3, rel=0.2)
+    page = (tmp_path / "c.html").read_text()
+    assert (
+        re.search(r"compliance luff rz</td><td>×1\.[3-7]\d ± 0\.\d+<", page)
+        and "a of reach" in page
+        and "geometry reach dx" not in page
+    )
+    planned = fine(run_here(tmp_path, "plan", "arm.toml", "--rows", "4", "-o", "p.csv")).stdout
+    assert "a of reach" in planned and "geometry reach dx" not in planned
+    read(tmp_path, text.replace("SOFT", "2e-5").replace("geometry = 1e-3", "geometry = 0"))
+    planned = fine(run_here(tmp_path, "plan", "arm.toml", "--rows", "4", "-o", "p.csv")).stdout
+    assert re.search(r"compliance luff rz +50 +[\d.]+ +%", planned)

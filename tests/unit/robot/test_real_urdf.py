@@ -30,7 +30,8 @@ from armflex.errors import (
     UnknownNameError,
     UrdfError,
 )
-from armflex.robot import build_model, load_robot
+from armflex.mechanics.pinocchio_model import build_model
+from armflex.robot import load_robot
 
 # Real files stay welcome.
 

@@ -137,6 +137,16 @@ BAD_MJCF = {
         r"MuJoCo cannot read it: .*",
         "",
     ),
+    "endless place": (
+        ('pos="0.3 0 0.8"', 'pos="inf 0 0.8"'),
+        r"body 'boom': pos is inf, 0\.0, 0\.8, expected finite numbers",
+        'name="boom"',
+    ),
+    "endless turn": (
+        ('<inertial pos="0 0 -0.1"', '<inertial pos="0 0 -0.1" quat="inf 0 0 0"'),
+        r"body 'hook': iquat is .*, expected finite numbers",
+        'name="hook"',
+    ),
 }
 
 
@@ -363,6 +373,12 @@ def test_bad_sdf_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
         load_robot(path)
     if mark and name != "no axis":
         assert caught.value.place.line == line_of(path.read_text(), mark)
+
+
+def test_an_sdf_of_no_links_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, '<sdf version="1.7"><link name="base"/><model name="m"></model></sdf>', "arm.sdf")
+    with pytest.raises(UrdfError, match=r"arm\.sdf: 'm' has no links"):
+        load_robot(path)
 
 
 def test_a_good_sdf_is_read(tmp_path: Path) -> None:

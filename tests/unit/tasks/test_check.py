@@ -15,13 +15,13 @@ from scipy.optimize import minimize_scalar
 from support.small_arms import one_joint
 
 from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, compensate, predict
-from armflex.certainty import Certainty
 from armflex.errors import ExtrapolationError, JointLimitError, NotFiniteError, Place
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.laws import AtNode, LinearLaw
 from armflex.laws.joint.linear import LinearFit
 from armflex.mechanics.deflection import length_sigma
+from armflex.parameters import Certainty
 from armflex.robot import Corrections
 from armflex.tasks.check import Point
 from armflex.trajectory import read_trajectory

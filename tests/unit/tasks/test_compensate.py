@@ -14,10 +14,11 @@ import pytest
 from scipy.optimize import lsq_linear, minimize
 from support.small_arms import ROBOTS, arm_of, central_difference, joint, link
 
-from armflex import Arm, InputError, Trajectory, compensate, load_arm, view
+from armflex import Arm, InputError, Trajectory, check, compensate, load_arm, view
 from armflex.errors import JointLimitError, PoseError, ShapeError, SmallDisplacementError, UnreachableError
 from armflex.tasks.compensate import Compensation
 from armflex.tasks.inverse_kinematics import Corrector, Trial
+from armflex.trajectory import write_trajectory
 
 
 def remaining(arm: Arm, commanded: Trajectory, moved: Trajectory) -> np.ndarray:
@@ -117,6 +118,24 @@ def test_the_tip_is_where_the_rigid_arm_would_be(
     assert (left[:, 1].max() < 1e-9) == (match == "pose")
     assert result.ok and not any(row.reason for row in result.rows) and len(result.rows) == len(path)
     assert (result.trajectory.q >= arm.robot.lower).all() and (result.trajectory.q <= arm.robot.upper).all()
+
+
+@pytest.mark.parametrize(("name", "match"), CASES)
+def test_a_path_is_compensated_once(
+    found: dict, name: str, match: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    """The file says where its tip is meant to be, so that neither compensating nor checking it takes it for a path."""
+    arm, path, once = request.getfixturevalue(name), request.getfixturevalue(f"{name}_path"), found[name, match]
+    np.testing.assert_array_equal(once.trajectory.target, path.q)
+    assert not any(flag.code == "compensated" for flag in once.flags)
+    again = compensate(arm, write_trajectory(once.trajectory, tmp_path / "once.csv"), match)
+    np.testing.assert_allclose(again.trajectory.q, once.trajectory.q, atol=1e-8)
+    np.testing.assert_allclose(again.trajectory.target, path.q, atol=1e-12)
+    (told,) = (flag for flag in again.flags if flag.code == "compensated")
+    assert f"{len(path)} of {len(path)} rows" in told.text
+    one, other = check(arm, tmp_path / "once.csv", 1e-3), check(arm, once.trajectory, 1e-3, against=path)
+    np.testing.assert_allclose([p.displacement_m for p in one.rows], [p.displacement_m for p in other.rows], atol=1e-9)
+    assert max(point.displacement_m for point in one.rows) < 1e-8
 
 
 @pytest.mark.parametrize(("name", "match"), CASES)

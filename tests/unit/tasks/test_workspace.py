@@ -27,7 +27,6 @@ from support.effect_arms import arm_with
 from support.small_arms import ROBOTS, arm_of, central_difference, joint, link, one_joint, three_joints
 
 from armflex import Arm, load_arm, map_workspace
-from armflex.certainty import Certainty
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import (
     ConvergenceError,
@@ -42,6 +41,7 @@ from armflex.estimate.draw import draw_arms
 from armflex.laws import LinearLaw, Row
 from armflex.laws.law import WithoutParameters
 from armflex.parallel import WAVE, in_order
+from armflex.parameters import Certainty
 from armflex.show.view.map_page import map_page
 from armflex.tasks.workspace import WorkspaceMap, draw_map, read_map, write_map
 from armflex.tasks.workspace.cells import Tally, cell_indices, cell_numbers, joined

@@ -29,7 +29,7 @@ from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.cli.calibrate_command import as_json as calibrated_json
 from armflex.cli.trace_command import Outputs, as_json, command, print_trace, telling
 from armflex.errors import ConvergenceError, FileError, InputError
-from armflex.files import arm_file, certainty_table
+from armflex.files import arm_file, calibration_table
 from armflex.measured.measurements import Measurements
 from armflex.show.report import render_report
 from armflex.trace.checkpoint import identity, read_checkpoint, restored
@@ -121,7 +121,7 @@ def test_an_unfinished_arm_stays_whole_until_the_next_takes_its_place(
     whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where a large covariance is in a file of its own, and whoever writes is killed between the two."""
-    monkeypatch.setattr(certainty_table, "MOST_ROWS", 5)
+    monkeypatch.setattr(calibration_table, "MOST_ROWS", 5)
     path = tmp_path / "t.toml"
     write_traced(whole.truth.arm, whole.accounts[0], path)
     first = quietly(path)

@@ -15,7 +15,7 @@ from support.stage import few
 from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
-from armflex.estimate.effect_block import LARGEST_MOTION, amplitude_prior
+from armflex.estimate.block import LARGEST_MOTION, amplitude_prior
 from armflex.estimate.fit import moved
 from armflex.estimate.view import look
 from armflex.laws import Row
