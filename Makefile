@@ -29,7 +29,7 @@ $(VENV)/.docs: $(VENV)/.demo
 demo: $(VENV)/.demo
 	$(VENV)/bin/armflex demo
 
-# The daily round: everything that takes less than a second of a processor, and nothing spoilt at random.
+# The daily round: everything that takes less than half a second of a processor, and nothing spoilt at random.
 check: lint $(VENV)/.test
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python -m pytest tests/unit tests/referee -m 'not slow' -n auto --dist worksteal
 

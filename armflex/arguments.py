@@ -10,9 +10,10 @@ from __future__ import annotations
 import ast
 import inspect
 import os
+import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, wraps
-from numbers import Integral, Real
+from numbers import Integral
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -26,7 +27,7 @@ ANYTHING = ("Any", "object", "ArrayLike", "Array", "ndarray", "T")
 """Names that say nothing that could be checked here."""
 
 PLAIN: dict[str, tuple[type | tuple[type, ...], str]] = {
-    "float": (Real, "a number"),
+    "float": ((float, int, np.floating, np.integer), "a number"),
     "int": (Integral, "a whole number"),
     "bool": ((bool, np.bool_), "True or False"),
     "str": (str, "text"),
@@ -82,7 +83,7 @@ def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
     def call(*args: P.args, **kwargs: P.kwargs) -> T:
         try:
             return function(*args, **kwargs)
-        except (TypeError, AttributeError, ValueError, LookupError, StopIteration) as error:
+        except (TypeError, AttributeError, ValueError, LookupError, StopIteration, OverflowError) as error:
             if not isinstance(error, ArmflexError):
                 look(args, kwargs)
             raise
@@ -92,6 +93,8 @@ def checked_kinds(function: Callable[P, T]) -> Callable[P, T]:
 
 def _is(value: Any, wanted: ast.expr) -> bool:
     """Return whether a value is what an annotation says."""
+    if isinstance(value, str) and "\0" in value and {"Path", "Tabular"} & set(map(_name, ast.walk(wanted))):
+        return False  # no system has such a path
     if isinstance(wanted, ast.BinOp):
         return _is(value, wanted.left) or _is(value, wanted.right)
     if isinstance(wanted, ast.Constant):
@@ -126,7 +129,9 @@ def _is_a(value: Any, name: str) -> bool:
         number = name in ("float", "int") and isinstance(value, bool | np.bool_)
         if name == "Tabular" and "DataFrame" in _lineage(type(value)):
             return True
-        return isinstance(value, PLAIN[name][0]) and not number
+        most = {"float": sys.float_info.max, "int": sys.maxsize}.get(name)
+        huge = most is not None and isinstance(value, int) and abs(value) > most  # as Python's may be
+        return isinstance(value, PLAIN[name][0]) and not number and not huge
     return name in _lineage(type(value))
 
 
@@ -135,7 +140,7 @@ def _lineage(kind: type) -> frozenset[str]:
     return frozenset(one.__name__ for one in kind.__mro__)
 
 
-def _name(wanted: ast.expr) -> str:
+def _name(wanted: ast.AST) -> str:
     return wanted.attr if isinstance(wanted, ast.Attribute) else getattr(wanted, "id", "Any")
 
 

@@ -280,13 +280,11 @@ class Arm:
         Where zero is outside a joint's limits it is in the middle between them, with a warning.
         """
         q = self.robot.home.copy()
-        warn(
-            [
-                _not_at_zero(joint, value)
-                for joint, value in zip(self.robot.moving, q, strict=True)
-                if value and joint.name not in joints
-            ]
-        )
+        for joint, value in zip(self.robot.moving, q.tolist(), strict=True):
+            if value and joint.name not in joints:
+                limits = f"[{joint.lower:.6g}, {joint.upper:.6g}]"
+                text = f"joint {joint.name!r}: 0 is outside its limits {limits}; it is taken at {value:.6g}"
+                warn([Flag("not_at_zero", text)])
         for name, value in joints.items():
             if name not in self.joint_names:
                 raise UnknownNameError("joint", name, self.joint_names)
@@ -502,11 +500,6 @@ def other_unit(joint: Joint, value: float) -> str:
     )
     meant = abs(value) > far and joint.lower <= factor * value <= joint.upper
     return f": {unit}? Then say so, {value:.6g}{unit} or a column q_{joint.name}_{unit}" if meant else ""
-
-
-def _not_at_zero(joint: Joint, value: float) -> Flag:
-    limits = f"[{joint.lower:.6g}, {joint.upper:.6g}]"
-    return Flag("not_at_zero", f"joint {joint.name!r}: 0 is outside its limits {limits}; it is taken at {value:.6g}")
 
 
 def warn(flags: Sequence[Flag]) -> None:

@@ -272,7 +272,10 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 def shown(value: object, most: int = 200) -> str:
     """Return a value as it is written in Python, cut after `most` characters."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except Exception:  # what cannot be written: a whole number of thousands of digits, another's own class
+        text = f"<{type(value).__name__}>"
     return text if len(text) <= most else f"{text[:most]} ..."
 
 

@@ -87,7 +87,13 @@ class LinearGaussian:
     @cached_property
     def _axes(self) -> tuple[Array, Array, Array]:
         """(r,) information and (P, r) axes of what is determined, (P, k) axes of the null space; all scaled by S."""
-        size, axes = np.linalg.eigh(self.information * self.scale * self.scale[:, None])
+        scaled = self.information * self.scale * self.scale[:, None]
+        try:
+            size, axes = np.linalg.eigh(scaled)
+        except np.linalg.LinAlgError:  # now and then LAPACK's fast driver does not settle where the plain one does
+            from scipy.linalg import eigh  # not needed to import the package
+
+            size, axes = eigh(scaled, driver="ev")
         told = size > ROUNDING
         return size[told], axes[:, told], axes[:, ~told]
 

@@ -216,6 +216,7 @@ class Trajectory(Result):
         place, via = f"{self.places[i]}: " if self.places else "", f" ({self.via[i]})" if self.via[i] else ""
         return f"{place}row {i}{via} at {self.time[i]:g} s"
 
+    @checked_kinds
     def under(self, table: ForceTable, arm: Arm) -> tuple[Trajectory, tuple[Flag, ...]]:
         """Return the trajectory under loads that depend on how far along the rigid tip's path a row is, and flags.
 
@@ -236,6 +237,7 @@ class Trajectory(Result):
             flags = (*flags, Flag("force_table", text))
         return replace(self, wrenches=(*hung, *table.at(lengths))), flags
 
+    @checked_kinds
     def towards(self, desired: Trajectory) -> Trajectory:
         """Return the trajectory, as `for_arm` orders it, whose flexed tip is meant where `desired` has the rigid tip.
 
@@ -271,6 +273,7 @@ class Trajectory(Result):
         pulled = wrenches_in(self.wrenches, i)
         return {**self.motion(i), "covariates": {"time": self.time[i], **known}, "wrenches": pulled}
 
+    @checked_kinds
     def with_constants(self, arm: Arm, constants: Mapping[str, float]) -> Trajectory:
         """Return the trajectory in the arm's order of joints with further columns that are the same in every row.
 
@@ -315,6 +318,7 @@ class Trajectory(Result):
         """Return row i's (nq,) velocities [rad/s or m/s] and accelerations as `Arm.deflection` takes them."""
         return {"v": None if self.v is None else self.v[i], "a": None if self.a is None else self.a[i]}
 
+    @checked_kinds
     def for_arm(self, arm: Arm) -> Trajectory:
         """Return the trajectory with its columns in the arm's order of joints.
 

@@ -21,11 +21,11 @@ from armflex.bench.network_problem import (
     Scaling,
     Weighted,
     jacobian,
-    least_squares,
     minimise,
     predictions,
     scaled_problem,
     start_weights,
+    sum_of_squares,
 )
 from armflex.conventions import Array
 from armflex.errors import InputError, did_you_mean
@@ -81,7 +81,7 @@ def fit_network(
         precisions = dict(zip(GROUPS, best.precisions.tolist(), strict=True))
         found = {"effective": best.effective, "log_evidence": best.log_evidence}
     else:
-        objective, most = least_squares(problem), iterations or PLAIN_ITERATIONS
+        objective, most = sum_of_squares(problem), iterations or PLAIN_ITERATIONS
         begun = start_weights(problem, starts, seed)
         minima = (minimise(objective, start, most, 1e-9, damping or PAPER) for start in begun)
         weights = min(minima, key=lambda minimum: minimum.cost).weights

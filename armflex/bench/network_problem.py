@@ -205,7 +205,7 @@ class Weighted:
         return gradient + prior * point.weights, matrix
 
 
-def least_squares(problem: NetworkProblem) -> Weighted:
+def sum_of_squares(problem: NetworkProblem) -> Weighted:
     """Return the plain sum of squared scaled errors."""
     return Weighted(problem, np.zeros(problem.count), np.ones(problem.size))
 

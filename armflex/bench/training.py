@@ -145,10 +145,13 @@ def train(
         seconds = {one.name: one.seconds for one in compared} | {CHOICE: time.perf_counter() - began}
         fitted = replace(fitted, parameters={**fitted.parameters, "chosen": best.name, "chosen_in_folds": times})
     else:
-        learn = learner(model, options)
+        learn, folds = learner(model, options), _folds(data, model, options)
+        # What models without weights do is shown beside a network.
+        plain = [one for one in candidates(options) if one.model != "neural"] if model in NETWORKS else []
+        step = _counting(progress, 1 + len(np.unique(folds)) + REPEATS * min(CHOICE_FOLDS, len(data)) * len(plain))
         fitted = learn(data.loads, data.deflections, seed)
-        folds = _folds(data, model, options)
-        held = hold_out(learn, data, folds, seed, _counting(progress, len(np.unique(folds))))
+        step()
+        held = hold_out(learn, data, folds, seed, step)
         if model == "torch":  # its weights say nothing of what they leave open
             module: Any = fitted.law
             fitted = replace(fitted, law=replace(module, noise=held.rms))
@@ -156,11 +159,7 @@ def train(
             trust = "take such laws from people you trust alone. A control loop takes about a millisecond for it"
             text = f"to load this law runs {source}; {trust}"
             flags = (*flags, Flag("runs_code", text))
-        # What models without weights do is shown beside a network.
-        plain = (
-            [candidate for candidate in candidates(options) if candidate.model != "neural"] if model in NETWORKS else []
-        )
-        compared = compare(plain, data, seed)
+        compared = compare(plain, data, seed, step=step)
     errors = (data.deflections - predicted(fitted.law, data.loads)) / data.factors
     train_rms, held_out_rms = np.sqrt((errors**2).mean(axis=0)), held.rms / data.factors
     given = {key: value for key, value in asdict(replace(options, assembly=None)).items() if value is not None}

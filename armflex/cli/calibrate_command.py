@@ -61,8 +61,8 @@ def command(
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
-    with enough_memory(f"{len(measurements)} rows"), progress("calibrating") as tick:
-        found = calibrate(arm, measurements, progress=tick, keep=keep, anyway=anyway)
+    with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
+        found = calibrate(arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway)
     samples = None
     if sample:
         with progress("sampling") as tick:
@@ -183,8 +183,18 @@ def _by_kind(sizes: tuple[Kind, float, float, float]) -> dict[str, Any]:
 
 
 def as_json(found: Calibration) -> dict[str, Any]:
-    """Return a calibration for programs; RMS in mm like that of trace, null where nothing but angles was read."""
-    stages, per = ("declared", "calibrated"), 1e3 if found.fit.view.readings.unit == "m" else None
+    """Return a calibration for programs; RMS in mm like that of trace.
+
+    Where no length was read these are null, and beside them stands what is in the unit that was.
+    """
+    unit = found.fit.view.readings.unit
+    stages, per = ("declared", "calibrated"), 1e3 if unit == "m" else None
+    in_unit = {
+        "unit": unit,
+        "noise_rms": found.noise_rms,
+        "rms": {"declared": found.declared_rms, "calibrated": found.rms},
+        "held_out_rms": found.held_out and dict(zip(stages, found.held_out, strict=True)),
+    }
     told = {
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
@@ -194,6 +204,7 @@ def as_json(found: Calibration) -> dict[str, Any]:
         "held_out_rms_mm": per
         and found.held_out
         and dict(zip(stages, (per * rms for rms in found.held_out), strict=True)),
+        **({} if per else in_unit),
         **({"instruments": [*map(_by_kind, found.by_kind)]} if found.arm.sensors else {}),
         "parameters": [
             {

@@ -12,7 +12,7 @@ from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
 
@@ -37,7 +37,7 @@ def command(
     """
     wrenches = [options.parse_force(text, arm) for text in forces]
     q, arm = options.parse_positions(positions, arm)
-    found = arm.deflection(q, payload, covariates=settled(arm, covariates), wrenches=wrenches, **how)
+    found = arm.deflection(q, payload, covariates=settled_covariates(arm, covariates), wrenches=wrenches, **how)
     covariance, flags = total_covariance(found)
     print_deflection(arm, found, covariance)
 

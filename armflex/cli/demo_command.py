@@ -15,7 +15,7 @@ from armflex.cli import options
 from armflex.cli.check_command import print_check
 from armflex.cli.compensate_command import print_compensation
 from armflex.cli.deflect_command import print_deflection
-from armflex.cli.terminal import heading, number, print_table, progress, say, show_flags
+from armflex.cli.terminal import doing, heading, number, print_table, progress, say, show_flags
 from armflex.cli.trace_command import print_trace
 from armflex.cli.train_command import print_training
 from armflex.errors import FileError, InputError, Place
@@ -61,9 +61,8 @@ def command(output: Path) -> None:
 
     heading("5. Measured, and not where it should be: armflex trace robots/tarm_like/measured.toml campaign.csv ...")
     measured = load_arm(folder / "measured.toml")
-    with progress("tracing") as tick:
-        campaign = read_measurements(folder / "campaign.csv", measured)
-        traced = trace(measured, campaign, report=lambda text: tick(0, 1))
+    with progress("tracing"):
+        traced = trace(measured, read_measurements(folder / "campaign.csv", measured), progress=doing)
     print_trace(traced)
     write_traced(folder / "measured.toml", traced, output / "traced.toml")
     write_report(traced, output / "trace.html")

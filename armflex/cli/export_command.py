@@ -11,9 +11,9 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import complain, say, show_flags
+from armflex.cli.terminal import complain, doing, say, show_flags
 from armflex.errors import InputError, listing
-from armflex.export.exported import Exported
+from armflex.export import Exported
 from armflex.measured.forces import UNLOADED, Unnamed
 from armflex.storage.whole_file import write_whole
 
@@ -94,6 +94,7 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
             raise InputError(f"--to {target} needs {flags[option]}{more}")
     if "traj" in asked:
         asked["arm_file"] = str(context.params["arm_path"])
+    doing("exporting")
     exporter = importlib.import_module(f"armflex.export.{wanted.module}")
     found: Exported = getattr(exporter, wanted.function)(arm, **asked)
     if output is None:

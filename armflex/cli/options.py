@@ -16,7 +16,7 @@ import click
 import numpy as np
 
 from armflex.arm import Arm, warn
-from armflex.cli.terminal import show_flags
+from armflex.cli.terminal import show_flags, telling
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import load_arm
@@ -133,7 +133,8 @@ class Command(click.Command):
             if same_file(first, second):
                 raise InputError(f"{one} and {other} are the same file {second}; name another one")
         context.meta[__name__] = context.params.pop("json_path")
-        return super().invoke(context)
+        with telling("reading"):
+            return super().invoke(context)
 
 
 def json_path() -> Path | None:

@@ -9,7 +9,7 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import number, print_table, say
+from armflex.cli.terminal import doing, number, print_table, say
 from armflex.errors import InputError
 from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
@@ -42,6 +42,7 @@ def command(
     if not standard:
         raise InputError("which report? --iso9283 is known; of a trace it is written by `armflex trace --report`")
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed)
+    doing("finding pose characteristics")
     found = iso9283(arm, measurements, block)
     columns = ["pose", "payload", "cycles", "AP mm", "\u00b1", "x", "y", "z", "RP mm", "\u00b1", "RP of noise"]
     modelled = any(one.predicted is not None for one in found.poses)

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import logging
+import sys
+import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from typing import Any
 
 import click
 import numpy as np
@@ -20,7 +25,16 @@ from armflex.errors import Flag
 NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""
 
+EVERY, REDRAWN = 2.0, 0.5
+"""Seconds of silence after which a line goes into a pipe (later a tenth of the time that passed), and between two looks
+of the live line in a terminal."""
+
 _said: set[str] = set()
+
+_writing = threading.RLock()
+
+_now: dict[str, Any] = {"doing": "", "begun": 0.0, "said": 0.0, "drawn": False}
+"""What is being done, when that began and when stderr heard of it last [s], and whether the live line stands there."""
 
 
 def stream(stderr: bool = False) -> Console:
@@ -33,18 +47,22 @@ def stream(stderr: bool = False) -> Console:
 def say(*lines: str) -> None:
     """Print lines on stdout; what would break one of them, or colour it, is shown and not obeyed."""
     out = stream()
-    for line in lines:
-        out.print(printable(line))
+    with _alone():
+        for line in lines:
+            out.print(printable(line))
 
 
 def heading(text: str) -> None:
     """Print a line in bold on stdout, with a rule behind it."""
-    stream().rule(Text(printable(text), style="bold"), align="left")
+    with _alone():
+        stream().rule(Text(printable(text), style="bold"), align="left")
 
 
-def complain(text: str, end: str = "\n", over: bool = False) -> None:
-    """Print a line on stderr; `over` writes it over what stands in the terminal's last line."""
-    click.echo(("\r\x1b[K" if over else "") + printable(text) + end, err=True, nl=False)
+def complain(text: str) -> None:
+    """Print a line on stderr."""
+    with _alone():
+        click.echo(printable(text), err=True)
+        _now["said"] = time.monotonic()
 
 
 def warn(text: str) -> None:
@@ -70,7 +88,8 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     for row in rows:
         failed = "fail" in row or "not reached" in row
         table.add_row(*row, style="red" if failed else "yellow" if "uncertain" in row else None)
-    stream().print(table)
+    with _alone():
+        stream().print(table)
 
 
 def plus_minus(sigma: float | None) -> str:
@@ -85,11 +104,74 @@ def no_via_points(shown: str) -> str:
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int | None], None]]:
-    """Yield a function of (done, total) that draws a bar on a terminal's stderr and is silent elsewhere."""
-    from rich.progress import Progress
+def telling(title: str = "") -> Iterator[None]:
+    """Say on stderr what is being done, with the seconds passed: a live line in a terminal, in a pipe one now and then.
 
-    out = stream(stderr=True)
-    with Progress(console=out, transient=True, disable=not out.is_terminal) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    What is done is `title` until `tell`, `doing` or `progress` say another. A thread writes, so that whoever computes
+    need not look at the clock. What the package logs meanwhile is a line of its own.
+    """
+    over, live = threading.Event(), sys.stderr.isatty()
+    begun = time.monotonic()
+    _now.update(doing=title, begun=begun, said=begun)
+
+    def keep_saying() -> None:
+        while not over.wait(REDRAWN):
+            text = str(_now["doing"])
+            if text and live:
+                with _alone():
+                    click.echo(printable(_timed(text))[: stream(stderr=True).width - 1], err=True, nl=False)
+                    _now["drawn"] = True
+            now = time.monotonic()
+            if text and not live and now - _now["said"] >= max(EVERY, 0.1 * (now - begun)) - REDRAWN / 2:
+                complain(_timed(text))
+
+    thread = threading.Thread(target=keep_saying, daemon=True)
+    thread.start()
+    log, lines = logging.getLogger("armflex"), _Lines()
+    log.addHandler(lines)
+    try:
+        yield
+    finally:
+        log.removeHandler(lines)
+        over.set()
+        thread.join()
+        with _alone():
+            _now["doing"] = ""
+
+
+class _Lines(logging.Handler):
+    def emit(self, record: logging.LogRecord) -> None:
+        complain(record.getMessage())
+
+
+def tell(text: str) -> None:
+    """Print what is done from now on on stderr, with the seconds passed."""
+    doing(text)
+    complain(_timed(text))
+
+
+def doing(what: object) -> None:
+    """Take note of what is done from now on; its text is asked for when it is said, which is seldom."""
+    _now["doing"] = what
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[int, int | None], None]]:
+    """Yield a function of (done, total) that takes note of how far something is; afterwards it is written."""
+    doing(title)
+    yield lambda done, total: doing(f"{title}, {done}" + (f" of {total}" if total else ""))
+    doing("writing")
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Write undisturbed, where the live line stood."""
+    with _writing:
+        if _now["drawn"]:
+            click.echo("\r\x1b[K", err=True, nl=False)
+            _now["drawn"] = False
+        yield
+
+
+def _timed(text: str) -> str:
+    return f"{time.monotonic() - _now['begun']:4.0f} s  {text}"

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import sys
-import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import complain, number, print_table, say, show_flags, stream, warn
+from armflex.cli.terminal import complain, doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
 from armflex.errors import FileError, InputError, enough_memory
 from armflex.files.effect_file import names_of
@@ -30,11 +26,7 @@ from armflex.parameters import numbered
 from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.trace import trace
-from armflex.trace.findings import write_traced
-
-if TYPE_CHECKING:
-    from armflex.trace.findings import Found, FoundFamily, Trace
-    from armflex.trace.telling import Doing
+from armflex.trace.findings import Found, FoundFamily, Trace, write_traced
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
@@ -76,7 +68,7 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
     finished: list[Trace] = []
     try:
-        with enough_memory(f"{len(measurements)} rows"), telling() as (tell, progress):
+        with enough_memory(f"{len(measurements)} rows"):
 
             def account(found: Trace) -> None:
                 tell("writing what was accepted so far" if found.unfinished else "writing")
@@ -84,7 +76,7 @@ def command(
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, kept, resume, account, progress, anyway)
+            trace(arm, measurements, None, tell, keep, kept, resume, account, doing, anyway)
     except BaseException as error:
         if kept is not None and kept.exists() and not (isinstance(error, FileError) and error.place.file == kept):
             complain(f"What was accepted is kept in {kept}: the same command with --resume goes on.")
@@ -152,52 +144,6 @@ def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | No
     if kept.exists() and not resume:
         warn(f"{kept} is of a search that did not end: this one begins anew, --resume would go on with that one")
     return kept
-
-
-EVERY, REDRAWN = 4.0, 0.5
-"""Seconds between lines in a pipe while a stage lasts, and between two looks of the live line in a terminal."""
-
-
-@contextmanager
-def telling() -> Iterator[tuple[Callable[[str], None], Callable[[Doing], None]]]:
-    """Yield the functions that are told what is being done; what they are told goes to stderr, with the seconds passed.
-
-    Every stage is a line. Within one a terminal has a live line; in a pipe there is one now and then. A thread writes
-    them, so that whoever computes need not look at the clock.
-    """
-    begun = time.monotonic()
-    live, over, lock = sys.stderr.isatty(), threading.Event(), threading.Lock()
-    now = {"doing": "", "said": begun}
-
-    def line(text: str, end: str) -> None:
-        with lock:
-            complain(f"{time.monotonic() - begun:4.0f} s  {text}", end, over=live)
-            now["said"] = time.monotonic()
-
-    def tell(text: str) -> None:
-        now["doing"] = text
-        line(text, "\n")
-
-    def progress(doing: Doing) -> None:
-        now["doing"] = doing
-
-    def keep_saying() -> None:
-        while not over.wait(REDRAWN):
-            text = str(now["doing"])
-            if live and text:
-                line(text[: stream(stderr=True).width - 9], "")
-            elif text and time.monotonic() - now["said"] >= EVERY - REDRAWN:
-                line(text, "\n")
-
-    thread = threading.Thread(target=keep_saying, daemon=True)
-    thread.start()
-    try:
-        yield tell, progress
-    finally:
-        over.set()
-        thread.join()
-        if live:
-            complain("", "", over=True)
 
 
 def print_trace(found: Trace) -> None:
@@ -272,7 +218,8 @@ def _remarks(found: Trace) -> Iterator[str]:
         if hypotheses:
             more = f", and {len(hypotheses) - 3} more" if len(hypotheses) > 3 else ""
             yield f"These data do not tell {title} from {', '.join(hypotheses[:3])}{more}."
-    unit = SHOWN[found.state.measurements.readings.unit][0]
+    readings = found.state.measurements.readings
+    unit = SHOWN[readings.unit][0]
     for gone in found.withdrawn:
         calibrated, after = (number(rms * 1e3, 4) for rms in gone.errors)
         yield (
@@ -295,7 +242,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         least = min(found.smallest, key=lambda one: one.least)
         median = float(np.median([one.least for one in found.smallest]))
         yield (
-            f"Effects would have shown from {number(median * 1e3, 2)} {unit} RMS at the target "
+            f"Effects would have shown from {number(median * 1e3, 2)} {unit} RMS {readings.where_read} "
             f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} {unit})."
         )
     for advice in found.next_measurement[:MOST_ADVICE]:
@@ -306,20 +253,23 @@ def _remarks(found: Trace) -> Iterator[str]:
 
 
 def as_json(found: Trace) -> dict[str, Any]:
-    """Return a trace for programs: RMS in mm, parameters SI."""
-    left = found.unexplained
+    """Return a trace for programs: RMS in mm, parameters SI.
+
+    Where no length was read, what is called mm is thousandths of the unit that was, and beside it stands what is in it.
+    """
+    left, unit = found.unexplained, found.state.measurements.readings.unit
+    stages = {"declared": found.declared_rms, "calibrated": found.calibrated_rms, "after": found.rms}
+    held_out = dict(zip(("calibrated", "after"), found.held_out, strict=True))
+    in_unit = {"unit": unit, "noise_rms": found.noise_rms, "rms": stages, "held_out_rms": held_out}
     told = {
         "format": "armflex-trace-1",
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
         "rows": len(found.rows),
         "noise_rms_mm": found.noise_rms * 1e3,
-        "rms_mm": {
-            "declared": found.declared_rms * 1e3,
-            "calibrated": found.calibrated_rms * 1e3,
-            "after": found.rms * 1e3,
-        },
-        "held_out_rms_mm": dict(zip(("calibrated", "after"), (1e3 * rms for rms in found.held_out), strict=True)),
+        "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
+        "held_out_rms_mm": {stage: 1e3 * rms for stage, rms in held_out.items()},
+        **({} if unit == "m" else in_unit),
         "effects": [_effect_json(one) for one in found.found],
         "unexplained": left
         and {
@@ -338,6 +288,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         "noise_over_stated": found.noise,
         "outliers": [
             {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3, "kind": one.kind}
+            | ({} if unit == "m" else {"error": one.error_m, "unit": unit})
             for one in found.outliers
         ],
         "held_out_chosen_again_rms_mm": found.compared

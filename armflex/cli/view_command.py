@@ -53,7 +53,8 @@ def command(
         if tolerance is not None:
             with progress("checking") as tick:
                 report = check(arm, trajectory, tolerance, progress=tick, covariates=covariates)
-        view(arm, trajectory=trajectory, report=report, **shown)
+        with progress("drawing") as tick:
+            view(arm, trajectory=trajectory, report=report, progress=tick, **shown)
         show_flags(trajectory.with_constants(arm, covariates).derived_directions(arm))
     options.write_json({"format": "armflex-view-1", "page": str(path), "base": arm.robot.base, "tip": arm.robot.tip})
     say(f"Written to {path}; open it in a browser.")

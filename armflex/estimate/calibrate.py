@@ -21,7 +21,7 @@ from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
-from armflex.estimate.instrument_checks import beyond_priors, moved, suspected, wrong_sigma
+from armflex.estimate.instrument_checks import beyond_priors, moved_sensors, suspected, wrong_sigma
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, without_positions
 from armflex.estimate.placement import check_readings, placed_rigidly
@@ -254,7 +254,7 @@ def calibrate(
     errors = _held_out(placed, found, measurements)
     judgement: tuple[Flag, ...] = ()
     if judged:
-        judgement = tuple(moved(found, measurements, about))
+        judgement = tuple(moved_sensors(found, measurements, about))
         judgement = (*judgement, *wrong_sigma(found, (*about, *judgement)))
     flags = (
         *derived,

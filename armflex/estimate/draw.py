@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from numbers import Integral
@@ -12,12 +13,12 @@ from numpy.typing import ArrayLike
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array, covariate_array, real_array, root_of_covariance
-from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming
+from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming, shown
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loaded import Payload
-from armflex.mechanics.many_rows import COMPILED, draw_laws
+from armflex.mechanics.many_rows import COMPILED, drawn_displacements
 from armflex.readings.instrument import Instrument
 
 
@@ -61,10 +62,10 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
 
 
 def check_draws(draws: int, seed: int) -> tuple[int, int]:
-    """Return both as whole numbers; raise `InputError` where they are none, or negative."""
+    """Return both as whole numbers; raise `InputError` where they are none, negative, or more than can be counted."""
     for name, value in (("draws", draws), ("seed", seed)):
-        if not isinstance(value, Integral) or value < 0:
-            raise InputError(f"{name} is {value!r}, expected a whole number, 0 or more")
+        if not isinstance(value, Integral) or not 0 <= value <= sys.maxsize:
+            raise InputError(f"{name} is {shown(value, 60)}, expected a whole number, 0 or more")
     return int(draws), int(seed)
 
 
@@ -112,7 +113,7 @@ def ensemble(
     count = len(rows) if positions.ndim == 2 else 0
     known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
     if arm.certainty is None and not arm.pulls:
-        found = draw_laws(arm, rows, payload, known, method, draws, seed)
+        found = drawn_displacements(arm, rows, payload, known, method, draws, seed)
     else:  # one after the other
         found = np.empty((draws, len(rows), 6))
         for number, drawn in enumerate(draw_arms(arm, draws, seed)):

@@ -18,6 +18,7 @@ from armflex.estimate.robust import (
     huber_weights,
     median_scatter,
     objective,
+    outlier_limit,
     robust_limit,
     whitened_regressors,
     whitened_residual,
@@ -27,7 +28,6 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
-from armflex.readings.chance import outlier_limit
 
 SETTLED = 1e-3
 """Steps below this many posterior standard deviations end the iteration."""

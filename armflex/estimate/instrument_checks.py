@@ -17,13 +17,13 @@ from armflex.estimate.block import Block, parameters_of
 from armflex.estimate.blocks import sensor_start
 from armflex.estimate.fit import Fit
 from armflex.estimate.misread import ALIKE, DROP, explained
+from armflex.estimate.robust import chi_squared
 from armflex.estimate.view import View, postures
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ParameterKind
 from armflex.readings import Kind, Position, Readings
 from armflex.readings.acceleration import OPPOSITE, Acceleration
-from armflex.readings.chance import chi_squared
 from armflex.readings.instrument import fit_frame
 from armflex.readings.sensor import Sensor
 
@@ -306,7 +306,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
             )
 
 
-def moved(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) -> Iterator[Flag]:
+def moved_sensors(found: Fit, measurements: Measurements, about: Sequence[Flag] = ()) -> Iterator[Flag]:
     """Yield flags about sensors that read otherwise from some row of a session on, as if they had been moved there.
 
     The step must be beyond chance and the stated noise, and most of what the sensor reads beyond that noise: whatever

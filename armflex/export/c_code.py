@@ -16,8 +16,8 @@ import numpy as np
 from armflex.arm import Arm, Flexure
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import ArmflexError, InputError, UnsupportedError
+from armflex.export import Exported
 from armflex.export.c_laws import Factor, Terms, terms_of
-from armflex.export.exported import Exported
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act

@@ -15,7 +15,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import UNITS, Array, printable
 from armflex.errors import Flag, InputError, UnknownNameError, UnsupportedError, listing, naming
-from armflex.export.exported import Exported
+from armflex.export import Exported
 from armflex.export.rigid import require_six_turning
 from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.tasks.compensate import compensate as compensated
@@ -246,8 +246,11 @@ def path_of(
         if covariates or unnamed != UNLOADED or table_path is not None:
             given = "--covariates" if covariates else "--payload, --force and --force-table"
             raise InputError(f"{given} go with --compensate: without it nothing depends on them")
-        text = "The path is written as it is; --compensate has the loaded tip where the rigid one would be"
-        return path, (f"{text}, unless the path is compensated already.",), (), _head(path, "Not compensated", arm_file)
+        told = "The path is written as it is; --compensate has the loaded tip where the rigid one would be."
+        if path.target is not None:
+            told = "The path is written as it is: compensated, as its target_ columns say."
+        what = "Not compensated" if path.target is None else "Compensated before"
+        return path, (told,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     found = compensated(arm, path, covariates=covariates)
     before, (after, sigma) = max(np.linalg.norm(row.before[:3]) for row in found.rows), found.remains_m

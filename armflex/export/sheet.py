@@ -26,7 +26,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, number, printable
 from armflex.errors import listing
 from armflex.estimate.posterior import OTHER_PARAMETERS, blocks_of
-from armflex.export.exported import Exported
+from armflex.export import Exported
 from armflex.export.rigid import (
     configurations,
     joint_frames,

@@ -11,7 +11,7 @@ from lxml import etree
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
-from armflex.export.exported import Exported
+from armflex.export import Exported
 from armflex.export.rigid import left_out, with_constants
 from armflex.measured.measurements import read_measurements
 from armflex.robot.urdf import MOVING, Urdf, parse_xml

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from armflex.arm import Arm
 from armflex.errors import InputError, UnsupportedError, listing
-from armflex.export.exported import Exported
+from armflex.export import Exported
 from armflex.export.rigid import joint_frames, left_out, require_six_turning, with_constants
 from armflex.measured.measurements import read_measurements
 from armflex.robot.urdf import MOVING

@@ -41,7 +41,7 @@ from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
-from armflex.laws.declared import model_of
+from armflex.laws.declared import law_name
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.linear import SOFTEST, softness
@@ -50,7 +50,7 @@ from armflex.laws.learned import read_learning
 from armflex.mechanics.loaded import Payload
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
-from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of, rotation_of
+from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
 from armflex.storage.whole_file import remove, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -264,7 +264,7 @@ def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 |
     given.finish()
     if not given.table:
         raise table.fail(key, f"expected {' and '.join(keys)}, 3 numbers each")
-    return pin.SE3(rotation_of(rpy), xyz)
+    return pin.SE3(pin.rpy.rpyToMatrix(rpy), xyz)
 
 
 def _read_payload(name: str, table: Declaration) -> Payload:
@@ -288,7 +288,7 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
     if table.has("joint_stiffness"):
         table = _by_joint_stiffness(table, next(one for one in robot.chain if one.name == joint))
     law = read_law(table, joint, _ranges(robot))
-    learn = read_learning(table, model_of(table), law, _ranges(robot)) if table.flag("learn") else None
+    learn = read_learning(table, law_name(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
     return Flexure(name, joint, law, learn=learn)
 
@@ -350,9 +350,10 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
             text = f"gives about {axis} alone, but the axis of its joint {joint.name!r} is {nearest} ({wanted})"
             told = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
             yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {told}")
+    # A joint_stiffness in another unit shows by how far the arm's own weight would turn the joint.
     places = [joint.name for joint in robot.chain]
-    for flexure in (flexure for flexure in flexures if flexure.name in stated):
-        if flexure.joint is None:
+    for flexure in flexures:
+        if flexure.joint is None or flexure.name not in stated:
             continue
         beyond = robot.chain[places.index(flexure.joint) :]
         drive = drive_of(beyond[0])
@@ -366,9 +367,11 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
             text = f"joint_stiffness {1.0 / softest:.4g} Nm/rad lets it turn by {np.degrees(turn):.3g} degrees under "
             text += "the arm's own weight: was it in kNm/rad (x 1000), Nm/deg (x 57.3) or Nm/arcmin (x 3438)?"
             yield Flag("soft", f"flexure {flexure.name!r}: {text}")
-    for flexure in (flexure for flexure in flexures if flexure.name not in stated):
-        for flag in (flag for law in flexure.law.leaves for flag in softness(law.tangent(np.zeros(6), row))):
-            yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")
+    # All other compliances are held against those that any arm has.
+    for flexure in flexures:
+        for law in () if flexure.name in stated else flexure.law.leaves:
+            for flag in softness(law.tangent(np.zeros(6), row)):
+                yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")
     exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
     if exact and any(flexure.law.uncertain for flexure in flexures):  # the sum would look too sure
         text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"

@@ -11,10 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from armflex.arm import Arm
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, did_you_mean, listing
 from armflex.laws.effects.catalogue import CATALOGUE, SHAPES
@@ -22,9 +23,6 @@ from armflex.laws.effects.context import AXES, Records
 from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.laws.effects.location import BASE, TOOL, Location
 from armflex.rows.rows import APPROACH
-
-if TYPE_CHECKING:
-    from armflex.arm import Arm
 
 UNNAMED = "unnamed"
 TEMPERATURE = "temperature"

@@ -61,7 +61,7 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     Raises:
         ArmFileError: The declaration is incomplete or its numbers are not physical.
     """
-    model = model_of(table)
+    model = law_name(table)
     if table.has("file"):
         path = table.path.parent / table.text("file")
         try:
@@ -83,7 +83,7 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     return law
 
 
-def model_of(table: Declaration) -> str:
+def law_name(table: Declaration) -> str:
     """Return the name of the law that a table declares."""
     return table.choice("model", tuple(dict.fromkeys((*LAWS, *FORMS))), "linear")
 

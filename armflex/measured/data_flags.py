@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from armflex.arm import Arm
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Flag, Place, TableError, listing
+from armflex.measured.table import Table
 from armflex.mechanics.loaded import FORCE_BAND
 from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
 
 if TYPE_CHECKING:
-    from armflex.arm import Arm
     from armflex.measured.measurements import Measurements
-    from armflex.measured.table import Table
 
 GAP = 30.0
 """Ratio of neighbouring distances, once sorted, that parts rows of one unit from rows of another."""

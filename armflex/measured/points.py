@@ -15,6 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -97,38 +98,40 @@ def read_points(path: str | Path, unit: str | None = None, frame: str | None = N
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     comments = [(i, match[1]) for i, line in numbered if (match := _COMMENT.fullmatch(line))]
     rows = [(i, _cells(line)) for i, line in numbered if not _COMMENT.fullmatch(line)]
-    for line, text in comments:
-        if match := _CURVED.search(text):
+    for line, said in comments:
+        if match := _CURVED.search(said):
             raise TableError(Place(path, line), f"{match[0]!r}: export the points in Cartesian coordinates, x y z")
-    # A header, a comment or the first line, says where the coordinates are, what stands behind them, and their unit.
-    k, behind, units = 0, (), []
-    for line, cells in [*((i, _cells(_BRACKETED.sub(r"_\1", text))) for i, text in comments if text), *rows[:1]]:
-        cells = _cells(_BRACKETED.sub(r"_\1", ", ".join(cells)))
+    # A header, a comment or the first line, says how many cells are names, what stands behind the coordinates, and
+    # their unit.
+    named, behind, units = 0, (), []
+    headers = [(i, said) for i, said in comments if said] + [(i, ", ".join(cells)) for i, cells in rows[:1]]
+    for line, said in headers:
+        cells = _cells(_BRACKETED.sub(r"_\1", said))
         if (at := _axes(cells)) is not None:
             units += [(line, cell.partition("_")[2]) for cell in cells[at : at + 3] if "_" in cell]
             # An axis comment without names, `// X Y Z`, says nothing about where they stand in a line.
-            k, behind = (at, tuple(cells[at + 3 :])) if at else (k, behind)
+            named, behind = (at, tuple(cells[at + 3 :])) if at else (named, behind)
     rows = rows[1:] if rows and _axes(rows[0][1]) is not None else rows
     if not rows:
         raise TableError(Place(path), "holds no points, expected lines such as: Group Point X Y Z")
-    units += [(i, word) for i, text in comments if (word := _unit_in(text))]
+    units += [(i, word) for i, said in comments if (word := _unit_in(said))]
     units = [(line, _known_unit(path, line, word)) for line, word in units]
-    frames = [(i, match[1] or match[2]) for i, text in comments if (match := _FRAME.search(text))]
+    frames = [(i, match[1] or match[2]) for i, said in comments if (match := _FRAME.search(said))]
     given = None if unit is None else _known_unit(path, 0, unit)
     unit = _stated(path, "unit", units, given, "mm", LENGTHS.__getitem__)
     frame = _stated(path, "frame", frames, frame, "World", str.lower)
-    k = k or _guess(path, rows)
+    named = named or _guess(path, rows)
     for line, cells in rows:
-        if not _is_point(cells, k):
-            text = f"expected {k} cells of name and x y z, found {listing(map(repr, cells), 8)}"
-            raise TableError(Place(path, line), text)
-    names = tuple(tuple(part for cell in cells[:k] for part in cell.split("::") if part) for _, cells in rows)
-    position = np.array([[float(cell) for cell in cells[k : k + 3]] for _, cells in rows]) * LENGTHS[unit]
+        if not _is_point(cells, named):
+            problem = f"expected {named} cells of name and x y z, found {listing(map(repr, cells), 8)}"
+            raise TableError(Place(path, line), problem)
+    names = tuple(tuple(part for cell in cells[:named] for part in cell.split("::") if part) for _, cells in rows)
+    position = np.array([[float(cell) for cell in cells[named : named + 3]] for _, cells in rows]) * LENGTHS[unit]
     # Cells behind the coordinates go by the header's names where it has one for each, else by number.
-    further = [cells[k + 3 :] for _, cells in rows]
-    count = max(map(len, further))
-    called = behind if len(set(behind)) == len(behind) >= count else [str(i + 1) for i in range(count)]
-    extras = {f"export_{called[i]}": tuple("".join(cells[i : i + 1]) for cells in further) for i in range(count)}
+    further = [cells[named + 3 :] for _, cells in rows]
+    columns = list(zip_longest(*further, fillvalue=""))
+    called = behind if len(set(behind)) == len(behind) >= len(columns) else map(str, range(1, len(columns) + 1))
+    extras = {f"export_{name}": cells for name, cells in zip(called, columns, strict=False)}
     return PointExport(path, unit, frame, names, tuple(line for line, _ in rows), position, extras, sha256)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked_kinds
 from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, real_array
 from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.laws import Row
@@ -123,12 +124,14 @@ class _Result(Result, Generic[Length]):
         """(..., 6) displacement less `corrected` and the `contributions`: what first order leaves out [m, rad]."""
         return self.displacement - self.corrected - self.contributions.sum(axis=-2)
 
+    @checked_kinds
     def shares(self, part: slice = slice(0, 3)) -> Array:
         """Return (..., n_flexures) of each flexure along the tip's shift (0:3) [m] or turn (3:6) [rad]."""
         along = self.displacement[..., part, None]
         length = np.linalg.norm(along, axis=-2)
         return (self.contributions[..., part] @ along)[..., 0] / np.where(length > 0.0, length, 1.0)
 
+    @checked_kinds
     def sigma(self, part: slice = slice(0, 3)) -> Length | None:
         """Return the standard uncertainty of the length of the tip's shift or turn, None where no law carries one."""
         if self.covariance is None:
@@ -365,6 +368,7 @@ class Deflection(_Result[float]):
         laws = stack.flags(self.wrenches.ravel(), self._row) if stack.trained else ()
         return (*laws, *beyond_seen(self.arm.effects, self._row).get(0, ()))
 
+    @checked_kinds
     def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
         """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
         mechanics = self._mechanics

@@ -365,7 +365,7 @@ def rotations(vectors: Array) -> Array:
     return np.eye(3) + np.sinc(angle / np.pi) * skew + 0.5 * half * half * (skew @ skew)
 
 
-def draw_laws(
+def drawn_displacements(
     arm: Structure,
     rows: Array,
     payload: str | Payload | None,

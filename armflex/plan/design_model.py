@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,7 +35,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ArmParameter, Certainty, Group, ParameterKind, numbers_of
 from armflex.plan.offer import Offer
-from armflex.readings import Readings
+from armflex.readings import Position, Readings
 from armflex.readings.instrument import Instrument
 
 NOWHERE = -1
@@ -69,19 +69,32 @@ class Before:
     Attributes:
         setup: Arm and instrument, calibrated where there is something to do it with.
         told: What a campaign tells, None where nothing was measured.
-        noise: Standard deviation of the readings over the stated one, 1 or more.
+        noises: By instrument, '' the one at the tip, the standard deviation of what it reads over the stated one, 1 or
+            more; one that is not in it reads as well as it states.
         flags: Flags about the campaign.
     """
 
     setup: Setup
     told: Told | None = None
-    noise: float = 1.0
+    noises: Mapping[str, float] = field(default_factory=dict)
     flags: tuple[Flag, ...] = ()
 
     @property
     def campaign(self) -> Measurements | None:
         """What was measured, None where nothing was."""
         return None if self.told is None else self.told.campaign
+
+    @property
+    def sigmas(self) -> dict[str, Array]:
+        """By instrument (n,) a usual standard deviation of the numbers that it read, in their units, as it scatters."""
+        if self.told is None:
+            return {}
+        found: dict[str, Array] = {}
+        for kind in self.told.campaign.readings.kinds:
+            read = np.isfinite(kind.sigma).all(axis=1) & self.told.campaign.measured
+            if read.any() and (kind.name or isinstance(kind, Position)):
+                found.setdefault(kind.name, self.noises.get(kind.name, 1.0) * np.median(kind.sigma[read], axis=0))
+        return found
 
     def seen_by(self, setup: Setup) -> Before:
         """Return the same as another arm or instrument has it."""
@@ -105,7 +118,12 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
     weights[fitted.view.rows] = fitted.weights
     told = Told(after, look(fitted.setup, after), weights, fitted)
-    return Before(fitted.setup, told, max(found.scatter, 1.0), found.flags)
+    return Before(fitted.setup, told, noises_of(fitted), found.flags)
+
+
+def noises_of(found: Fit) -> dict[str, float]:
+    """Return by instrument how far its readings scatter over what they state, 1 or more."""
+    return {name: max(scatter, 1.0) for name, scatter in zip(found.view.readings.names, found.scatters, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +227,9 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     scale = _finite(blocks)
     told = LinearGaussian(np.eye(len(scale)))
     if known is not None:
-        jacobian = answers(blocks, known.view) * scale / before.noise
-        told = told.with_rows(jacobian * np.sqrt(known.weights)[:, :, None])
+        kinds = known.view.readings.kinds
+        noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
+        told = told.with_rows(answers(blocks, known.view) * scale * (np.sqrt(known.weights) / noise)[:, :, None])
     return Model(tuple(blocks), scale, told, scale)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,6 +52,7 @@ class Reach:
         sigma: (3,) standard deviation of a position read [m].
         floor: Lowest height of any link or the payload in the base frame [m].
         read: Names of the instruments that are read; '' is the one at the tip.
+        sigmas: By instrument (n,) standard deviations of its numbers, in their units, where a campaign told them.
     """
 
     arm: Arm
@@ -64,12 +65,14 @@ class Reach:
     sigma: Array
     floor: float = -np.inf
     read: tuple[str, ...] = ("",)
+    sigmas: Mapping[str, Array] = field(default_factory=dict)
 
     def unread(self, count: int) -> Readings:
         """Return what is to be read in `count` rows."""
         kinds: list[Kind] = [Position.unread(count, self.sigma)] if "" in self.read else []
         sensors = [one for name, one in self.arm.sensors.items() if name in self.read]
-        return Readings(count, (*kinds, *(one.kind.unread(count, one.sigma, one.name) for one in sensors)))
+        kinds += [one.kind.unread(count, self.sigmas.get(one.name, one.sigma), one.name) for one in sensors]
+        return Readings(count, tuple(kinds))
 
     @property
     def choices(self) -> list[Sequence]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import operator
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from numbers import Integral
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from armflex.arguments import checked_kinds
 from armflex.arm import SLACK, Arm
 from armflex.configurations import drawn_range
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, did_you_mean, listing
+from armflex.errors import Flag, InputError, did_you_mean, listing, shown
 from armflex.estimate.view import look
 from armflex.laws.effects.context import MASS, TEMPERATURE
 from armflex.laws.effects.effect import Effect
@@ -20,7 +21,7 @@ from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.parameters import OF_SESSION
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, path
-from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of
+from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of, noises_of
 from armflex.plan.drive import driven
 from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
 from armflex.plan.instruments import TRACKER, Mounted, choose, levels_tell, offered
@@ -106,7 +107,7 @@ def plan(
     after = None if after is None else as_measurements(after, arm)
     along = None if along is None else as_trajectory(along, arm)
     settable, tick = covariates or {}, progress or (lambda done, total: None)
-    _check(rows, along, between, sigma, floor, settable)
+    _check(rows, seed, along, between, sigma, floor, settable)
     effects = [named_effect(text, arm, tuple(settable)) for text in between or ()]
     if effects and effects[0] == effects[1]:
         raise InputError(f"{spelled(effects[0])} is to be told from itself: name two effects")
@@ -116,6 +117,8 @@ def plan(
     flags = (*before.flags, *path_flags, *flags)
     mounts: tuple[Mounted, ...] = ()
     if instruments is not None:
+        if not len(instruments):
+            raise InputError("instruments is empty: name what is read, such as 'tracker', or leave it out")
         before, reach, mounts = _mounted(before, reach, effects, instruments, rows, along, seed)
     offer = spread_evenly(reach, before.setup, OFFERED, seed)
     if len(offer.rows) < rows:
@@ -123,15 +126,18 @@ def plan(
     before, offer = learning(before, offer)
     candidates = [candidate_of(effect, reach.arm, offer) for effect in effects]
     refits = [refitted(candidate, before) for candidate in candidates]
-    explained = min((max(found.noise, 1.0) for found in refits if found), default=before.noise)
-    if explained < before.noise:  # one of them is what makes readings scatter
-        before = replace(before, noise=explained)
-        reach = replace(reach, sigma=_sigma_of(before, sigma))
+    fits = [before.told.fit, *filter(None, refits)] if before.told else []
+    best = min(fits, key=lambda one: max(one.noise * max(one.factors, default=1.0), 1.0), default=None)
+    if best is not None and best is not fits[0]:  # one of them is what makes readings scatter
+        before = replace(before, noises=noises_of(best))
+        reach = replace(reach, sigma=_sigma_of(before, sigma), sigmas=before.sigmas)
         offer = offer.read_by(reach, before.setup)
     model = model_of(before, offer, candidates)
-    if before.noise > SCATTER:
-        text = f"readings scatter {before.noise:.2g} times as much as stated: something is missing, trace it first"
-        flags = (*flags, Flag("unexplained_residual", text))
+    for name, noise in before.noises.items():
+        if noise > SCATTER:
+            whose = f"readings of {name}" if name else "readings"
+            text = f"{whose} scatter {noise:.2g} times as much as stated: something is missing, trace it first"
+            flags = (*flags, Flag("unexplained_residual", text))
     hypotheses = tuple(
         hypothesis_of(candidate, found, offer) for candidate, found in zip(candidates, refits, strict=True)
     )
@@ -183,6 +189,7 @@ def plan(
 
 def _check(
     rows: int,
+    seed: int,
     along: Trajectory | None,
     between: tuple[str, str] | None,
     sigma: float | None,
@@ -190,12 +197,11 @@ def _check(
     covariates: Mapping[str, Sequence[float]],
 ) -> None:
     """Raise `InputError` where a number is out of its range, or two goals are asked for."""
-    try:
-        count = operator.index(rows)
-    except TypeError:
-        raise InputError(f"rows is {rows!r}, expected a whole number") from None
-    if not 1 <= count <= MOST_ROWS:
-        raise InputError(f"rows is {count}, expected 1 to {MOST_ROWS}")
+    for name, value, least, most in (("rows", rows, 1, MOST_ROWS), ("seed", seed, 0, sys.maxsize)):
+        if not isinstance(value, Integral):
+            raise InputError(f"{name} is {shown(value, 60)}, expected a whole number")
+        if not least <= value <= most:
+            raise InputError(f"{name} is {shown(value, 60)}, expected {least} to {most}")
     if along is not None and between:
         raise InputError("a plan is for a trajectory or for two effects, not for both")
     if sigma is not None and not 0.0 < sigma < np.inf:
@@ -254,7 +260,9 @@ def _reach_of(
         text = f"sigma is {spread.max():.3g} m, more than {COARSEST:.0%} of the arm's reach of {arm.robot.reach:.3g} m"
         raise InputError(f"{text}: is it in another unit?")
     levels = {name: tuple(float(x) for x in dict.fromkeys(values)) for name, values in covariates.items()}
-    return Reach(arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor), flags
+    return Reach(
+        arm, lower, upper, tuple(payloads), approached, levels, session, spread, floor, sigmas=before.sigmas
+    ), flags
 
 
 def _approached(arm: Arm, effects: Sequence[Effect], covariates: Mapping[str, Sequence[float]]) -> tuple[str, ...]:
@@ -285,9 +293,7 @@ def _sigma_of(before: Before, sigma: float | None) -> Array:
         return np.full(3, sigma)
     if before.campaign is None:
         return np.full(3, READING)
-    if not before.campaign.positioned.any():
-        return np.full(3, READING)
-    return before.noise * np.median(before.campaign.sigma[before.campaign.positioned], axis=0)
+    return before.sigmas.get("", np.full(3, READING))
 
 
 def _goal(

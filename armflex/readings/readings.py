@@ -74,6 +74,11 @@ class Readings:
         return self.kinds[0].unit if self.kinds else "m"
 
     @property
+    def where_read(self) -> str:
+        """Of what people are told the size of a motion: of the target, or of what instruments read of it."""
+        return "at the target" if not self.kinds or not self.kinds[0].name else "in what is read"
+
+    @property
     def foremost_count(self) -> np.ndarray:
         """(N,) how many instruments read foremost numbers in each row."""
         count = np.zeros(self.count, dtype=int)

@@ -29,7 +29,6 @@ from armflex.robot.urdf import (
     Urdf,
     parse_xml,
     read_urdf,
-    rotation_of,
 )
 
 UNLIMITED = 1e15
@@ -337,7 +336,7 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
         unit = chosen(given, "degrees", {"false": 1.0, "true": np.pi / 180.0, "0": 1.0, "1": np.pi / 180.0})
         if chosen(given, "rotation_format", {"euler_rpy": True, "quat_xyzw": False}):
             values = numbers(given, 6, "0 0 0 0 0 0")
-            return pin.SE3(rotation_of(unit * values[3:]), values[:3])
+            return pin.SE3(pin.rpy.rpyToMatrix(unit * values[3:]), values[:3])
         values = numbers(given, 7, "0 0 0 0 0 0 1")
         if unit != 1.0 or abs(np.linalg.norm(values[3:]) - 1.0) > ROUNDED:
             raise fail(given, "a quaternion x y z w is a unit vector, and has no degrees")

@@ -378,7 +378,7 @@ class Reader:
         rpy = self.numbers(origin, "rpy", 3, "0 0 0")
         if np.abs(rpy).max() > 2.0 * np.pi:
             self.flag(origin, "rpy_in_degrees", f"rpy {origin.get('rpy')!r} exceeds a full turn: degrees?")
-        return self.numbers(origin, "xyz", 3, "0 0 0"), rotation_of(rpy)
+        return self.numbers(origin, "xyz", 3, "0 0 0"), pin.rpy.rpyToMatrix(rpy)
 
 
 Named = TypeVar("Named", Link, Joint)
@@ -563,15 +563,3 @@ def _limits(reader: Reader, element: etree._Element, name: str, kind: str) -> tu
         text = f"joint {name!r}: limits {lower:g} to {upper:g} rad exceed two turns: degrees?"
         reader.flag(limit, "limit_in_degrees", text)
     return lower, upper, effort or np.inf, velocity or np.inf
-
-
-def rotation_of(rpy: Array) -> Array:
-    """Return the (3, 3) rotation of fixed-axis roll, pitch, yaw [rad] (URDF: Rz(y) Ry(p) Rx(r))."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )

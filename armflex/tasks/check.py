@@ -154,7 +154,7 @@ def check(
             The rows of `against` are others: in number, time or via-point.
         MissingCovariateError: An effect depends on something that was not given.
     """
-    doubts = doubtful_tolerance(tolerance, furthest(arm, *np.array(arm.bounds)))
+    doubts = doubtful_tolerance(tolerance, furthest(arm, *np.array(arm.bounds)), angle)
     warn(doubts)
     trajectory = as_trajectory(trajectory, arm)
     against = None if against is None else as_trajectory(against, arm)
@@ -197,15 +197,20 @@ def check(
     return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows))
 
 
-def doubtful_tolerance(tolerance: float, reach: float) -> tuple[Flag, ...]:
-    """Return the question whether a tolerance [m] is in millimetres, where it is a tenth of the reach [m] or more.
+def doubtful_tolerance(tolerance: float, reach: float, angle: float | None = None) -> tuple[Flag, ...]:
+    """Return whether a tolerance [m] may be in millimetres, where it is a tenth of the reach [m] or more.
 
-    A tip that moves so far has flexures that turn by more than what they are computed for.
+    And whether an angle [rad] may be in degrees, from a tenth on: a tip that moves or turns so far has flexures that
+    turn by more than what they are computed for.
     """
-    if tolerance < MAX_ROTATION * reach:
-        return ()
-    text = f"a tolerance of {tolerance:g} m for an arm of {reach:.3g} m: lengths are metres, {tolerance:g} mm are"
-    return (Flag("tolerance", f"{text} {tolerance * 1e-3:g}"),)
+    asked = []
+    if tolerance >= MAX_ROTATION * reach:
+        text = f"a tolerance of {tolerance:g} m for an arm of {reach:.3g} m: lengths are metres, {tolerance:g} mm are"
+        asked.append(Flag("tolerance", f"{text} {tolerance * 1e-3:g}"))
+    if angle is not None and angle >= MAX_ROTATION:
+        text = f"a tolerance of {angle:g} rad for how far the tip turns: angles are radians, {angle:g} degrees are"
+        asked.append(Flag("tolerance_angle", f"{text} {np.deg2rad(angle):.4g}"))
+    return tuple(asked)
 
 
 class _Samples(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from armflex.arm import Arm
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.estimate.calibrate import Calibration, Outlier
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import held_out, judged_by, pose_folds
@@ -147,6 +147,7 @@ class Undecided:
         stated: What the stated standard deviations alone would give [m].
         poses: Distinct poses that were fitted.
         evidence, chance: That of the best candidate, and the best that random signs of the residual gave.
+        unit: In which `rms` and `stated` are, where it is not m.
     """
 
     rms: float
@@ -154,14 +155,15 @@ class Undecided:
     poses: int
     evidence: float
     chance: float
+    unit: str = "m"
 
     @property
     def text(self) -> str:
         """In a sentence."""
         return (
-            f"These data cannot decide what is missing: {1e3 * self.rms:.3g} mm RMS are left where "
-            f"{1e3 * self.stated:.3g} mm are stated, and with {self.poses} distinct poses chance explains as much "
-            f"as the best effect does (evidence {self.chance:.0f} beside {self.evidence:.0f}): measure more poses."
+            f"These data cannot decide what is missing: {said_of(self.rms, self.unit)} RMS are left where "
+            f"{said_of(self.stated, self.unit)} are stated, and with {self.poses} distinct poses chance explains as "
+            f"much as the best effect does (evidence {self.chance:.0f} beside {self.evidence:.0f}): measure more poses."
         )
 
 
@@ -321,7 +323,9 @@ class Trace(Result):
         view = look(state.fit.setup, state.measurements, rows)
         errors = np.sqrt(view.readings.row_squares(view.residual))
         return tuple(
-            Outlier(int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i])
+            Outlier(
+                int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i], unit=view.readings.unit
+            )
             for i in np.argsort(-errors)
         )
 
@@ -458,7 +462,7 @@ def _undecided(state: State, looked: Round) -> Undecided | None:
     if best >= chance + MARGIN:
         return None  # what was found was refused for other reasons than chance
     poses, stated = int(state.groups.max()) + 1, fit.view.rms(fit.view.sigma)
-    return Undecided(fit.rms, stated, poses, best, chance)
+    return Undecided(fit.rms, stated, poses, best, chance, fit.view.readings.unit)
 
 
 def _by_themselves(state: State) -> Iterator[tuple[int, float]]:

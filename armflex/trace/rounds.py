@@ -94,7 +94,7 @@ def _tell_figures(teller: Teller, state: State) -> None:
     *_, last = (None, *state.steps)
     unseen = held_out(state.first, pose_folds(state.groups)).rms if last is None else last.proof.after
     effects = tuple(block.effect.title for block in state.effects)
-    teller.say(effects=effects, rms=state.fit.rms, held_out=unseen)
+    teller.say(effects=effects, rms=state.fit.rms, held_out=unseen, unit=state.fit.view.readings.unit)
 
 
 def _round(state: State) -> tuple[State, ...]:

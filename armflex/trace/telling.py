@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from armflex.conventions import said_of
+
 Report = Callable[[str], None]
 """Called with what is being done, once for every stage."""
 
@@ -33,6 +35,7 @@ class Doing:
         effects: Those accepted so far, in words.
         rms: RMS of the 3-D error of the fitted rows with them [m], None before the first fit.
         held_out: The same on held-out poses [m].
+        unit: In which these are, where it is not m.
     """
 
     stage: str = ""
@@ -42,6 +45,7 @@ class Doing:
     effects: tuple[str, ...] = ()
     rms: float | None = None
     held_out: float | None = None
+    unit: str = "m"
 
     def __str__(self) -> str:
         count = f"{self.done} of {self.total}" if self.total else ""
@@ -49,9 +53,9 @@ class Doing:
         text = ": ".join(part for part in (self.stage, within) if part)
         if self.rms is None:
             return text
-        held_out = "" if self.held_out is None else f", held out {self.held_out * 1e3:.3g} mm"
+        held_out = "" if self.held_out is None else f", held out {said_of(self.held_out, self.unit)}"
         effects = f"{len(self.effects)} effect{'' if len(self.effects) == 1 else 's'}"
-        return f"{text} [{effects}; RMS {self.rms * 1e3:.3g} mm{held_out}]"
+        return f"{text} [{effects}; RMS {said_of(self.rms, self.unit)}{held_out}]"
 
 
 class Teller:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtri
 
 from armflex.conventions import Array, root_of_covariance
-from armflex.readings.chance import outlier_limit
+from armflex.estimate.robust import outlier_limit
 
 GROSS = 100.0
 """Mahalanobis distance from which on nothing but a mistake explains a reading: it is left out."""

@@ -9,6 +9,7 @@ from numbers import Real
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, finite_array, real_array
 from armflex.errors import InputError, UnknownNameError
@@ -57,6 +58,7 @@ class Reading:
         return sum(kind.dimension for kind in kinds) + sum(np.size(values) for values in self.sensors.values())
 
     @classmethod
+    @checked_kinds
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
         """Return a row of a campaign, with its time if wanted; a direction that no row before tells is not given."""
         known = {name: float(values[row]) for name, values in measurements.known.items()}

@@ -211,12 +211,14 @@ class Tracker:
             state.watch.window = anew
             self._take_again(self._before, *contradicted(anew, self._before))
 
+    @checked_kinds
     def save(self, path: str | Path) -> Path:
         """Write all that is known to a file, whole or not at all; return its path."""
         about = {"arm": digest(self._arm), "rates": self._rates, "sigma": self._sigma}
         return write_state(self._state, about, Path(path))
 
     @classmethod
+    @checked_kinds
     def restore(cls, path: str | Path, arm: Arm) -> Tracker:
         """Return a tracker that goes on where it was saved, to the last bit; `arm` is the one that it began with.
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.estimate.robust import outlier_limit
 from armflex.parameters import ArmParameter, ParameterKind
 from armflex.readings import Position
-from armflex.readings.chance import outlier_limit
 from armflex.result import Result
 from armflex.track.estimate import Estimate, Seen, recentred
 from armflex.track.reading import Reading

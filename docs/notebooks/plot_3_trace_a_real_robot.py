@@ -35,6 +35,11 @@ def error(arm: armflex.Arm, rows: armflex.Measurements, some: np.ndarray) -> np.
     return 1e3 * np.linalg.norm(away[some], axis=1)
 
 
+def told(errors: np.ndarray) -> str:
+    """Return the root mean square, mean and largest of some errors [mm]."""
+    return f"{np.sqrt(np.mean(errors**2)):.3f} mm RMS, {errors.mean():.3f} mm mean, {errors.max():.2f} mm at most"
+
+
 # %%
 # Every fourth pose is used, the others are held out. ``calibrate`` finds the instrument, the target on the flange, and
 # the errors of zeros and geometry.
@@ -43,7 +48,7 @@ every = np.arange(len(rows))
 used, held_out = every[every % 4 == 0], every[every % 4 != 0]
 calibrated = armflex.calibrate(arm, rows, rows=used)
 before = error(calibrated.arm, rows, held_out)
-print(f"{len(used)} poses used, {len(held_out)} held out: {before.mean():.3f} mm mean, {before.max():.2f} mm at most")
+print(f"{len(used)} poses used, {len(held_out)} held out: {told(before)}")
 
 # %%
 # ``trace`` asks what is left.
@@ -54,7 +59,7 @@ for one in traced.found:
     values = ", ".join(f"{name} = {value:.3g}" for name, value in one.effect.named.items())
     print(f"{one.effect.title}: {values}")
 after = error(traced.arm, rows, held_out)
-print(f"on poses not used {after.mean():.3f} mm mean, {after.max():.2f} mm at most")
+print(f"on poses not used {told(after)}; as declared, the instrument placed, {1e3 * traced.declared_rms:.1f} mm RMS")
 
 fig, ax = plt.subplots(figsize=(7, 3), layout="constrained")
 for name, values in (("calibrated", before), ("traced", after)):
@@ -78,7 +83,8 @@ calibrated = armflex.calibrate(arm, rows, rows=used)
 before = error(calibrated.arm, rows, held_out)
 traced = armflex.trace(arm, rows, rows=used)
 after = error(traced.arm, rows, held_out)
-print(f"calibrated {before.mean():.2f} mm, traced {after.mean():.2f} mm, mean of the poses not used")
+print(f"poses not used, calibrated: {told(before)}")
+print(f"poses not used, traced: {told(after)}; as declared {1e3 * traced.declared_rms:.1f} mm RMS")
 for title in (*(family.title for family in traced.families), *(one.effect.title for one in traced.found)):
     print(title)
 

@@ -22,11 +22,11 @@ from armflex.bench.network_problem import (
     PAPER,
     NetworkProblem,
     jacobian,
-    least_squares,
     minimise,
     predictions,
     scaled_problem,
     start_weights,
+    sum_of_squares,
 )
 from armflex.conventions import Array
 from armflex.laws import LinearLaw, Row
@@ -52,7 +52,7 @@ def bench(seed: int) -> tuple[Array, Array, Array, Array]:
 def own(problem: NetworkProblem, start: Array) -> tuple[Array, Array]:
     """The paper's damping schedule."""
     begun = time.perf_counter()
-    costs = minimise(least_squares(problem), start, STEPS).costs
+    costs = minimise(sum_of_squares(problem), start, STEPS).costs
     return costs, np.linspace(0.0, time.perf_counter() - begun, len(costs))
 
 

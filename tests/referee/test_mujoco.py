@@ -256,6 +256,7 @@ def relaxed(referee: Referee, q: dict[str, float], payload: str) -> tuple[np.nda
     return data.qpos[places].copy(), referee.tip(model, data)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("payload", ["none", "p200"])
 @pytest.mark.parametrize("seed", range(3))
 def test_springs_at_rest(payload, seed):

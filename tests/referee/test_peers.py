@@ -43,6 +43,7 @@ def test_mujoco_stepped_until_it_rests(rest):
     np.testing.assert_allclose(tip, peers.mujoco_stepped(boom, damping=1.0, step=1.0)(), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drives_only", [True, False])
 def test_a_frame_of_beams_is_off_by_the_square_of_the_sag(tmp_path, drives_only):
     missed = []

@@ -159,6 +159,7 @@ def test_predictions_are_as_uncertain_as_the_session_sees_them(tmp_path: Path) -
     np.testing.assert_allclose(sigma[half:, :2], sigma[:half, 1::-1], rtol=0.2)
 
 
+@pytest.mark.slow
 def test_a_fit_that_does_not_settle_says_what_still_moves_and_which_rows_are_furthest_off(tmp_path: Path) -> None:
     file, table = several(tmp_path, {"near": FAR["near"]}, 40)
     arm = load_arm(file)

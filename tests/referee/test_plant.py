@@ -89,6 +89,7 @@ def test_play_and_lag_have_their_memory():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arm", ARMS)
 def test_the_library_reads_what_is_written(arm, tmp_path):
     truth = draw("creep", 5, arm).write(tmp_path)
@@ -119,6 +120,7 @@ def test_empty_campaigns_hold_noise_of_the_stated_truth(kind, sigma, tmp_path):
     assert np.sqrt((error**2).mean()) == pytest.approx(sigma, rel=0.1)
 
 
+@pytest.mark.slow
 def test_restationed_campaigns_have_heavy_tails_and_lost_beams():
     drawn = [draw("none_restationed", seed) for seed in range(12)]
     errors = np.concatenate([d.errors[~d.lost] for d in drawn]) / 2e-4
@@ -126,6 +128,7 @@ def test_restationed_campaigns_have_heavy_tails_and_lost_beams():
     assert errors.std() == pytest.approx(1.0, rel=0.25) and (np.abs(errors) > 4.5).mean() > 1e-3
 
 
+@pytest.mark.slow
 def test_same_seed_same_campaign(tmp_path):
     first, again, other = (draw("two", seed, "six").write(tmp_path / str(n)) for n, seed in enumerate((1, 1, 2)))
     assert first.train.read_bytes() == again.train.read_bytes() != other.train.read_bytes()
@@ -147,6 +150,7 @@ def test_what_calibration_may_move_is_hidden_by_it():
     assert visible(draw("session_frame", 3)).strain > 3.0
 
 
+@pytest.mark.slow
 def test_calibration_finds_the_true_machine_when_nothing_is_hidden(tmp_path):
     truth = draw("none", 8, "six").write(tmp_path)
     arm = load_arm(truth.arm)
@@ -155,5 +159,6 @@ def test_calibration_finds_the_true_machine_when_nothing_is_hidden(tmp_path):
     assert np.sqrt((error[truth.held_out] ** 2).sum(axis=1).mean()) < 0.7 * 2e-4 * np.sqrt(3.0)
 
 
+@pytest.mark.slow
 def test_every_null_draws():
     assert all(draw(kind, 1, arm).effects == () for kind in NULLS for arm in ARMS)

@@ -163,6 +163,7 @@ def test_a_calibrated_file_keeps_the_stiffness_it_was_given(tmp_path: Path) -> N
     np.testing.assert_allclose(factors(load_arm(tmp_path / "calibrated.toml")), factors(found.arm), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_calibrate_and_report_take_a_force_for_rows_that_name_none(tmp_path: Path) -> None:
     """The first twenty rows without columns and pushed alike, the rest with columns of their own."""
     arm, path = declared(tmp_path), pushed(tmp_path, 5, ("",))

@@ -142,6 +142,7 @@ def test_a_tracker_takes_a_new_target_in_a_new_session(tmp_path: Path) -> None:
     assert error(tracker.arm, replace(later, session=("new",) * len(later))) < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "said"),
     [

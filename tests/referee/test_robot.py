@@ -170,6 +170,7 @@ def test_flexures_at_zero_change_nothing(path):
         assert_close(torque, pin.computeGeneralizedGravity(rigid.model, rigid.model.createData(), q), 1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", BUNDLED.values(), ids=BUNDLED)
 def test_a_base_further_out_leaves_out_what_is_above(path):
     robot = load_robot(path)

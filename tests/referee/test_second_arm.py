@@ -6,6 +6,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pytest
 from support.two_arms import beside, two_arms, urdf
 
 from armflex.rows.branch import branches
@@ -13,6 +14,7 @@ from armflex.rows.branch import branches
 STIFF = f"compliance = {[1e-18] * 6}"
 
 
+@pytest.mark.slow
 def test_a_torso_carries_a_second_arm_where_a_row_has_it(tmp_path: Path) -> None:
     # All but rigid, so that loads are those of the arm as MuJoCo has it; gravity askew, so that every drive is loaded.
     arm = two_arms(tmp_path, instead={"compliance = [": STIFF, "gravity": "gravity = [3.0, -2.0, -9.1]"})

@@ -86,6 +86,7 @@ def data_of(fit: Fit) -> Array:
 NAMES = ("stiffening", "link_geometry", "gear_harmonic", "thermal_growth", "tip_force", "tracker_scale", "backlash")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_gain_is_the_fall_of_a_refit(name, before):
     fit, context, projection = before.fit, before.context, project(before.fit)
@@ -179,6 +180,7 @@ def noisy(projection: Projection, seed: int) -> Projection:
     return projected(projection.regressors, projection.precision, noise, projection.ridge, projection.count)
 
 
+@pytest.mark.slow
 def test_chance_exceeds_the_null_as_often_as_it_should(before):
     laws = [CATALOGUE[name] for name in ("encoder_scale", "backlash", "compliance", "gear_harmonic")]
     candidates = bank(candidates_of(laws, before.context), before.fit, before.context)
@@ -298,6 +300,7 @@ def test_rivals_would_have_done_as_well(before, after):
         assert again == pytest.approx(worth - difference, abs=0.05 * worth)
 
 
+@pytest.mark.slow
 def test_a_state_knows_its_parts(after):
     block = after.effects[0]
     assert after.values_of(block).shape == after.stds_of(block).shape == (1,)

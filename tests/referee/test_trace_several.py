@@ -39,6 +39,7 @@ def test_every_cause_that_shows_is_named(count, seed, arm):
     assert found.false == 0 and found.after < 1.1 * found.floor, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "seed", "arm"),
     [
@@ -87,6 +88,7 @@ def with_twist(state: State, std: float = 1e-4) -> State:
     return with_random(state, PoseBlock(place.site, place.axis, std, state.context.column(POSE).astype(int)))
 
 
+@pytest.mark.slow
 def test_what_was_set_aside_is_withdrawn_when_a_cause_appears(missing):
     found = grown(with_twist(missing))
     assert found is not None and found.random is None
@@ -95,6 +97,7 @@ def test_what_was_set_aside_is_withdrawn_when_a_cause_appears(missing):
     assert again is not None and again.random is None
 
 
+@pytest.mark.slow
 def test_what_is_set_aside_is_of_a_size_that_a_machine_has(missing):
     poor = replace(
         missing.looked, ranking=tuple(replace(one, gain=1.0, evidence=1.0) for one in missing.looked.ranking)
@@ -136,6 +139,7 @@ def test_a_joint_that_turns_by_more_than_joints_do_is_unlikely(missing):
     assert play == 0.0 and broken > 10.0
 
 
+@pytest.mark.slow
 def test_the_better_of_two_names_takes_the_place_of_what_was_found_first(tmp_path):
     """A joint whose friction does not depend on the load has play, which is plainer, beside one that creeps."""
     state = calibrated("two", tmp_path)

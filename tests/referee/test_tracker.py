@@ -107,6 +107,7 @@ def test_values_are_within_their_uncertainties(machine):
     assert 0.92 < np.mean(inside) < 0.98
 
 
+@pytest.mark.slow
 def test_goes_on_where_a_calibration_ended_as_if_it_had_seen_all(machine):
     """A calibration with half of the readings, the others one by one: against the converged fit to all of them."""
     readings = machine.readings(5, 300)
@@ -119,6 +120,7 @@ def test_goes_on_where_a_calibration_ended_as_if_it_had_seen_all(machine):
     assert tracker.std == pytest.approx(np.sqrt(np.diag(both.fit.posterior.covariance)), rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "changes"),
     [
@@ -231,6 +233,7 @@ def test_a_learned_law_is_tracked(machine, tmp_path):
     assert error(tracker.arm, machine, softer={"A4": 1.2}) < 1.2 * np.sqrt(3.0) * SIGMA
 
 
+@pytest.mark.slow
 def test_an_arm_with_an_effect_is_tracked(machine):
     """Effects stay as they are; what they depend on comes with the reading, and a row of a campaign is one."""
     warm = Effect(EVERY["thermal_growth"], Location("link:A4", None, ("temperature",)), (1.2e-5, 20.0, 0.0))

@@ -20,6 +20,7 @@ from armflex.track.state_space import model_of
 NOISE = np.sqrt(3.0) * SIGMA
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "shifts",
     [
@@ -40,6 +41,7 @@ def test_gross_readings_among_the_first_of_a_declared_arm(machine, shifts):
     assert error(tracker.arm, machine) < 1.1 * NOISE
 
 
+@pytest.mark.slow
 def test_a_reading_in_the_wrong_unit_is_left_out(known, machine):
     for arm in (machine.arm, known):
         tracker, readings = Tracker(arm), machine.readings(6, 40)
@@ -239,6 +241,7 @@ def test_a_random_walk_widens_by_its_variances():
     assert widen(before, np.array([0.0, 1.0, 2.0])).covariance == pytest.approx(np.diag([1.0, 5.0, 2.25]))
 
 
+@pytest.mark.slow
 def test_sizes_of_a_change_are_those_declared(machine):
     prior = replace(machine.arm.prior, geometry=3e-5, joint_offset=2e-3, tool=7e-3, compliance=0.3)
     model = model_of(replace(machine.arm, prior=prior))

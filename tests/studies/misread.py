@@ -3,8 +3,9 @@
     python tests/studies/misread.py --draws 20 [ARM.toml CAMPAIGN.csv ...]
 
 Machines of the plant with one undeclared effect each, and campaigns of real machines that are named by pairs. Every
-fault of `support.misread_campaigns` is done to each of them. A fault that does not move the readings further than the
-arm as it stands explains them cannot be named; what that leaves is printed with the rest.
+fault of `support.misread_campaigns` is done to each of them that can have it: an arm without flexures has no compliance
+to be written wrong. A fault that does not move the readings further than the arm as it stands explains them cannot be
+named; what that leaves is printed with the rest.
 """
 
 from __future__ import annotations

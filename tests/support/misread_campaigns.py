@@ -52,8 +52,9 @@ def faults(arm: Arm) -> Iterator[Fault]:
         yield Fault("payload masses are in grams", lambda arm, rows: (heavier(arm, 1e3), rows))
     if max(masses, default=0.0) > 200.0:  # lighter ones hardly bend a stiff arm
         yield Fault("payload masses are in tonnes", lambda arm, rows: (heavier(arm, 1e-3), rows))
-    yield Fault("the compliance is a thousand times too large", lambda arm, rows: (softer(arm, 1e3), rows))
-    yield Fault("the compliance is a thousand times too small", lambda arm, rows: (softer(arm, 1e-3), rows))
+    if arm.flexures:  # a rigid arm is written with none
+        yield Fault("the compliance is a thousand times too large", lambda arm, rows: (softer(arm, 1e3), rows))
+        yield Fault("the compliance is a thousand times too small", lambda arm, rows: (softer(arm, 1e-3), rows))
     yield Fault("[prior] frees nothing", lambda arm, rows: (replace(arm, prior=Prior()), rows))
 
 

@@ -116,6 +116,7 @@ def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> 
     assert len(asked["flexure.NAME"]) > 10 and "q_JOINT" in read["trajectory.csv"]
 
 
+@pytest.mark.slow
 def test_pages_are_in_the_contents() -> None:
     listed = re.findall(r"^(?:[\w ]+ <)?([\w-]+)>?$", (ROOT / "docs" / "index.md").read_text(), re.M)
     pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}

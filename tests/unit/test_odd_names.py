@@ -234,6 +234,7 @@ def test_trace_and_its_report(field: Path, tmp_path: Path) -> None:
     assert "script" not in found.elements and all(name in found.text for name in (*JOINTS, COLUMN))
 
 
+@pytest.mark.slow
 def test_plan_and_its_picture(field: Path, tmp_path: Path) -> None:
     out, drawn = tmp_path / "plan.csv", tmp_path / "plan.png"
     given = ["--rows", "3", "--after", field / "campaign.csv", "--along", field / "path.csv"]
@@ -357,6 +358,7 @@ def test_nothing_from_outside_moves_the_cursor(
     assert "warning: rigid" in err and page.stat().st_size > 500_000
 
 
+@pytest.mark.slow
 def test_every_doubt_and_step_is_escaped(capsys: pytest.CaptureFixture) -> None:
     from armflex.cli.terminal import complain, heading, print_table, say
 

@@ -56,6 +56,7 @@ def test_poses_too_few_to_tell_an_effect_from_chance_are_said_to_be(capsys: pyte
     assert "cannot decide what is missing: 0.688 mm RMS" in said and "Nothing is missing" not in said
 
 
+@pytest.mark.slow
 def test_the_wam_is_calibrated_to_two_and_a_half_millimetres() -> None:
     found = calibrate(*public("wam_tsinghua"))
     assert found.held_out is not None and 1e3 * found.held_out[1] < 2.4
@@ -108,6 +109,7 @@ def test_parts_of_joint_space_lie_apart() -> None:
     assert apart > np.where(mixed[:, None] != mixed, far, np.inf).min(axis=1).mean()
 
 
+@pytest.mark.slow
 def test_decimal_commas_and_stations_are_read(tmp_path: Path) -> None:
     """The layouts of the UR10 (semicolons, mm, decimal commas) and of the lifting column (YAML by station)."""
     yaml = pytest.importorskip("yaml")

@@ -105,5 +105,6 @@ def test_an_arm_in_a_notebook(arm: armflex.Arm) -> None:
     assert page.open == [] and page.cells == 4 * len(arm.flexures)
 
 
+@pytest.mark.slow
 def test_the_package_shows_its_own_names_alone() -> None:
     assert dir(armflex) == sorted(armflex.__all__) and len(armflex.__all__) < 40

@@ -30,6 +30,7 @@ def imported(code: str, *arguments: str) -> set[str]:
     return set(text.splitlines()[-1].split()[1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [(), ("--help",), ("deflect", "--help"), ("--version",)])
 def test_nothing_heavy_is_imported_until_needed(arguments):
     found = imported(HELP if arguments else IMPORT, *arguments)
@@ -66,6 +67,7 @@ def test_the_package_has_for_people_what_it_has_for_type_checkers():
         assert getattr(armflex, name) is getattr(sys.modules[module], name)
 
 
+@pytest.mark.slow
 def test_a_function_stays_one_when_the_package_of_its_name_is_imported():
     code = """
 import armflex.trace.search, armflex.plan.design_model
@@ -76,6 +78,7 @@ print("imported:", armflex.trace.__name__, callable(armflex.trace), callable(arm
     assert text.split()[1:] == ["trace", "True", "True"]
 
 
+@pytest.mark.slow
 def test_linear_algebra_of_a_command_has_one_thread_unless_told_otherwise(monkeypatch):
     """Threads of matrices this small wait for each other; SciPy is not loaded yet when a command says so."""
     code = HELP + "\nimport os, sys\nprint('imported:', os.environ['OPENBLAS_NUM_THREADS'], 'scipy' in sys.modules)"
@@ -88,6 +91,7 @@ def test_linear_algebra_of_a_command_has_one_thread_unless_told_otherwise(monkey
         assert text.splitlines()[-1] == f"imported: {expected} False"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["armflex", "armflex.cli.main"])
 def test_the_command_line_is_a_module_too(module):
     run = subprocess.run([sys.executable, "-m", module, "--help"], capture_output=True, text=True)

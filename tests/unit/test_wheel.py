@@ -43,6 +43,7 @@ def test_it_holds_everything_that_the_package_and_the_robots_are(wheel: Path) ->
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == {"armflex"}
 
 
+@pytest.mark.slow
 def test_a_bundled_arm_is_loaded_from_it(wheel: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as file:
         file.extractall(tmp_path)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
+from fractions import Fraction
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,6 +34,14 @@ ZOO: dict[str, object] = {
     "class": int,
     "function": len,
     "complex": 1j,
+    "fraction": Fraction(1, 2),
+    "huge": 10**5000,
+    "no path": "a\0b",
+    "dates": np.array(["2020"], dtype="M8[D]"),
+    "empty": [],
+    "negative": -1,
+    "generator": (i for i in range(3)),
+    "namespace": SimpleNamespace(x=1),
 }
 
 FINE: dict[str, Callable[[armflex.Arm, Path], dict[str, object]]] = {
@@ -107,6 +117,7 @@ def test_every_public_function_is_asked() -> None:
     assert shown - errors - {"ArmflexWarning"} == set(FINE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FINE)
 @pytest.mark.filterwarnings("ignore::armflex.ArmflexWarning")
 def test_wrong_kinds_of_things(name: str, arm: armflex.Arm, tmp_path: Path, monkeypatch) -> None:
@@ -134,6 +145,26 @@ def test_wrong_kinds_of_things_for_an_arm(name: str, arm: armflex.Arm) -> None:
     assert [said for said in raw if said] == []
 
 
+def test_wrong_kinds_of_things_for_results(arm: armflex.Arm, tmp_path: Path) -> None:
+    plain = armflex.load_arm(FOLDER / "arm.toml")
+    path = armflex.read_trajectory(FOLDER / "trajectory.csv", plain)
+    rows = armflex.read_measurements(FOLDER / "campaign.csv", arm)
+    here, there = plain.deflection(plain.position()), plain.deflection(path.q)
+    found = armflex.map_workspace(plain, rows=8)
+    calls: list[tuple[Callable, dict[str, object]]] = [
+        (found.margin, {}), (found.verdicts, {}), (armflex.view(plain).write, {}), (here.link_poses, {}),
+        (here.shares, {}), (here.sigma, {}), (there.shares, {}), (there.sigma, {}), (path.for_arm, {}),
+        (path.towards, {}), (path.with_constants, {"arm": plain, "constants": {}}),
+        (armflex.Reading.of, {"measurements": rows, "row": 0}),
+        (armflex.Tracker.restore, {"path": tmp_path / "state", "arm": plain}),
+    ]  # fmt: skip
+    raw = []
+    for call, known in calls:
+        for name in inspect.signature(call).parameters:
+            raw += [(call.__qualname__, accepts(call, name, known, thing)) for thing in ZOO.values()]
+    assert [said for said in raw if said[1]] == []
+
+
 def test_the_argument_is_named(arm: armflex.Arm) -> None:
     path = FOLDER / "trajectory.csv"
     with pytest.raises(InputError, match=r"^check: arm is .*arm\.toml.*, expected an Arm$"):
@@ -148,6 +179,7 @@ def test_the_argument_is_named(arm: armflex.Arm) -> None:
         armflex.map_workspace(arm, [1])  # type: ignore[list-item]
 
 
+@pytest.mark.slow
 def test_a_warning_points_at_the_line_that_asked(tmp_path: Path) -> None:
     row = "slew = { d = 0.4, lower = 0.5, upper = 1.0 }"
     (tmp_path / "arm.toml").write_text(f'[robot]\ndh = "standard"\n[robot.joint]\n{row}\n')

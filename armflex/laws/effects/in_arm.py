@@ -287,7 +287,7 @@ def directions(effects: Iterable[Effect], rows: Rows) -> Iterator[tuple[str, Eff
                 yield name, effect, rows.approach[:, columns[name]] == 0.0
 
 
-def settled(arm: Manipulator, given: Mapping[str, float]) -> dict[str, float]:
+def settled_covariates(arm: Manipulator, given: Mapping[str, float]) -> dict[str, float]:
     """Return covariates of a single configuration, lagged columns taken as settled where they are not given.
 
     Raises:

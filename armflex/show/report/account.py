@@ -51,13 +51,13 @@ def account(trace: Trace) -> SimpleNamespace:
         size=_errors_of(trace)[1],
         workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
         instruments=figures.by_instrument(trace),
-        sessions=figures.by_session_and_pose(accurate, bool(trace.found), trace.state.fit.view.readings.unit),
+        sessions=figures.by_session_and_pose(accurate, bool(trace.found), view.readings.unit),
         effects=[_effect(trace, index) for index in range(len(trace.found))],
         heat=figures.heat(trace, left),
-        left=summary.left(trace.unexplained) if trace.unexplained else "",
+        left=summary.left(trace.unexplained, view.readings) if trace.unexplained else "",
         parameters=_parameters(trace),
         hidden=_hidden(trace),
-        detectable=figures.detectable(trace.smallest, accurate.stated) if trace.smallest else "",
+        detectable=figures.detectable(trace.smallest, accurate.stated, view.readings) if trace.smallest else "",
         outliers=_outliers(trace),
         flags=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
@@ -216,7 +216,7 @@ def _outliers(trace: Trace) -> Table:
         (
             places[one.row].short if places else f"row {one.row}",
             poses[one.row],
-            millimetres(one.error_m),
+            millimetres(one.error_m, unit=one.unit),
             one.kind,
         )
         for one in trace.outliers[:SHOWN]

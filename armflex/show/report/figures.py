@@ -9,6 +9,7 @@ import numpy as np
 
 from armflex.conventions import SHOWN, TWIST_NAMES
 from armflex.estimate.identify import SURPRISING, FittedParameter
+from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import words
@@ -212,8 +213,8 @@ def pulls(
     return inline(figure, "Parameters that moved most against their priors")
 
 
-def detectable(smallest: Sequence[Smallest], noise: float) -> str:
-    """Return how small an effect of each law would have been seen, from its best place to its worst."""
+def detectable(smallest: Sequence[Smallest], noise: float, readings: Readings) -> str:
+    """Return how small an effect of each law would have been seen in readings, from its best place to its worst."""
     from matplotlib.ticker import LogLocator, NullLocator
 
     rows = sorted(smallest, key=lambda one: -one.most)
@@ -229,6 +230,7 @@ def detectable(smallest: Sequence[Smallest], noise: float) -> str:
     panel.xaxis.set_minor_locator(NullLocator())
     panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panel.set_yticks(place, [words(one.effect).title for one in rows])
-    panel.set_xlabel("RMS motion of the target, best to worst place [mm] (dashed: noise)")
+    unit = SHOWN[readings.unit][0]
+    panel.set_xlabel(f"RMS {readings.where_read}, best to worst place [{unit}] (dashed: noise)")
     grid(panel, "x")
     return inline(figure, "Smallest effects that would have been seen")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.numbers import change, measure, millimetres, short
 from armflex.show.report.words import called, joined, site_words, units_of, words
@@ -83,7 +84,8 @@ def further(trace: Trace) -> list[str]:
         said.append(trace.undecided.text)
     if trace.compared is not None:
         said.append(f"Of the error on poses not used: {trace.said_of_held_out}")
-    unit = trace.state.fit.view.readings.unit
+    readings = trace.state.fit.view.readings
+    unit = readings.unit
     said += [
         f"Withdrawn: {one.title}. With it poses not used are predicted to "
         f"{change(one.errors[1], one.errors[0], unit)} (the calibrated arm)."
@@ -94,7 +96,7 @@ def further(trace: Trace) -> list[str]:
     if trace.told("unexplained"):
         said.append(f"{trace.told('unexplained')} readings far off together are left out: nothing explains them.")
     if trace.unexplained:
-        said.append(left(trace.unexplained))
+        said.append(left(trace.unexplained, readings))
     elif not 0.8 < trace.noise < 1.2:
         said.append(f"The readings scatter {short(trace.noise)} times as much as their stated noise.")
     if not trace.found and trace.smallest:
@@ -102,15 +104,16 @@ def further(trace: Trace) -> list[str]:
         best, worst = (float(np.median([getattr(one, name) for one in trace.smallest])) for name in ("least", "most"))
         said.append(
             f"The smallest effect that this campaign would have shown: {words(least.effect).title} from "
-            f"{millimetres(least.least)} RMS at the target. Half of the {len(trace.smallest)} laws would have shown "
-            f"from {millimetres(best)} where they show best, from {millimetres(worst)} where they show worst."
+            f"{millimetres(least.least, unit=unit)} RMS {readings.where_read}. Half of the {len(trace.smallest)} laws "
+            f"would have shown from {millimetres(best, unit=unit)} where they show best, from "
+            f"{millimetres(worst, unit=unit)} where they show worst."
         )
     return said
 
 
-def left(unexplained: Unexplained) -> str:
-    """Return what is left unexplained, with place and size."""
-    size = f"{millimetres(unexplained.rms)} RMS at the target"
+def left(unexplained: Unexplained, readings: Readings) -> str:
+    """Return what is left unexplained of some readings, with place and size."""
+    size = f"{millimetres(unexplained.rms, unit=readings.unit)} RMS {readings.where_read}"
     if unexplained.site is None:
         return f"Left unexplained: {size}, without a place."
     twist = "" if unexplained.std is None else f" of {measure(unexplained.std, None, unexplained.unit or '')}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
+from armflex.conventions import SHOWN, TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.shapes import ABOVE, LAG
@@ -104,25 +104,30 @@ def _seen(trace: Trace, effect: Effect, motion: Array) -> tuple[Direction, Array
         place = effect.law.inner.index(ABOVE)
         lower = [value - (i == place) for i, value in enumerate(effect.inner)]
         moved = motion_of(trace, replace(effect, values=(*effect.amplitudes, *lower)))
-        return _usual(moved - motion, x - effect.inner[place]), x, x_label
+        return _usual(trace, moved - motion, x - effect.inner[place]), x, x_label
     if axis is None:
         size = np.linalg.norm(motion, axis=1)
         unit = motion / np.maximum(size, 1e-300)[:, None]
-        return Direction(unit, size, "residual along it", "m"), 1e3 * size, "motion that the effect predicts [mm]"
+        shown = trace.state.fit.view.readings.unit
+        name, factor = SHOWN[shown]
+        label = f"{'motion' if shown == 'm' else 'change'} that the effect predicts [{name}]"
+        return Direction(unit, size, "residual along it", shown), factor * size, label
     x, x_label = _suspect(trace, effect, axis)
     view = trace.state.fit.view
     unit, value = view.to_twist(effect.location.site)[:, view.foremost] @ axis, twist @ axis
     if np.any(axis[:3]) and np.any(axis[3:]):
-        return _usual(unit, value), x, x_label
+        return _usual(trace, unit, value), x, x_label
     gain, per = _gain(trace, effect)
     name = f"{'rotation' if np.any(axis[3:]) else 'shift'} at the place{per}"
     return Direction(unit * gain[:, None], value / gain, name, "rad" if np.any(axis[3:]) else "m"), x, x_label
 
 
-def _usual(unit: Array, value: Array) -> Direction:
-    """Return a direction in metres at the target of a typical reading."""
+def _usual(trace: Trace, unit: Array, value: Array) -> Direction:
+    """Return a direction in the unit of a typical reading: metres at the target, where that is read."""
     size = float(np.sqrt((unit**2).sum(axis=1).mean())) or 1.0
-    return Direction(unit / size, value * size, "residual along it,\nas in a typical reading", "m")
+    return Direction(
+        unit / size, value * size, "residual along it,\nas in a typical reading", trace.state.fit.view.readings.unit
+    )
 
 
 def _twist(trace: Trace, effect: Effect) -> tuple[Array, Array | None]:

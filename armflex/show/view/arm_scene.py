@@ -19,10 +19,11 @@ from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, InputError, listing, naming
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
+from armflex.parallel import Progress
 from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import (
@@ -88,6 +89,7 @@ class Page:
     def _repr_html_(self) -> str:
         return f'<iframe srcdoc="{escape(self.html)}" style="width:100%;height:520px;border:0"></iframe>'
 
+    @checked_kinds
     def write(self, path: str | Path) -> Path:
         """Write the page, whole or not at all."""
         return write_whole(Path(path), self.html.encode())
@@ -102,6 +104,7 @@ class ViewOptions(TypedDict, total=False):
     meshes: bool
     covariates: Mapping[str, float] | None
     wrenches: Sequence[Wrench]
+    progress: Progress | None
 
 
 @overload
@@ -130,6 +133,7 @@ def view(
     covariates: Mapping[str, float] | None = None,
     wrenches: Sequence[Wrench] = (),
     path: str | Path | None = None,
+    progress: Progress | None = None,
 ) -> Path | Page:
     """Return a page of the arm, which shows itself in a notebook, or write it as a file for any browser.
 
@@ -146,6 +150,7 @@ def view(
         covariates: What the arm's effects depend on, at q or the same in every row of the trajectory.
         wrenches: Loads from outside at q; a trajectory has its own.
         path: The HTML file to write, which is then returned; without it the page is.
+        progress: Called with (rows of the trajectory done, rows in all).
 
     Raises:
         InputError: Both q and a trajectory are given, one cannot be used, or no effect depends on a covariate.
@@ -158,27 +163,36 @@ def view(
         raise InputError(f"view takes {what} or a trajectory, not both")
     if magnification is not None and not 0.0 < magnification <= LARGEST_MAGNIFICATION:
         raise InputError(f"magnification must be positive and at most {LARGEST_MAGNIFICATION:g}, got {magnification}")
+    magnification = None if magnification is None else 1.0 * magnification
     known = covariates or {}
     if trajectory is None:
         here = arm.position() if q is None else arm.checked(q, "q")
-        asked = {"covariates": settled(arm, known), "wrenches": wrenches}
+        asked = {"covariates": settled_covariates(arm, known), "wrenches": wrenches}
         motion = Motion(np.zeros(1), (arm.deflection(here, payload, **asked),), 0, 1)
     else:
         trajectory = trajectory.with_constants(arm, known).prepared(arm)
-        motion = motion_along(arm, trajectory)
+        motion = motion_along(arm, trajectory, progress)
     page = Page(render_page(arm_scene(arm, motion, trajectory, report, magnification, meshes)))
     return page if path is None else page.write(path)
 
 
-def motion_along(arm: Arm, trajectory: Trajectory) -> Motion:
-    """Return every row, or every second, third ... of a long trajectory, its via-points and worst row kept."""
+def motion_along(arm: Arm, trajectory: Trajectory, progress: Progress | None = None) -> Motion:
+    """Return every row, or every second, third ... of a long trajectory, its via-points and worst row kept.
+
+    `progress` is called with (rows done, rows in all).
+    """
 
     def frame(i: int) -> Deflection:  # asked twice rather than kept: thousands of rows are many megabytes
         with naming(trajectory.where(i)):
             return arm.deflection(trajectory.q[i], trajectory.payload[i], **trajectory.asked(i))
 
     rows = range(len(trajectory))
-    worst = int(np.argmax([float(np.linalg.norm(frame(i).displacement[:3])) for i in rows]))
+    moved = np.zeros(len(rows))
+    for i in rows:
+        moved[i] = np.linalg.norm(frame(i).displacement[:3])
+        if progress:
+            progress(i + 1, len(rows))
+    worst = int(np.argmax(moved))
     stride = -(-len(rows) // MAX_FRAMES)
     kept = [i for i in rows if i % stride == 0 or trajectory.via[i] or i in (worst, len(rows) - 1)]
     return Motion(trajectory.time[kept], tuple(frame(i) for i in kept), kept.index(worst), len(rows))
@@ -222,7 +236,7 @@ def arm_scene(
         notes=(*_notes(arm, shown, motion, factor), *missing),
         times=times if len(times) > 1 else None,
         speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
-        posable=posable(arm, shown, factor) if len(times) == 1 else None,
+        posable=replace(posable(arm, shown, factor), frame=motion.worst, when=_when(motion)),
     )
     scene = _standing(scene, arm.robot.mount)
     return replace(scene, floor_z=float(scene_points(scene)[:, 2].min()) - 0.02 * arm.robot.reach)
@@ -543,10 +557,15 @@ def _subtitle(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> str
     if not arm.flexures:
         return "No flexure is declared: this arm is rigid."
     moved, turned = (float(np.linalg.norm(part)) * 1e3 for part in (shown.displacement[:3], shown.displacement[3:]))
-    when = f" at {motion.times[motion.worst]:g} s" if len(motion.frames) > 1 else ""
+    when = _when(motion)
     uncertainty = shown.sigma()
     sigma = "" if uncertainty is None else f" ± {number(uncertainty * 1e3, 2)}"
     return f"Tip moves {number(moved)}{sigma} mm and turns {number(turned, 3)} mrad{when}. Shown × {factor:g}."
+
+
+def _when(motion: Motion) -> str:
+    """Return when that is which figures speak of."""
+    return f" at {motion.times[motion.worst]:g} s" if len(motion.frames) > 1 else ""
 
 
 def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterator[str]:

@@ -14,7 +14,7 @@ from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import number
 from armflex.errors import InputError
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.rows.wrench import Wrench
 from armflex.show.view.arm_scene import SCALE, VERDICTS, Motion, arm_scene
 from armflex.show.view.scene_3d import LegendRow, Node, Shape, frame_camera
@@ -56,7 +56,7 @@ def map_page(
     if not found.answered.any():
         raise InputError("every configuration was refused: there is no displacement to show")
     here = found.worst_voxel
-    payload, known = found.payloads[found.worst_payload[here]], settled(arm, covariates or {})
+    payload, known = found.payloads[found.worst_payload[here]], settled_covariates(arm, covariates or {})
     shown = arm.deflection(found.worst_q[here], payload, covariates=known, wrenches=wrenches)
     mount = pin.SE3(arm.robot.mount, np.zeros(3))
     centres = found.centres @ mount.rotation.T

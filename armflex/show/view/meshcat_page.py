@@ -25,13 +25,14 @@ from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
 
 from armflex.conventions import printable
-from armflex.show.view.scene_3d import Camera, Posable, Scene, Shape, frame_camera, scene_points
+from armflex.show.view.scene_3d import Camera, Node, Posable, Scene, Shape, frame_camera, scene_points
 
 Command = dict[str, object]
 
 _CAMERA = ScenePath(("Cameras", "default", "rotated", "<object>"))
 _BACKGROUND_TOP, _BACKGROUND_BOTTOM = (0.97, 0.98, 0.99), (0.84, 0.87, 0.90)
-_TUBE_SIDES = 12
+_TUBE_SIDES, _BALL_SIDES, _CAPSULE_SIDES = 12, 12, 24
+"""A page of many via-points is drawn by a processor alone, too: what is small has few sides."""
 _FRAMES_A_SECOND = 30.0
 _CIRCLE_SIDES = 48
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -57,9 +58,8 @@ def render_page(scene: Scene) -> str:
         "groups": list(dict.fromkeys(node.name.split("/")[0] for node in scene.nodes)),
         "posable": None if scene.posable is None else _posable(scene.posable),
         "carried": [
-            [_parts("Nodes", node.name), node.link, node.flexed, node.turns, node.poses[0].T.ravel().tolist()]
-            for node in scene.nodes
-            if node.link and scene.posable
+            [_parts("Nodes", node.name), node.link, node.flexed, node.turns, pose.T.ravel().tolist()]
+            for node, pose in _as_posed(scene)
         ],
         "floor": floor,
         "start": 0.0 if scene.times is None else float(scene.times[0]),
@@ -90,6 +90,13 @@ def render_page(scene: Scene) -> str:
     )
 
 
+def _as_posed(scene: Scene) -> Iterator[tuple[Node, np.ndarray]]:
+    """Yield what a slider carries, and its (4, 4) pose where the sliders stand at first."""
+    for node in scene.nodes:
+        if node.link and scene.posable:
+            yield node, node.poses[min(scene.posable.frame, len(node.poses) - 1)]
+
+
 def _posable(arm: Posable) -> dict[str, object]:
     """Return an arm that can be moved as JSON has it, matrices by columns as the viewer takes them."""
     sliders = [
@@ -108,6 +115,7 @@ def _posable(arm: Posable) -> dict[str, object]:
         "flexed": np.round(arm.flexed, 7).tolist(),
         "tip": arm.tip,
         "magnification": arm.magnification,
+        "when": arm.when,
     }
 
 
@@ -145,17 +153,18 @@ def tube_mesh(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray
     return np.concatenate([rings.reshape(-1, 3), axis[:1], axis[-1:]]), _lathe_faces(len(axis), _TUBE_SIDES)
 
 
-def capsule_mesh(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+def capsule_mesh(radius: float, length: float, sides: int = _CAPSULE_SIDES) -> tuple[np.ndarray, np.ndarray]:
     """Capsule about z, its cylindrical part `length` long: vertices (V, 3) and outward triangles (F, 3)."""
-    latitudes = np.radians(np.arange(-80.0, 81.0, 10.0))
-    latitudes = np.insert(latitudes, len(latitudes) // 2, 0.0)  # Both ends of the cylinder need a ring.
+    latitudes = np.linspace(-0.5 * np.pi, 0.5 * np.pi, sides // 2 + 1)[1:-1]
+    if length:
+        latitudes = np.insert(latitudes, len(latitudes) // 2, 0.0)  # Both ends of the cylinder need a ring.
     shift = np.where(np.arange(len(latitudes)) < len(latitudes) / 2, -0.5, 0.5) * length
-    angles = 2.0 * np.pi * np.arange(_CIRCLE_SIDES) / _CIRCLE_SIDES
+    angles = 2.0 * np.pi * np.arange(sides) / sides
     circle = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     rings = radius * np.cos(latitudes)[:, None, None] * circle
     rings[..., 2] += (radius * np.sin(latitudes) + shift)[:, None]
     poles = (radius + length / 2.0) * np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
-    return np.concatenate([rings.reshape(-1, 3), poles]), _lathe_faces(len(latitudes), _CIRCLE_SIDES)
+    return np.concatenate([rings.reshape(-1, 3), poles]), _lathe_faces(len(latitudes), sides)
 
 
 def _across(tangent: np.ndarray, wish: np.ndarray) -> np.ndarray:
@@ -200,12 +209,12 @@ def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
     for line in scene.polylines:
         mesh = mg.TriangularMeshGeometry(*tube_mesh(line.points, line.radius))
         yield _object_command(mg.Mesh, mesh, _paint(line.color, 1.0), _path("Paths", line.name))
-    for marker in scene.markers:
-        if not marker.radius:
-            continue
-        path = _path("Markers", marker.name)
-        yield _object_command(mg.Mesh, mg.Sphere(marker.radius), _paint(marker.color, 1.0), path)
-        yield SetTransform(_translation(marker.position), path).lower()
+    ball, sides = capsule_mesh(1.0, 0.0, _BALL_SIDES)
+    for color in dict.fromkeys(one.color for one in scene.markers if one.radius):  # hundreds of balls are one mesh
+        balls = [one.position + one.radius * ball for one in scene.markers if one.color == color and one.radius]
+        faces = [i * len(ball) + sides for i in range(len(balls))]
+        mesh = mg.TriangularMeshGeometry(np.concatenate(balls), np.concatenate(faces))
+        yield _object_command(mg.Mesh, mesh, _paint(color, 1.0), _path("Markers", color))
     if scene.times is None:
         return
     frames = ((scene.times - scene.times[0]) * _FRAMES_A_SECOND / scene.speed).tolist()
@@ -237,7 +246,7 @@ def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
         geometry = mg.TriangularMeshGeometry(*capsule_mesh(*size))
     else:
         geometry = _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data or b""))
-    yield _object_command(mg.Mesh, geometry, _paint(shape.color, shape.opacity), solid)
+    yield _object_command(mg.Mesh, geometry, _paint(shape.color, shape.opacity, closed=kind != "mesh"), solid)
     if kind in ("cylinder", "cone"):
         yield SetTransform(_Y_TO_Z, solid).lower()  # A cylinder of the viewer stands along y.
     if kind == "mesh":
@@ -271,9 +280,9 @@ def _object_command(kind: type[mg.Object], shape: mg.Geometry, material: mg.Mate
     return SetObject(thing, path=path).lower()
 
 
-def _paint(color: str, opacity: float) -> mg.Material:
+def _paint(color: str, opacity: float, closed: bool = True) -> mg.Material:
     if opacity == 1.0:
-        return mg.MeshPhongMaterial(color=int(color[1:], 16), shininess=18)
+        return mg.MeshPhongMaterial(color=int(color[1:], 16), shininess=18, side=0 if closed else 2)
     # A ghost shows its front faces only, or its own back would muddy it; and it is drawn a hair further away
     # than it is, so that where it coincides with a solid the solid is seen.
     behind = {"polygonOffset": True, "polygonOffsetFactor": 2.0, "polygonOffsetUnits": 4.0}

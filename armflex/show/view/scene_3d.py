@@ -115,6 +115,8 @@ class Posable:
         flexed: (L, 6) as `Slider.flexed`, now.
         tip: Number of the link whose shift is told.
         magnification: Factor in all of them.
+        frame: Which of the scene's times this is.
+        when: Said of it, '' where there is but one.
     """
 
     sliders: tuple[Slider, ...]
@@ -124,6 +126,8 @@ class Posable:
     flexed: Array
     tip: int
     magnification: float
+    frame: int = 0
+    when: str = ""
 
 
 @dataclass(frozen=True)

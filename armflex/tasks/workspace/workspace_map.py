@@ -14,20 +14,20 @@ import numpy as np
 import pinocchio
 
 from armflex.arguments import checked_kinds
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.configurations import MOST_ROWS, Configurations, drawn_range, furthest
 from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, Flag, InputError, UnknownNameError
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import Progress, in_order, in_pieces
 from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
 from armflex.storage.store import open_store
-from armflex.tasks.check import COVERAGE
+from armflex.tasks.check import COVERAGE, doubtful_tolerance
 from armflex.tasks.workspace.cells import SIDE, Answer, Question, Tally, answers, cell_indices, form_of, joined, sigmas
 from armflex.version import __version__
 
@@ -134,6 +134,7 @@ class WorkspaceMap(Result):
         """Which voxel holds the largest displacement of all."""
         return int(np.nanargmax(self.worst)) if self.answered.any() else 0
 
+    @checked_kinds
     def margin(self, tolerance: float) -> Array:
         """Return (V,) tolerance minus the largest displacement [m], -inf where a configuration was refused.
 
@@ -142,8 +143,11 @@ class WorkspaceMap(Result):
         """
         if not 0.0 < tolerance < np.inf:
             raise InputError(f"tolerance must be positive, got {tolerance} m")
+        reach = float(np.linalg.norm(np.abs(self.centres) + 0.5 * self.voxel, axis=1).max(initial=0.0))
+        warn(doubtful_tolerance(tolerance, reach))
         return np.where(self.refused.any(axis=1), -np.inf, tolerance - self.worst)
 
+    @checked_kinds
     def verdicts(self, tolerance: float) -> np.ndarray:
         """Return (V,) "ok", "uncertain" or "fail", as `check` would say of the worst in every voxel.
 
@@ -212,7 +216,7 @@ def map_workspace(
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
-    known = settled(arm, covariates or {})
+    known = settled_covariates(arm, covariates or {})
     arm.loaded(None).flags_under(wrenches, moves=False)  # raises where a link is not the arm's
     options = {"covariates": known, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))

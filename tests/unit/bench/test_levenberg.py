@@ -16,10 +16,10 @@ from armflex.bench.network_problem import (
     Weighted,
     damped_step,
     jacobian,
-    least_squares,
     minimise,
     predictions,
     start_weights,
+    sum_of_squares,
 )
 
 
@@ -50,7 +50,7 @@ def test_normal_equations_are_those_of_the_jacobian(size: int) -> None:
 def test_same_minimum_as_scipy() -> None:
     problem = small_problem()
     for start in start_weights(problem, 3, 0):
-        found = minimise(least_squares(problem), start, 2000, 1e-15)
+        found = minimise(sum_of_squares(problem), start, 2000, 1e-15)
         referee = scipy_least_squares(
             lambda w: (predictions(problem, w) - problem.y).ravel(),
             found.weights + 1e-3 * np.random.default_rng(0).normal(size=problem.count),
@@ -140,6 +140,7 @@ def test_ends_after_three_small_gains_in_a_row(
     assert minimise(Gains(parts), np.zeros(1), len(parts)).converged is False  # no tolerance, no end
 
 
+@pytest.mark.slow
 def test_damped_step() -> None:
     rng = np.random.default_rng(0)
     root, gradient = rng.normal(size=(5, 5)), rng.normal(size=5)

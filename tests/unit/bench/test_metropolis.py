@@ -164,6 +164,7 @@ def test_bad_arguments() -> None:
             Adaptation(**wrong)
 
 
+@pytest.mark.slow
 def test_gibbs_noise_of_a_mean() -> None:
     """The mean of N readings is Student's t about theirs, the variance inverse gamma: textbook."""
     readings = np.random.default_rng(7).normal(3.0, 0.5, 12)
@@ -222,6 +223,7 @@ def test_compliance_by_chain_is_that_in_closed_form(structure: str) -> None:
     assert np.abs(difference).max() < 0.2
 
 
+@pytest.mark.slow
 def test_symmetric_compliance_by_chain_is_that_of_alternating_exact_draws() -> None:
     """Shared entries have no closed form; given the noise they are normal, and the noise given them inverse gamma."""
     loads, deflections = like_table_1()
@@ -257,6 +259,7 @@ def exact_symmetric(loads: np.ndarray, deflections: np.ndarray, seed: int, steps
     return np.array(draws[300:])
 
 
+@pytest.mark.slow
 def test_learned_law_by_chain() -> None:
     forces, shifts = like_table_1(30)
     loads, deflections = (np.hstack([block, 0.1 * block[::-1]]) for block in (forces, shifts))
@@ -342,6 +345,7 @@ def test_a_chain_that_never_moved_is_refused(still: int) -> None:
         check_converged(diagnose(draws))
 
 
+@pytest.mark.slow
 def test_what_is_refused() -> None:
     check_converged(Diagnostics())
     check_converged(Diagnostics(1.0099, 400.0, 0))

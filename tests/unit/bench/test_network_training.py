@@ -123,6 +123,7 @@ def test_log_posterior_and_evidence_by_hand() -> None:
     assert mode.log_evidence == pytest.approx(peak, rel=1e-10)
 
 
+@pytest.mark.slow
 def test_modes_are_maxima_the_best_first() -> None:
     loads, measured, _, _ = quadratic_bench(2)
     problem, _ = scaled_problem(loads, measured, 8)

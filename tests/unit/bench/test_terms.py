@@ -59,6 +59,7 @@ def test_six_components() -> None:
     assert [term["name"] for term in found.parameters["terms"]] == ["radial_moment"]
 
 
+@pytest.mark.slow
 def test_too_few_rows() -> None:
     with pytest.raises(InputError, match="6 rows are too few"):
         fit_terms(loads_of(0, 6), loads_of(1, 6), 0)

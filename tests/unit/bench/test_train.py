@@ -257,6 +257,7 @@ def test_trained_law_remembers_the_loads_it_saw() -> None:
     np.testing.assert_array_equal(law.fit.loads, [data.loads.min(axis=0), data.loads.max(axis=0)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["linear", "polynomial"])
 def test_what_was_learned_is_drawn(model: str, tmp_path: Path) -> None:
     """The picture is there whole, and differs where the law does; of another ending it is refused."""

@@ -158,6 +158,7 @@ def test_loads_are_read_as_another_unit_too() -> None:
     np.testing.assert_array_equal(read.deflections, plain.deflections)
 
 
+@pytest.mark.slow
 def test_asymmetry_is_judged_by_the_noise() -> None:
     """A flag in 2 of 40 benches of symmetric joints at most, and in all where an entry is 10 deviations off."""
     said = wrong = 0
@@ -192,6 +193,7 @@ def test_subjoints_that_the_loads_do_not_determine(tmp_path: Path) -> None:
     assert any(flag.code == "not_identified" and "2 C_rz" in flag.text for flag in flags)
 
 
+@pytest.mark.slow
 def test_a_chain_that_is_taken_unconverged_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("arviz_stats")
     monkeypatch.setattr(bayesian, "DRAWS", {"metropolis": 60})
@@ -240,6 +242,7 @@ def test_options_that_would_do_nothing(armflex: Run, tmp_path: Path, asked: list
     assert not list(tmp_path.glob("law.*"))
 
 
+@pytest.mark.slow
 def test_bench_in_kN_and_mm_from_table_to_arm(armflex: Run, tmp_path: Path) -> None:
     """What a newcomer does, with the last line of the first command as the only help."""
     data, _ = bench(6, 40, 3, 0.01)

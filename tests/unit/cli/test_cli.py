@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import logging
 import os
 import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +18,10 @@ from support.command_line import Run, few_rows, fine, run_here, strict_json
 from support.small_arms import ROBOTS
 
 from armflex import Arm, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory, trace
+from armflex.cli import terminal
 from armflex.cli.main import COMMANDS
 from armflex.trace.findings import Trace
+from armflex.trace.telling import Doing
 from armflex.trajectory import write_trajectory
 
 TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
@@ -38,6 +42,7 @@ def test_help_of_every_command(armflex: Run, command: str) -> None:
     assert "--json" in text
 
 
+@pytest.mark.slow
 def test_deflect_json(shell: Run, tmp_path: Path, tarm: Arm) -> None:
     result = fine(
         shell(
@@ -86,6 +91,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
     assert found["tolerance_m"] == {"0.1m": 0.1, "5mm": 0.005, "1cm": 0.01}[tolerance]
 
 
+@pytest.mark.slow
 def test_check_angle_alone_can_fail(shell: Run) -> None:
     command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m", "--angle"]
     fine(shell(*command, "1mrad"), 1)
@@ -145,6 +151,7 @@ def narrowed(folder: Path) -> Path:
     return folder / "narrow" / "arm.toml"
 
 
+@pytest.mark.slow
 def test_compensate_out_of_reach_writes_nothing_unless_asked(shell: Run, tmp_path: Path) -> None:
     arm, path = narrowed(tmp_path), few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30)
     command = ["compensate", arm, path, "-o", "o.csv", "--match", "pose", "--json", "c.json"]
@@ -373,6 +380,7 @@ def test_doubts_go_to_stderr(shell: Run) -> None:
     assert "warning: rigid:" in result.stderr and "rigid:" not in result.stdout
 
 
+@pytest.mark.slow
 def test_a_terminal_without_the_plus_minus_sign(shell: Run) -> None:
     command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m"]
     assert "± mm" in fine(shell(*command, PYTHONIOENCODING="utf-8")).stdout
@@ -436,6 +444,7 @@ def test_rows_that_are_left_out_of_a_table_are_counted_as_what_they_are(armflex:
     assert int(hidden[1]) == (10 if lost else 0)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::armflex.errors.ArmflexWarning")
 def test_a_joint_that_cannot_be_at_zero_stands_in_the_middle_and_that_is_said(armflex: Run, tmp_path: Path) -> None:
     text = (HEAVY / "robot.urdf").read_text()
@@ -448,3 +457,45 @@ def test_a_joint_that_cannot_be_at_zero_stands_in_the_middle_and_that_is_said(ar
     shown = fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0.7"))
     assert "it is taken at" not in shown.stderr
     assert "outside its limits" in fine(armflex("deflect", "robot.urdf", "--tip", "tool", "--q", "J1=0"), 2).stderr
+
+
+def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setattr(terminal, "EVERY", 0.2)
+    monkeypatch.setattr(terminal, "REDRAWN", 0.05)
+    with terminal.telling("reading"):
+        time.sleep(0.4)
+        terminal.tell("searching")
+        for number in range(2000):
+            terminal.doing(Doing("searching", "screening candidates", number, 2000))
+        time.sleep(0.5)
+        with terminal.progress("checking") as tick:
+            tick(3, 9)
+            time.sleep(0.5)
+    said = [line.partition(" s  ")[2] for line in capsys.readouterr().err.splitlines()]
+    assert list(dict.fromkeys(said)) == [
+        "reading", "searching", "searching: screening candidates, 1999 of 2000", "checking, 3 of 9"
+    ]  # fmt: skip
+    assert len(said) <= 12
+
+
+def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    """It stands in the last line alone, is as wide as that at most, and makes way for what is printed."""
+    monkeypatch.setattr(terminal, "REDRAWN", 0.02)
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "60")
+    with terminal.telling():
+        terminal.tell("searching")
+        terminal.doing(Doing("searching", "refining " + 100 * "x", 1, 2))
+        time.sleep(0.3)
+        logging.getLogger("armflex.mechanics").warning("a word")
+        time.sleep(0.1)
+    written = capsys.readouterr().err
+    assert "\r\x1b[Ka word\n" in written and written.endswith("\r\x1b[K")
+    assert written.count("\n") == 2 and written.count("\r") > 5
+    assert max(len(line) for line in re.split("[\r\n]", written.replace("\x1b[K", ""))) <= 60
+
+
+def test_a_command_says_from_the_first_that_it_works(armflex: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(terminal, "EVERY", 0.0)
+    monkeypatch.setattr(terminal, "REDRAWN", 0.001)
+    assert "0 s  reading\n" in fine(armflex("deflect", HEAVY / "arm.toml")).stderr

@@ -171,6 +171,7 @@ def test_commands_that_fit_take_a_doubtful_robot_with_lax_as_all_others_do(
     assert "error: rows.csv" in without_readings
 
 
+@pytest.mark.slow
 def test_every_command_that_takes_a_robot_has_lax(armflex: Run) -> None:
     for name in READ.keys() - {"train"}:
         assert "--lax" in fine(armflex(name, "--help")).stdout, name

@@ -180,8 +180,20 @@ def test_nothing_known_at_all_is_a_null_space_and_no_value() -> None:
     assert LinearGaussian.of(np.zeros((3, 0)), np.zeros(0)).solve(np.zeros(0)).shape == (0,)
 
 
+@pytest.mark.slow
 def test_information_that_is_none_is_refused() -> None:
     with pytest.raises(NotFiniteError, match="not finite"):
         LinearGaussian.of(np.array([[1.0, np.nan]]), np.zeros(2))
     with pytest.raises(ShapeError, match=r"\(2, 3\), expected \(P, P\)"):
         LinearGaussian(np.zeros((2, 3)))
+
+
+def test_what_lapacks_fast_driver_cannot_do_its_plain_one_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    known = LinearGaussian.of(np.random.default_rng(0).normal(size=(30, 6)), np.full(6, 0.1))
+    expected = np.linalg.inv(known.information)
+
+    def unsettled(matrix: np.ndarray) -> None:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(np.linalg, "eigh", unsettled)
+    np.testing.assert_allclose(known.covariance, expected, rtol=1e-10)

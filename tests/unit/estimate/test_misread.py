@@ -33,10 +33,13 @@ def test_a_campaign_as_it_was_written_is_not_accused(campaign: tuple[Arm, Measur
     assert judged(*campaign) == ()
 
 
+@pytest.mark.slow
 def test_every_fault_is_named(campaign: tuple[Arm, Measurements]) -> None:
     said = {fault.named: judged(*fault.written(*campaign)) for fault in faults(campaign[0])}
     assert len(said) >= 11
     assert {named for named, names in said.items() if not any(named in name for name in names)} == set()
+    rigid = {fault.named for fault in faults(replace(campaign[0], flexures=()))}
+    assert said.keys() - rigid == {f"the compliance is a thousand times too {how}" for how in ("large", "small")}
 
 
 def test_exchanged_payloads_are_named(campaign: tuple[Arm, Measurements]) -> None:
@@ -74,6 +77,7 @@ def test_readings_of_other_poses_are_no_arms(campaign: tuple[Arm, Measurements])
     assert caught.value.names == ()
 
 
+@pytest.mark.slow
 def test_what_is_meant_is_taken_as_it_is_written(campaign: tuple[Arm, Measurements]) -> None:
     arm, rows = campaign
     soft = next(fault for fault in faults(arm) if "too small" in fault.named).written(arm, rows)
@@ -82,6 +86,7 @@ def test_what_is_meant_is_taken_as_it_is_written(campaign: tuple[Arm, Measuremen
     assert calibrate(*soft, anyway=True).rms > 0.0
 
 
+@pytest.mark.slow
 def test_the_command_line_says_so_and_writes_nothing(armflex: Run, tmp_path: Path) -> None:
     lines = (ROBOTS / "tarm_like" / "campaign.csv").read_text().splitlines()
     head = lines[0].replace("q_A2", "q_?").replace("q_A3", "q_A2").replace("q_?", "q_A3")

@@ -61,6 +61,7 @@ def test_two_that_a_file_could_not_tell_apart_are_refused() -> None:
         Certainty(tuple(ArmParameter(Group(ParameterKind.LAW, flexure), name) for flexure, name in names), np.eye(2))
 
 
+@pytest.mark.slow
 def test_effects_of_one_name_written_before_they_were_numbered(tarm: Arm) -> None:
     """An inner parameter that both have is that of the effect whose amplitudes were named before it."""
     law = CATALOGUE["tool_shift"]

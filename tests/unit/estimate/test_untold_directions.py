@@ -20,6 +20,7 @@ GAP = 2e-3
 Q = np.array([[0.3, -0.4, 0.5, 0.2, 0.6, -0.1]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turned", [0.0, 3.0, np.pi])
 def test_an_orientation_is_off_by_the_turn_between_both_sides_whichever_way_it_stands(turned: float) -> None:
     """Two rotation vectors of nearly half a turn may be far apart, or differ by more than the turn between them."""

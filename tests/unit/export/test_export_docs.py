@@ -22,6 +22,7 @@ def test_every_format_has_an_example() -> None:
     assert set(FORMATS) - shown <= {"c"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", COMMANDS)
 def test_examples_run(line: str, tmp_path: Path) -> None:
     given = ("arm.toml", "robot.urdf", "trajectory.csv")

@@ -19,7 +19,7 @@ from support.command_line import fine, run_here
 from support.exported import krl_moves, rapid_moves, urscript_moves
 from support.small_arms import ROBOTS, arm_of, joint, link
 
-from armflex import Arm, Trajectory, Wrench, compensate, read_trajectory
+from armflex import Arm, Trajectory, Wrench, compensate, read_trajectory, write_trajectory
 from armflex.errors import InputError, JointLimitError, TableError, UnreachableError, UnsupportedError
 from armflex.export import programs
 from armflex.version import __version__
@@ -241,7 +241,12 @@ def test_commands(language: str, tmp_path: Path) -> None:
 def test_the_head_says_what_was_written_from_what(language: str, mark: str, tmp_path: Path) -> None:
     file = path_file(tmp_path, NAMES, np.zeros((3, 6)), payload=["p100"] * 3)
     write = partial(getattr(programs, language), bundled("heavy_six"), file, arm_file="my/arm.toml")
-    for found, what in ((write(), "Not compensated"), (write(compensate=True), "Compensated")):
+    ready = read_trajectory(file, bundled("heavy_six"))
+    write_trajectory(compensate(bundled("heavy_six"), ready).trajectory, tmp_path / "ready.csv")
+    before = getattr(programs, language)(bundled("heavy_six"), tmp_path / "ready.csv", arm_file="my/arm.toml")
+    assert "compensated, as its target_ columns say" in before.told[0]
+    said = ((write(), "Not compensated"), (write(compensate=True), "Compensated"), (before, "Compensated before"))
+    for found, what in said:
         head = [line.strip() for line in found.text.splitlines()[:4] if line.strip().startswith(mark)]
         assert head[0] == f"{mark} Written by armflex {__version__} from my/arm.toml"
         assert head[1] == f"{mark} {what}; payload p100, no load from outside"
@@ -340,6 +345,7 @@ FORMATS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FORMATS)
 def test_nothing_is_written_but_what_is_asked_for(name: str, tmp_path: Path) -> None:
     """The file, and the JSON; where the arm or a payload is not there, nothing, and what stood there stays."""

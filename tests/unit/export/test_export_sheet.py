@@ -267,6 +267,7 @@ def spread_of(sheet: Sheet, q: np.ndarray) -> np.ndarray:
     return total
 
 
+@pytest.mark.slow
 def test_command_prints_a_page_or_writes_a_table(tmp_path: Path) -> None:
     arm = Path(bundled("heavy_six").robot.urdf.path).with_name("arm.toml")
     page = fine(run_here(tmp_path, "export", arm, "--to", "sheet"))

@@ -211,6 +211,7 @@ def test_any_origin_may_be_corrected(
         )
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path) -> None:
     done = fine(
         run_here(

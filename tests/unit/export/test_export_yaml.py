@@ -154,6 +154,7 @@ def test_more_or_other_joints_than_a_ur_has_are_refused_with_their_names(tmp_pat
         export(bundled("tarm_like"), "ur_calibration")
 
 
+@pytest.mark.slow
 def test_command(tmp_path: Path) -> None:
     arm = ROBOTS / "heavy_six" / "arm.toml"
     done = run_here(tmp_path, "export", arm, "--to", "yaml", "-o", "c.yaml")

@@ -70,6 +70,7 @@ def write(path: Path, matrix: np.ndarray, labels: tuple[str, ...] = LABELS) -> N
     write_arrays(path, LAYOUT, {"covariance": matrix}, {"parameters": labels})
 
 
+@pytest.mark.slow
 def test_one_of_another_version_is_refused(tmp_path: Path) -> None:
     path = calibrated(tmp_path)
     older = replace(LAYOUT, format="armflex-covariance-0")

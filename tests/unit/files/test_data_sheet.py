@@ -406,6 +406,7 @@ def test_the_five_lines_of_the_docstring_run(tmp_path: Path, monkeypatch: pytest
     assert re.search(r"\[.*-\d\.\d+.*\]", capsys.readouterr().out)  # mm, downwards
 
 
+@pytest.mark.slow
 def test_an_arm_from_python_is_refused_as_a_file_is(tmp_path: Path) -> None:
     write(tmp_path, GOOD)
     urdf = tmp_path / "robot.urdf"

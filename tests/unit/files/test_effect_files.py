@@ -24,7 +24,7 @@ from armflex.estimate.posterior import certainty_of
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
-from armflex.laws.effects.in_arm import settled
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.trace.accept import Proof
 from armflex.trace.findings import Found, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
@@ -54,6 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("arms")
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(effect=effects(), certain=st.booleans())
 def test_any_effect_is_read_as_it_was_written(folder: Path, effect: Effect, certain: bool) -> None:
@@ -442,7 +443,7 @@ def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple
     kept = [i for i, label in enumerate(arm.certainty.labels) if not label.startswith("effect hysteresis")]
     known = arm.certainty.part(kept)
     arm = dataclasses.replace(arm, effects=arm.effects[1:], certainty=known)
-    q, warm = arm.position(J2=0.3, J3=-0.5), settled(arm, {"temperature": 22.0})
+    q, warm = arm.position(J2=0.3, J3=-0.5), settled_covariates(arm, {"temperature": 22.0})
     found = [one.deflection(q, "p120", covariates=warm).displacement for one in draw_arms(arm, 400, seed=2)]
     expected = total_covariance(arm.deflection(q, "p120", covariates=warm))[0]
     # A standard deviation from 400 draws is right to a root of 800, at 4 of them.
@@ -469,6 +470,7 @@ def test_a_twist_that_nobody_can_predict_is_kept_as_uncertainty(calm: tuple, tmp
     assert 0.2 * 4e-4 * lever < np.median(np.linalg.norm(back.sigma, axis=1)) < 2.0 * 4e-4 * lever
 
 
+@pytest.mark.slow
 def test_an_arm_is_calibrated_about_effects_written_by_hand(tmp_path: Path) -> None:
     file, _, train, test, clean = campaign(tmp_path, "backlash", 1)
     true = json.loads((tmp_path / "truth.json").read_text())["effects"][0]

@@ -150,6 +150,7 @@ def test_composed_joint_of_such_soft_bearings_is_refused(tarm_preset: Preset) ->
         Arm(arm.robot, flexures, arm.payloads).deflection(STRAIGHT, "p600")
 
 
+@pytest.mark.slow
 def test_unknown_preset() -> None:
     with pytest.raises(UnknownNameError, match="no preset named 'paper_A4_m', did you mean 'paper_A4_um'"):
         load_arm(FOLDER / "arm.toml", preset="paper_A4_m")

@@ -251,6 +251,7 @@ def shapes_of(count: int) -> Callable[[Array, float, float], list[Array]]:
     return partial(hats, count=count)
 
 
+@pytest.mark.slow
 def test_hats_are_a_partition_and_stay_at_their_ends():
     x = np.linspace(-1.0, 3.0, 101)
     tents = np.array(shapes_of(5)(x, 0.0, 2.0))

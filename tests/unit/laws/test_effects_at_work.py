@@ -255,6 +255,7 @@ def test_a_covariate_may_be_a_level_of_a_text_column():
     }
 
 
+@pytest.mark.slow
 def test_commands_on_a_path_take_covariates(armflex: Run, tmp_path: Path, heavy_path: Trajectory) -> None:
     (tmp_path / "arm.toml").write_text(f"{TEXT}\n[[effect]]\n{BACKLASH}\n[[effect]]\n{WARM}\n")
     rows = part(heavy_path, 4)

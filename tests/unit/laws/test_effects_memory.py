@@ -139,11 +139,13 @@ def slider(load: np.ndarray, radius: float) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 @given(loads, radii)
 def test_play_is_a_block_with_slack(load, radius):
     np.testing.assert_allclose(play(load, radius), slider(load, radius), atol=1e-10)
 
 
+@pytest.mark.slow
 @given(loads, radii)
 def test_play_keeps_within_its_radius(load, radius):
     assert np.abs(play(load, radius) - load).max() <= radius * (1.0 + 1e-12)
@@ -174,6 +176,7 @@ def test_no_slack_is_no_play(load):
     np.testing.assert_array_equal(play(load, 0.0), load)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("radius", [5.0, 5.5])
 def test_a_load_within_the_slack_is_not_felt(radius):
     np.testing.assert_array_equal(play(np.array([3.0, -5.0, 5.0, 0.0]), radius), np.zeros(4))

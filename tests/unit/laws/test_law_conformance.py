@@ -238,6 +238,7 @@ FREED = [name for name in EXAMPLES if name != "structural"]
 """What [prior] compliance frees: not laws within laws."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "learn"), [*((name, False) for name in FREED), *((name, True) for name in EXAMPLES)])
 def test_it_is_freed_found_again_saved_drawn_warned_about_planned_for_and_tracked(name, learn, tmp_path):
     arm = arm_with(tmp_path, name, "" if learn else "compliance = 0.5", learn)
@@ -282,6 +283,7 @@ def test_drawn_arms_differ_by_what_was_declared(name, declared):
     np.testing.assert_allclose(shifts.std(axis=0), expected, rtol=0.3, atol=0.05 * expected[:3].max())
 
 
+@pytest.mark.slow
 def test_what_cannot_harden_is_refused_by_its_line(tmp_path):
     three_joints(tmp_path, [np.zeros((6, 6))] * 3)
     text = ARM.format(prior="", learn="", law=EXAMPLES["hardening"].replace("energy = 0.5", "energy = -0.5"))

@@ -82,6 +82,7 @@ def test_package_does_not_import_torch() -> None:
     assert subprocess.run([sys.executable, "-c", code], cwd=ROBOTS.parent, check=False).returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flip", [0x01, 0x20, 0x80, 0xFF])
 def test_any_byte_changed_is_noticed_or_changes_nothing(tmp_path: Path, flip: int) -> None:
     made = trained(3)
@@ -242,6 +243,7 @@ def test_what_has_no_file_form(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_metadata_tells_where_it_came_from(tmp_path: Path) -> None:
     table = ROBOTS / "tarm_like" / "a4_table_1.csv"
     found = load_law(save_law(train(read_joint_data(table)).trained, tmp_path / "a.safetensors")).metadata

@@ -32,6 +32,7 @@ def test_a_step_too_far_leaves_a_compliance():
     assert np.linalg.eigvalsh(0.5 * (some + some.T)).min() > 0.0 and np.abs(there - there.T).max() < 1e-20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["linear", "polynomial", "neural"])
 def test_draws_spread_as_the_covariance_says(name):
     law, rng = moved(name), np.random.default_rng(7)

@@ -50,6 +50,7 @@ def test_a_law_begins_as_it_was_declared(name):
     assert len(names) == len(set(names)) == len(start.values) == len(start.prior)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DECLARED)
 @pytest.mark.parametrize("number", [0, 7, 31])
 @pytest.mark.parametrize("out", [0.8, 1.3, 2.5])

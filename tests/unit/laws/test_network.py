@@ -222,6 +222,7 @@ def test_a_torch_module_as_a_law() -> None:
         TorchLaw(torch.nn.Linear(3, 2), 3)
 
 
+@pytest.mark.slow
 def test_torch_is_not_imported_before_it_is_asked() -> None:
     modules = "armflex.laws.joint.network, armflex.laws.joint.torch_law, armflex.bench.fit_network"
     text = f"import sys, {modules}; sys.exit('torch' in sys.modules)"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -149,8 +150,18 @@ def test_a_tolerance_in_millimetres_is_questioned(arm: armflex.Arm) -> None:
     ):
         assert "tolerance" in [flag.code for flag in armflex.check(arm, path, tolerance=2).flags]
     assert "tolerance" not in [flag.code for flag in armflex.check(arm, path, tolerance=0.1).flags]
+    with pytest.warns(ArmflexWarning, match=r"a tolerance of 5 rad .*: angles are radians, 5 degrees are 0\.08727"):
+        assert "tolerance_angle" in [flag.code for flag in armflex.check(arm, path, 0.1, angle=5).flags]
+    assert not [flag for flag in armflex.check(arm, path, 0.1, angle=0.05).flags if "tolerance" in flag.code]
+    found = armflex.map_workspace(arm, rows=64, voxel=1.0)
+    with pytest.warns(ArmflexWarning, match=r"a tolerance of 2 m .*: lengths are metres, 2 mm are 0\.002"):
+        found.verdicts(2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found.margin(0.1)
 
 
+@pytest.mark.slow
 def test_a_page_shows_itself_in_a_notebook(arm: armflex.Arm, tmp_path: Path) -> None:
     page = armflex.view(arm)
     assert (page._repr_html_().startswith("<iframe") and "&lt;" in page._repr_html_()) or "&quot;" in page._repr_html_()

@@ -176,6 +176,7 @@ def test_a_frame_that_is_not_the_base_is_flagged(heavy: Arm, tmp_path: Path) -> 
     assert not codes(joined(arm, tmp_path, BODY, head=f"// Units: mm\n// Frame: A::{arm.robot.base}\n"))
 
 
+@pytest.mark.slow
 def test_the_unit_check_holds_for_points_as_well(heavy: Arm, tmp_path: Path) -> None:
     body = "\n".join(line(i, f"p{i}", " ", 1e6 if i in (1, 4) else 1e3) for i in range(6))
     with pytest.raises(TableError, match=r"rows.csv:3.*lines 3, 6.*mm among m"):

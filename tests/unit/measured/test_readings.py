@@ -13,7 +13,7 @@ from support.small_arms import ROBOTS
 from armflex import Arm, Measurements, calibrate, load_arm
 from armflex.arm import Prior, Setup
 from armflex.errors import InputError
-from armflex.estimate.robust import huber_weights
+from armflex.estimate.robust import huber_weights, median_length, outlier_limit
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.law import anywhere
@@ -30,7 +30,6 @@ from armflex.readings import (
     RelativePosition,
     unread,
 )
-from armflex.readings.chance import median_length, outlier_limit
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor, Shaft
 from armflex.rows import Rows
@@ -242,6 +241,7 @@ def test_parts_of_a_campaign_are_replaced_and_taken_by_rows(rows: Rows) -> None:
         replace(campaign, rotation=rotation)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 2, 3, 6])
 def test_one_row_in_a_thousand_is_an_outlier_by_chance(size: int) -> None:
     length = np.linalg.norm(np.random.default_rng(size).normal(size=(400_000, size)), axis=1)

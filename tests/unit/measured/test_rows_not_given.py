@@ -65,6 +65,7 @@ def test_an_effect_of_time_in_rows_without_one_is_an_error(tmp_path: Path, name:
     assert np.isfinite(predict(arm, rows_of(tmp_path, arm, temperature=25.0)).position).all()
 
 
+@pytest.mark.slow
 def test_a_tool_that_was_always_elsewhere_needs_no_time(tmp_path: Path) -> None:
     arm = arm_with(tmp_path, 'name = "tool_shift"\nsite = "tool"\nparameters = { dx = 1e-4 }')
     assert np.isfinite(predict(arm, rows_of(tmp_path, arm, "time")).position).all()

@@ -92,6 +92,7 @@ def test_every_kind_is_fitted_to_written_and_predicted(tmp_path: Path) -> None:
         assert 0.7 < np.sqrt((whitened**2).mean()) < 1.35, kind.title
 
 
+@pytest.mark.slow
 def test_what_a_declared_compliance_is_uncertain_by_is_in_what_sensors_will_read(tmp_path: Path) -> None:
     """As `relative_std` has it: arms drawn so read that far apart, by a level on a link and by a target on the tip."""
     target = TARGET.replace("point = [0.0, 0.3, 0.05]", "").replace("point_std = 1e-3\n", "")
@@ -189,6 +190,7 @@ def test_two_targets_give_the_orientation(tmp_path: Path) -> None:
         assert 0.5 < same.std / one.std < 2.0, name
 
 
+@pytest.mark.slow
 def test_a_new_session_is_a_new_place(tmp_path: Path) -> None:
     """A wire that was set up again is found again; one that was moved without a word is suspected by name and row."""
     _, arm, rows = campaign(tmp_path, WIRE, LEVEL, session=["one"] * 30 + ["two"] * 30)
@@ -212,6 +214,7 @@ def test_a_new_session_is_a_new_place(tmp_path: Path) -> None:
     assert not any(flag.code == "instrument_moved" for flag in quiet.flags)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("instruments", "change", "said"),
     [
@@ -254,6 +257,7 @@ def _late(columns: dict[str, list[str]]) -> None:
     columns["wire1_mm"] = columns["wire1_mm"][-1:] + columns["wire1_mm"][:-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("instruments", "change", "said"),
     [
@@ -282,6 +286,7 @@ def _in_radians(columns: dict[str, list[str]]) -> None:
         columns[name] = [repr(float(np.radians(float(cell)))) for cell in columns[name]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("instrument", "wrong", "change", "said"),
     [
@@ -303,6 +308,7 @@ def test_units_axes_and_links_of_every_kind_are_tried(tmp_path: Path, instrument
         fitted(arm, rewritten(rows, change) if change else rows)
 
 
+@pytest.mark.slow
 def test_a_standard_deviation_that_is_wrong_is_that_of_one_instrument(tmp_path: Path) -> None:
     """It neither makes the other count less nor passes for a sensor that was moved."""
     _, arm, rows = campaign(tmp_path, WIRE, LEVEL)
@@ -461,6 +467,7 @@ def test_a_slide_is_read_by_an_encoder_of_lengths(tmp_path: Path) -> None:
     assert replace(kind).title == "enc2 (slide encoder)"
 
 
+@pytest.mark.slow
 def test_a_plan_chooses_where_instruments_go(tmp_path: Path) -> None:
     """The best link for a level is said with the others, what each buys, and columns to be filled in."""
     arm = load_arm(heavy(tmp_path))
@@ -477,6 +484,23 @@ def test_a_plan_chooses_where_instruments_go(tmp_path: Path) -> None:
         np.testing.assert_allclose(again.sensors[mount.sensor.name].declared, mount.sensor.declared)
     with pytest.raises(InputError, match="no instrument 'levle', did you mean 'level'"):
         plan(arm, 6, instruments=["levle"])
+
+
+def test_a_plan_weighs_every_instrument_by_its_own_scatter(tmp_path: Path) -> None:
+    """A level that states a hundredth of what it scatters by makes neither the tracker count less nor itself more."""
+    _, file, rows = campaign(tmp_path, LEVEL, tracker=1e-4)
+    arm, wrong = load_arm(file), tmp_path / "wrong.toml"
+    wrong.write_text(file.read_text().replace("sigma = 2e-5", "sigma = 2e-7"))
+    other = load_arm(wrong)
+    right, doubted = (
+        plan(one, 4, after=read_measurements(rows, one), instruments=["tracker", "level3"]) for one in (arm, other)
+    )
+    assert not any(flag.code == "unexplained_residual" for flag in right.flags)
+    (text,) = (flag.text for flag in doubted.flags if flag.code == "unexplained_residual")
+    assert "readings of level3 scatter" in text
+    np.testing.assert_allclose(doubted.std_before, right.std_before, rtol=0.2)
+    ((position, _), (level, _)) = doubted.offered.view.readings.placed
+    assert np.min(level.sigma) == pytest.approx(2e-5, rel=0.3) and np.min(position.sigma) == pytest.approx(1e-4)
 
 
 @pytest.mark.parametrize(
@@ -496,6 +520,7 @@ def test_a_tracker_takes_every_kind(tmp_path: Path, own: tuple[str, ...]) -> Non
     assert abs(after[joint][0] - machine.plant.offset["J2"]) < 4.0 * after[joint][1]
 
 
+@pytest.mark.slow
 def test_a_tracker_follows_what_wires_and_levels_read(tmp_path: Path) -> None:
     """Reading by reading it comes to know what a calibration of all of them knows."""
     _, arm, rows = campaign(tmp_path, WIRE.replace("anchor_std = 0.01", "anchor_std = 1e-4"), LEVEL)

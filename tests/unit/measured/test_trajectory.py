@@ -197,6 +197,7 @@ def test_a_trajectory_in_memory_is_checked_too(changes: dict, error: type) -> No
         replace(made, **changes)
 
 
+@pytest.mark.slow
 def test_writing_where_nothing_can_be_written_leaves_nothing(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     for place in (tmp_path / "folder", tmp_path / "none" / "t.csv"):

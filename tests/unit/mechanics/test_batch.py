@@ -69,6 +69,7 @@ def test_the_bundled_arms(name, payload, method):
     assert_rows(arm, q, arm.deflection(q, payload, method=method), payload, method=method)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_of_law_and_effects(tmp_path, no_reference, kind, method):
@@ -173,6 +174,7 @@ def test_shares_and_covariances_of_a_crooked_arm(tmp_path, method):
     assert_consequences(arm, q, arm.deflection(q, bodies * 4, method=method))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_shares_and_covariances_of_every_kind_of_law(tmp_path, kind):
     arm, known = three_joints(tmp_path, laws_of(kind)), {}
@@ -362,6 +364,7 @@ def test_an_arm_that_is_pulled_at_is_drawn_whole(tmp_path):
     assert np.ptp(expected, axis=0).max() > 1e-9
 
 
+@pytest.mark.slow
 def test_compiling_is_announced_once() -> None:
     """A minute without a word looks like a program that hangs; the line is there in a process that has no log."""
     code = """

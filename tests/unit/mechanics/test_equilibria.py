@@ -94,6 +94,7 @@ def together(rows: Rows) -> Equilibria:
     return rows.together()
 
 
+@pytest.mark.slow
 def test_many_rows_are_each_row_alone(rows, together):
     assert together.twists.shape == together.wrenches.shape == (COUNT, 6 * len(rows.arm.stack.laws))
     assert np.abs(together.twists).max() > 1e-5

@@ -164,6 +164,7 @@ def test_sites_are_named_from_base_to_tool(solved):
     assert solved[2].sites == ("base", "link:lift", "lift", "link:pitch", "pitch", "link:roll", "roll", "tool")
 
 
+@pytest.mark.slow
 def test_a_twist_at_any_site(solved):
     """Twists of the body: where a flexure is bent already, the exponential's Jacobian is between."""
     arm, q, line = solved
@@ -279,6 +280,7 @@ def test_a_law_that_bends_with_its_load_is_linearised_where_it_is(tmp_path):
         np.testing.assert_allclose(answers[size], expected, atol=2e-3 * np.abs(expected).max())  # the load sags, too
 
 
+@pytest.mark.slow
 def test_payloads_of_one_name_share_a_model_and_others_do_not(tmp_path):
     arm = crooked(tmp_path, {"pitch": LinearLaw(random_compliance(2))})
     q = np.full((4, 3), 0.3)

@@ -104,6 +104,7 @@ def test_row35_for_every_method(tmp_path, method):
         pendulum(tmp_path, 0.5, upright=False).deflection([0.5], method=method)
 
 
+@pytest.mark.slow
 def test_row35_sag_beyond_a_tenth_of_the_reach_is_flagged(tmp_path):
     soft, stiff = ([np.diag([c, c, c, 0, 0, 0])] * 3 for c in (1e-4, 1e-6))
     with warnings.catch_warnings():

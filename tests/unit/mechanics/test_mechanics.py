@@ -561,6 +561,7 @@ def test_the_bundled_arms_load_without_a_doubt():
             assert arm.deflection(np.clip(0.0, arm.robot.lower, arm.robot.upper)).flags == ()
 
 
+@pytest.mark.slow
 def test_the_sag_that_the_bundled_arm_states():
     """The table in robots/tarm_like/README.md: linear, joints only, straight, with 600 kg [mm]."""
     arm = bundled("tarm_like")

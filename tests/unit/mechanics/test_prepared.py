@@ -312,6 +312,7 @@ def test_what_is_not_proven_is_left_to_newton(tmp_path):
 # What is proportional to the load says so.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.linear])
 def test_effects_that_are_linear_are(tmp_path, name):
     arm, law, rng = three_joints(tmp_path, laws_of("position dependent")), EVERY[name], np.random.default_rng(1)

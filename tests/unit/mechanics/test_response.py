@@ -85,6 +85,7 @@ def test_bases_branches_slides_and_seams(tmp_path):
         assert_like_pinocchio(corrected(arm), q, bodies, respond(corrected(arm), q, bodies))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["effects", "effects on structures", "structural"])
 def test_curved_laws_and_pulls(tmp_path, kind):
     """Tangents of effects are differences, whose rounding both engines see otherwise."""
@@ -144,6 +145,7 @@ def test_a_dead_force_is_a_weight(tmp_path):
     np.testing.assert_allclose(pushed.displacement, carried.displacement, rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["heavy_six", "crooked"])
 def test_any_link_is_asked_as_the_tip_is(tmp_path, name):
     """Of every link: its motion by joints, gravity and a wrench elsewhere against differences of its pose."""

@@ -326,6 +326,7 @@ def test_rivals_that_make_no_sense(six: Arm, pair: tuple[str, str], error: type,
         plan(six, 5, between=pair)
 
 
+@pytest.mark.slow
 def test_what_effects_depend_on_is_set_to_given_values(six: Arm, tmp_path: Path) -> None:
     warm = plan(six, 6, between=("thermal_growth:J2", "thermal_growth:J3"), covariates={"temperature": (10, 35)})
     rows = read_measurements(write_plan(warm, tmp_path / "poses.csv"), six, inputs_only=True)
@@ -474,6 +475,7 @@ def learning(arm: Arm, name: str) -> Arm:
     )
 
 
+@pytest.mark.slow
 def test_the_command_writes_rows_a_picture_and_json(armflex: Run, tmp_path: Path) -> None:
     out = fine(armflex("plan", BOOM, "--rows", 5, "-o", "p.csv", "--json", "p.json", "--picture", "p.png"))
     assert "5 rows to read" in out.stdout and "No tip reading tells" in out.stdout
@@ -498,6 +500,7 @@ def test_predictions_of_an_instrument_without_a_place_have_no_figure(armflex: Ru
     assert re.search(r"now instrument not placed yet, after the rows 0\.\d+;", " ".join(more.split()))
 
 
+@pytest.mark.slow
 def test_the_command_says_how_far_apart_rivals_will_be(armflex: Run, tmp_path: Path) -> None:
     given = ["--rows", 6, "--between", "encoder_scale:A4,encoder_eccentricity:A4"]
     fine(armflex("plan", BOOM, *given, "-o", "p.csv", "--json", "p.json"))

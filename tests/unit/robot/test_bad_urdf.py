@@ -593,6 +593,7 @@ def test_row16_rpy_in_degrees_is_flagged(tmp_path):
     assert codes(loaded) == ["rpy_in_degrees"] and f":{line_of(text, '0 90 0')}:" in str(loaded.flags[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "file", ["package://ghost/a.stl", "../../../etc/passwd", "/etc/shadow", "file:///dev/zero", "a.dae"]
 )

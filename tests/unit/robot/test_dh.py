@@ -82,6 +82,7 @@ def test_rows_are_taken_to_be_of_the_other_form(tmp_path: Path, form: str) -> No
         np.testing.assert_allclose(joint.rotation, same.rotation, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_rows_of_the_other_form_are_named_before_anything_is_fitted(tmp_path: Path) -> None:
     arm = wire_file.declared(tmp_path)
     rows = wire_file.write(tmp_path / "rows.csv", wire_file.positions(80, 0), 7)
@@ -159,6 +160,7 @@ def test_wire_lengths_alone_make_a_small_arm_accurate(tmp_path: Path) -> None:
     assert {"joint_offset J1", "geometry J1 rz", "geometry J1 dx"} <= set(untold)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -176,6 +178,7 @@ def test_units_of_such_a_file_are_asked_about(tmp_path: Path, change: tuple[str,
         calibrate(loaded, read_measurements(rows, loaded))
 
 
+@pytest.mark.slow
 def test_a_wire_of_which_little_is_known_and_that_was_moved_is_suspected_of_that(tmp_path: Path) -> None:
     """Not of standing elsewhere: its anchor is where it may well be."""
     arm = wire_file.declared(tmp_path)
@@ -270,6 +273,7 @@ def test_geometry_goes_by_the_numbers_of_the_rows(tmp_path: Path, form: str) -> 
     assert in_dh_words(load_arm(ROBOTS / "heavy_six" / "arm.toml").robot) == {}
 
 
+@pytest.mark.slow
 def test_people_read_numbers_of_rows_and_factors_and_programs_what_files_have(tmp_path: Path) -> None:
     """A compliance half as large again: x1.5 in the terminal, the plan and on the page, its logarithm in JSON."""
     text = MODIFIED.replace("[robot]\n", "[robot]\ngravity = [0.0, 0.0, -9.81]\n")

@@ -181,6 +181,7 @@ def test_flags_are_warned_of_when_an_arm_is_loaded(tmp_path):
         load_arm(write(tmp_path, changed((ELBOW_AXIS, '<axis xyz="0 0 2"/>'))))
 
 
+@pytest.mark.slow
 def test_row12_what_is_calibrated_needs_no_lax(tmp_path):
     """Boom 1 of the TARM-like arm breaks the triangle inequality by five per cent; a campaign is taken at rest."""
     folder = ROBOTS / "tarm_like"

@@ -9,6 +9,7 @@ import shutil
 import struct
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.pages import BROWSER, hue_share, picture
+from support.pages import BROWSER, hue_share, picture, sheets
 from support.small_arms import ROBOTS, joint, link, robot, write
 
 from armflex import Arm, InputError, Payload, Trajectory, Wrench, check, load_arm, view
@@ -181,6 +182,7 @@ def test_page_is_made_without_process_or_socket(heavy: Arm, tmp_path: Path, monk
     view(heavy, path=tmp_path / "v.html")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "killpg"), reason="no process groups")
 def test_command_leaves_no_process_behind(tmp_path: Path) -> None:
     code = "from armflex.cli.main import main; main()"
@@ -325,6 +327,7 @@ def test_browser_plays_the_trajectory(heavy: Arm, tmp_path: Path) -> None:
     assert any(share > 0.005 for share in moved)
 
 
+@pytest.mark.slow
 def test_the_worst_row_of_a_long_path_is_shown(tmp_path: Path, tarm: Arm) -> None:
     count = 1500
     q = np.zeros((count, 7))
@@ -374,6 +377,20 @@ def test_what_is_drawn_can_be_hidden(tarm: Arm) -> None:
     assert [one["name"] for one in page["posable"]["sliders"]] == list(tarm.joint_names)
 
 
+def test_joints_of_a_path_are_moved_from_its_worst_row(heavy: Arm, heavy_path: Trajectory) -> None:
+    told: list[tuple[int, int]] = []
+    page = facts_of(view(heavy, trajectory=heavy_path, progress=lambda done, total: told.append((done, total))).html)
+    assert told[-1] == (len(heavy_path), len(heavy_path)) and len(told) == len(heavy_path)
+    found = heavy.deflection(heavy_path.q, heavy_path.payload).displacement
+    worst = int(np.linalg.norm(found[:, :3], axis=1).argmax())
+    sliders = page["posable"]["sliders"]
+    np.testing.assert_allclose([one["here"] for one in sliders], heavy_path.q[worst])
+    assert page["posable"]["when"] == f" at {heavy_path.time[worst]:g} s"
+    arm = dict(zip(page["posable"]["links"], page["posable"]["rigid"], strict=True))
+    ghosts = {link: own for path, link, flexed, _, own in page["carried"] if path[1] == "rigid" and not flexed}
+    assert ghosts and all(np.allclose(arm[link], own) for link, own in ghosts.items())
+
+
 def test_a_payload_is_drawn_to_its_size() -> None:
     """An even box of sides a, b, c has moments m (b^2 + c^2) / 12, ...; without inertia it is a cube of stone."""
     a, b, c, mass = 0.2, 0.5, 0.9, 30.0
@@ -396,6 +413,16 @@ def test_meshes_that_are_not_drawn_are_said(tmp_path: Path, heavy: Arm) -> None:
 
 @pytest.mark.slow
 @needs_browser
+def test_a_printed_page_has_the_picture(tarm: Arm, tmp_path: Path) -> None:
+    """What a browser keeps of a canvas is empty when it prints."""
+    assert sheets(view(tarm, payload="p600").html, tmp_path / "print") == 1
+    parts = (tmp_path / "print" / "page.pdf").read_bytes().split(b" obj")
+    drawn = [part.split(b"stream\n", 1)[1] for part in parts if b"/Subtype /Image" in part]
+    assert any(np.frombuffer(zlib.decompressobj().decompress(one), np.uint8).std() > 10.0 for one in drawn)
+
+
+@pytest.mark.slow
+@needs_browser
 def test_many_via_points_and_moved_joints_are_drawn(heavy: Arm, tarm: Arm, tmp_path: Path) -> None:
     """Two hundred labels leave each other room; a joint's slider moves both arms."""
     rows = np.linspace(0.0, 1.0, 200)
@@ -406,6 +433,7 @@ def test_many_via_points_and_moved_joints_are_drawn(heavy: Arm, tarm: Arm, tmp_p
     assert len(facts_of(page.read_text())["labels"]) == 200
     assert hue_share(picture(page, 300), "#21918c") > 0.0 or picture(page, 300).std() > 10.0
     still = view(tarm, payload="p600", path=tmp_path / "still.html")
-    moved = tmp_path / "moved.html"
-    moved.write_text(still.read_text().replace("location.hash.slice(1)", '"A1=0.9"'))
-    assert np.abs(picture(still, 300) - picture(moved, 300)).max(axis=-1).mean() > 1.0
+    for own, name in ((still, "A1"), (page, "J2")):  # of a path, too, whose animation then rests
+        moved = tmp_path / f"moved {name}.html"
+        moved.write_text(own.read_text().replace("location.hash.slice(1)", f'"{name}=0.9"'))
+        assert np.abs(picture(own, 300) - picture(moved, 300)).max(axis=-1).mean() > 1.0

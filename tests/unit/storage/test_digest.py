@@ -58,6 +58,7 @@ def test_what_says_the_same_has_the_same() -> None:
     assert [digest(one) == digest(other) for one, other in same] == [True] * len(same)
 
 
+@pytest.mark.slow
 def test_another_process_says_the_same(tarm: Arm) -> None:
     code = (
         "from armflex import load_arm; from armflex.storage.digest import digest; "
@@ -117,6 +118,7 @@ def test_a_network_of_ones_own_is_told_by_weights_and_settings() -> None:
     assert digest(TorchLaw(Own(1.0))) == digest(laws[0])
 
 
+@pytest.mark.slow
 def test_nothing_is_pickled() -> None:
     code = [path for path in (ROBOTS.parent / "armflex").rglob("*.py") if "import pickle" in path.read_text()]
     assert not code

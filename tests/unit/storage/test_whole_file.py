@@ -108,6 +108,7 @@ def test_a_folder_that_may_not_be_written(tmp_path: Path) -> None:
         write_whole(folder / "o", b"new")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="no /dev/stdout")
 @pytest.mark.parametrize("name", ["/dev/stdout", "out.txt"])
 def test_our_own_output_is_not_replaced(tmp_path: Path, name: str) -> None:
@@ -149,6 +150,7 @@ def writes(node: ast.Call, name: str, owner: str, memory: set[str]) -> bool:
     return name in WRITERS or owner.split(".")[0] in MODULES or (owner == "os" and name in OS)
 
 
+@pytest.mark.slow
 def test_every_writer_goes_through_one_function() -> None:
     found = {
         f"{path.relative_to(PACKAGE)}:{node.lineno} {owner}.{name}"
@@ -160,6 +162,7 @@ def test_every_writer_goes_through_one_function() -> None:
     assert sum(writes(*call) for call in calls(PACKAGE / "storage" / "whole_file.py")) >= 4, "nothing would be found"
 
 
+@pytest.mark.slow
 def test_every_figure_and_every_line_takes_text_as_it_is() -> None:
     """Only these make a figure, or print: in all others a name could be markup."""
     allowed = {

@@ -478,6 +478,7 @@ def test_a_short_vector_s_length_is_as_uncertain_as_normal_deviations_make_it() 
     assert length_sigma(*long, short=True) == pytest.approx(length_sigma(*long), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_what_nothing_determines_makes_every_verdict_uncertain(heavy: Arm, heavy_path: Trajectory) -> None:
     path, labels = some_rows(heavy_path, range(0, 4)), tuple(f"joint_offset {name}" for name in heavy.joint_names)
     known = Certainty(heavy.named(labels), np.diag(np.full(6, 1e-8)), directions=np.eye(6)[:1])

@@ -521,6 +521,7 @@ def test_a_path_that_is_too_fast_as_commanded_is_not_the_compensation_s_fault(tm
     assert compensate(rigid, path).flags == ()
 
 
+@pytest.mark.slow
 def test_inertial_loads_count(heavy: Arm, heavy_path: Trajectory) -> None:
     still = some_rows(heavy_path, 40)
     pushed = replace(still, v=np.zeros((1, 6)), a=np.array([[3.0, 2.0, -2.0, 0.0, 0.0, 0.0]]))

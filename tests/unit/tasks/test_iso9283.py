@@ -155,6 +155,7 @@ def test_sessions_from_anywhere_show_the_same_repeatability(campaign: tuple[armf
     assert [one.accuracy for one in found.directions] == pytest.approx([one.accuracy for one in still.directions])
 
 
+@pytest.mark.slow
 def test_the_page_and_the_command_say_the_same(campaign: tuple[armflex.Arm, Path], tmp_path: Path) -> None:
     arm, path = campaign
     given = ["report", str(path.parent / "arm.toml"), str(path), "--iso9283", "--block", "30min"]
@@ -168,6 +169,7 @@ def test_the_page_and_the_command_say_the_same(campaign: tuple[armflex.Arm, Path
     assert f"{max(one.accuracy.value for one in found.poses) * 1e3:.3f}"[:4] in page
 
 
+@pytest.mark.slow
 def test_without_repeats_or_a_standard_the_error_says_so(campaign: tuple[armflex.Arm, Path], tmp_path: Path) -> None:
     arm, path = campaign
     once = tmp_path / "once.csv"

@@ -78,6 +78,7 @@ def test_columns_in_pieces_are_those_of_all_rows(
     assert np.allclose(robust.whitened_regressors(blocks, view, weights), whole, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_all_other_folds_tell_is_what_a_fit_without_a_fold_knows(arm: Arm, campaign: Measurements) -> None:
     fit = calibrate(arm, campaign).fit
     folds = np.arange(len(fit.view.rows)) % 3

@@ -323,6 +323,7 @@ def test_no_command_ends_in_a_traceback_where_memory_runs_out(
     assert f"error: {rows} rows: there is not enough memory for them" in " ".join(capsys.readouterr().err.split())
 
 
+@pytest.mark.slow
 def test_what_follows_from_a_batch_is_what_follows_from_its_rows(arm: armflex.Arm, path: Trajectory) -> None:
     """Also of an arm whose geometry was corrected, and of a batch whose rows are asked one by one."""
     q = np.delete(path.q, 11, axis=0)

@@ -45,6 +45,7 @@ def _records(joint, arm):
     return type("Records", (), {"robot": arm.robot, "joints": arm.joint_names})
 
 
+@pytest.mark.slow
 def test_a_little_at_every_drive_is_a_family(ur5) -> None:
     state = measured(ur5, dict.fromkeys(ur5[0].joint_names, 2e-3))
     after = with_families(state, state.looked.best)
@@ -59,6 +60,7 @@ def test_noise_is_no_family(ur5) -> None:
     assert with_families(measured(ur5, {}), None) is None
 
 
+@pytest.mark.slow
 def test_what_several_causes_leave_is_no_family(tmp_path) -> None:
     """A drive's scale, a pull and a drift: bending at every drive explains much of them, and each by itself more."""
     truth = draw("4 effects", 9101, "six").write(tmp_path)
@@ -70,6 +72,7 @@ def test_what_several_causes_leave_is_no_family(tmp_path) -> None:
     assert with_families(state, state.looked.best) is None
 
 
+@pytest.mark.slow
 def test_much_at_one_drive_is_no_family(ur5) -> None:
     """The effect by itself is worth more than the same at every drive: it is left to be named."""
     state = measured(ur5, {"shoulder_lift_joint": 4e-3})

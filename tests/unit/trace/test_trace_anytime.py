@@ -12,7 +12,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,7 +26,7 @@ from support.effect_arms import quietly
 
 from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.cli.calibrate_command import as_json as calibrated_json
-from armflex.cli.trace_command import Outputs, as_json, command, print_trace, telling
+from armflex.cli.trace_command import Outputs, as_json, command, print_trace
 from armflex.errors import ConvergenceError, FileError, InputError
 from armflex.files import arm_file, calibration_table
 from armflex.measured.measurements import Measurements
@@ -470,34 +469,6 @@ def test_every_long_stage_says_how_far_it_is_and_what_there_is(whole: Whole) -> 
     assert after.held_out is not None and after.held_out > after.rms
     told = Doing("searching", "refining backlash A2 ry", 3, 9, ("backlash at A2 (ry)",), 3.31e-4, 3.61e-4)
     assert str(told) == "searching: refining backlash A2 ry, 3 of 9 [1 effect; RMS 0.331 mm, held out 0.361 mm]"
-
-
-def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    module = importlib.import_module("armflex.cli.trace_command")
-    monkeypatch.setattr(module, "EVERY", 0.2)
-    monkeypatch.setattr(module, "REDRAWN", 0.05)
-    with telling() as (say, progress):
-        say("searching")
-        for number in range(2000):
-            progress(Doing("searching", "screening candidates", number, 2000))
-        time.sleep(0.5)
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0].endswith(" s  searching") and 2 <= len(lines) <= 6
-    assert all(line.endswith("searching: screening candidates, 1999 of 2000") for line in lines[1:])
-
-
-def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
-    module = importlib.import_module("armflex.cli.trace_command")
-    monkeypatch.setattr(module, "REDRAWN", 0.02)
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    monkeypatch.setenv("COLUMNS", "60")
-    with telling() as (say, progress):
-        say("searching")
-        progress(Doing("searching", "refining " + 100 * "x", 1, 2))
-        time.sleep(0.3)
-    written = capsys.readouterr().err
-    assert written.count("\n") == 1 and written.count("\r") > 5 and written.endswith("\r\x1b[K")
-    assert max(len(line) for line in written.replace("\x1b[K", "").split("\r")) <= 60
 
 
 # Never worse.

@@ -54,6 +54,7 @@ def is_sensible(state: State, candidate: Candidate, *amplitudes: float) -> bool:
 # What the rows do not tell.
 
 
+@pytest.mark.slow
 def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(campaign, before):
     rows, j = campaign[2], campaign[1].joint_names.index("J4")
     approach = rows.approach.copy()
@@ -420,6 +421,7 @@ def test_the_null_of_some_laws_is_that_of_a_search_of_them_alone(before, sifted,
     np.testing.assert_allclose(found, alone, rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(names=st.sets(st.sampled_from(NAMES), min_size=1), more=st.sets(st.sampled_from(NAMES)))
 def test_the_more_compete_the_higher_chance_gets(sifted, before, names, more):
     few = null_maximum(sifted, before.groups, frozenset(names), flips=20)
