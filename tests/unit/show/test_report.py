@@ -153,7 +153,7 @@ def test_a_calibration_has_its_page(found: Trace, tmp_path: Path) -> None:
     said = Outline(text).text
     assert re.search(r"3-D position error .* mm as declared, .* mm calibrated \(RMS, poses held out\)", said)
     assert re.search(r"joint_offset J\d [+−][\d.]+ ± [\d.]+ (mrad|µrad)", said)
-    assert re.search(r"compliance J\d r\w compliance [+−][\d.]+ ± [\d.]+ % [\d.]+ ± [\d.]+ [kMG]?Nm/rad", said)
+    assert re.search(r"compliance J\d r\w ×[\d.]+ ± [\d.]+ [\d.]+ ± [\d.]+ [kMG]?Nm/rad", said)
     assert "//" not in text.replace("http://www.w3.org", "").split("<style>")[0] and EVIL not in text
 
 
