@@ -79,7 +79,8 @@ def print_check(report: CheckReport, moves: str = "moves") -> None:
     for point in dict.fromkeys([*report.via_points, report.path_worst]):
         if point.reason:
             say(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
-    verdict = "within tolerance" if report.ok else "NOT within tolerance"
+    failed = report.path_worst.verdict == "fail"
+    verdict = "within tolerance" if report.ok else f"NOT {'' if failed else 'certain to be '}within tolerance"
     say(f"The path is {verdict} ({report.samples} configurations evaluated).")
 
 

@@ -159,8 +159,9 @@ def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
     for kind, names in (("body", bodies), ("joint", joints), ("site", sites)):
         for key in ("pos", "quat", "axis", "ipos", "iquat", "mass", "inertia"):
             found = getattr(model, f"{'jnt' if kind == 'joint' else kind}_{key}", None)
-            fine = [] if found is None else (np.abs(found.reshape(len(names), -1)) <= LARGEST).all(axis=1)
-            for i in np.flatnonzero(np.logical_not(fine)):
+            if found is None:
+                continue
+            for i in np.flatnonzero(~(np.abs(found.reshape(len(names), -1)) <= LARGEST).all(axis=1)):
                 where, numbers = Place(path, lines.get((kind, names[i]), 0)), listing(map(str, np.ravel(found[i])))
                 raise UrdfError(where, f"{kind} {names[i]!r}: {key} is {numbers}, expected finite numbers")
     loops = _loops(mujoco, model, bodies)

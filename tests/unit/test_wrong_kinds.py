@@ -145,7 +145,8 @@ def test_wrong_kinds_of_things_for_an_arm(name: str, arm: armflex.Arm) -> None:
     assert [said for said in raw if said] == []
 
 
-def test_wrong_kinds_of_things_for_results(arm: armflex.Arm, tmp_path: Path) -> None:
+def test_wrong_kinds_of_things_for_results(arm: armflex.Arm, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)  # a text is a file's name, too
     plain = armflex.load_arm(FOLDER / "arm.toml")
     path = armflex.read_trajectory(FOLDER / "trajectory.csv", plain)
     rows = armflex.read_measurements(FOLDER / "campaign.csv", arm)
