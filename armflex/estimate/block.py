@@ -156,7 +156,14 @@ class EffectBlock(Block):
 
     @property
     def start(self) -> Array:
-        return np.concatenate([self.effect.acting, np.zeros(len(self.free))])
+        moved = np.array(self.effect.inner) - self._origin
+        return np.concatenate([self.effect.acting, moved[list(self.free)]])
+
+    @property
+    def _origin(self) -> Array:
+        """Inner values that the free ones move from: as they are, or where a prior holds them."""
+        inners = zip(self.effect.law.inner, self.effect.inner, strict=True)
+        return np.array([value if one.spread is None else one.default for one, value in inners], float)
 
     def jacobian(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
@@ -167,9 +174,9 @@ class EffectBlock(Block):
         """Return the effect at (k,) values of the block."""
         law, location = self.effect.law, self.effect.location
         amplitudes = full(values[: len(location.terms)], location, len(law.amplitudes))
-        inner = list(self.effect.inner)
+        inner, origin = list(self.effect.inner), self._origin.tolist()
         for place, i in enumerate(self.free):
-            inner[i] = law.inner[i].moved(inner[i], float(values[len(location.terms) + place]))
+            inner[i] = law.inner[i].moved(origin[i], float(values[len(location.terms) + place]))
         return replace(self.effect, values=(*amplitudes, *inner))
 
     def apply(self, setup: Setup, values: Array) -> Setup:
@@ -229,7 +236,7 @@ def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: 
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, largest_motion(view) / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
-    searched = [LOOSE if effect.law.inner[i].positive else np.inf for i in free]
+    searched = [one.spread or (LOOSE if one.positive else np.inf) for one in map(effect.law.inner.__getitem__, free)]
     return np.concatenate([amplitudes, searched])
 
 

@@ -22,7 +22,8 @@ from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import BoundTwist, Pulling, depended_on
-from armflex.laws.effects.shapes import end_of, middle_of
+from armflex.laws.effects.shapes import middle_of
+from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame
 from armflex.version import __version__
@@ -325,7 +326,7 @@ PULLS: dict[str, Callable[[Pulling], Pull]] = {
     "tip_force": lambda one: ("CONSTANT", np.zeros(3), one.amplitudes, 1.0, 0.0),
     "umbilical": lambda one: (
         "SPRING",
-        one.inner[4] * end_of(one.here),
+        hook_of(one.here, one.inner),
         one.inner[:3],
         one.amplitudes[0],
         one.inner[3],

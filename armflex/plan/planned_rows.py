@@ -15,9 +15,9 @@ from armflex.estimate.block import EffectBlock
 from armflex.estimate.identify import UNDETERMINED, partners_of
 from armflex.files.dh_table import in_dh_words
 from armflex.laws.effects.compliance import COMPLIANCE
-from armflex.laws.effects.shapes import ON_THE_LINK
+from armflex.laws.effects.shapes import IN_THE_BASE, ON_THE_LINK
 from armflex.linear_gaussian import LinearGaussian
-from armflex.parameters import FRAMES, numbered
+from armflex.parameters import FRAMES, ParameterKind, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead, shows
 from armflex.plan.design_model import CandidateBlock, Model
 from armflex.plan.hypotheses import Hypothesis
@@ -67,7 +67,10 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
     whole = model.known.with_rows(rows)
     left = model.std(whole) > UNDETERMINED * model.prior
     most = np.sqrt((tip**2).sum(axis=1)).max(axis=0)
-    found = []
+    first, found = (
+        next((one.group.of for one in model.parameters if one.group.kind is ParameterKind.GEOMETRY), None),
+        [],
+    )
     for block in model.blocks:
         if block.kind in FRAMES or isinstance(block, CandidateBlock):
             continue
@@ -78,6 +81,8 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
             unloaded = faint and block.kind in COMPLIANCE.stands_for
             of = block.effect.location.place if isinstance(block, EffectBlock) else model.parameters[place].group.of
             how = UNLOADED if unloaded else (shows(law, of or "", levels) if law is not None else "") or ON_THE_LINK
+            if block.kind is ParameterKind.GEOMETRY and of == first:  # where the arm stands, not how it is built
+                how = IN_THE_BASE
             found.append(Blind(model.names[place], float(most[place]), partners, how))
     return tuple(found)
 

@@ -12,12 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from armflex.errors import ArmflexError
+from armflex.estimate.block import amplitude_prior
 from armflex.estimate.robust import robust_limit
 from armflex.rows.rows import POSE
 from armflex.trace.accept import APART, ENOUGH, MARGIN, Step, null_maximum, prove
 from armflex.trace.polish import Polished
-from armflex.trace.search import SHORT, TIE, Round, plainest
-from armflex.trace.state import State, add, information, present, sorted_out, with_random, without
+from armflex.trace.search import PREFERRED, SHORT, TIE, Round, plainest
+from armflex.trace.state import State, add, information, present, refit, sorted_out, with_random, with_starts, without
 from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely
 
 SOUGHT = 6.0
@@ -79,6 +80,30 @@ def possible(state: State) -> State | None:
     for i in gone:
         state.say(f"dropping {state.effects[i].effect.name}, which is impossible beside the others")
     return without(state, *gone) if gone else None
+
+
+def loosened(state: State) -> State | None:
+    """Return the state where one effect's details move that no search looks for; None where none has to.
+
+    What a law's plainest form leaves of its cause would be taken for another one.
+    """
+    limit = robust_limit(state.fit.view)
+    for i, block in enumerate(state.effects):
+        more = tuple(j for j, inner in enumerate(block.effect.law.inner) if inner.spread and j not in block.free)
+        if not more:
+            continue
+        effect, free = state.fitted[i], (*block.free, *more)
+        loose = replace(
+            block, effect=effect, free=free, prior=amplitude_prior(effect, free, state.fit.view, state.context)
+        )
+        effects = (*state.effects[:i], loose, *state.effects[i + 1 :])
+        starts = [loose.start if one is loose else state.values_of(one) for one in effects]
+        state.say(f"fitting details of {effect.name}")
+        with contextlib.suppress(ArmflexError):
+            trial = refit(state, effects, state.random, with_starts(state, state.fit.values, starts))
+            if present(trial, i) and information(trial, limit, True) < information(state, limit, True) - PREFERRED:
+                return trial
+    return None
 
 
 def settled(state: State | None) -> State | None:

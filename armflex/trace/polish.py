@@ -158,7 +158,7 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context
         if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
             return False
     effect = candidate.effect(amplitudes)
-    if not law.possible(effect, context, arm):
+    if not law.possible(effect, context, fit.declared.arm if present else arm):  # it is in the fitted arm already
         return False
     features = law.features(location, candidate.inner, fit.view, context)
     if law.size(np.einsum("mkn,k->mn", features, amplitudes), arm) > IMPLAUSIBLE:

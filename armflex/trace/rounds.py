@@ -19,7 +19,7 @@ from armflex.trace.checkpoint import Kept, Progress, identity, read_checkpoint, 
 from armflex.trace.exchange import exchanged
 from armflex.trace.families import with_families
 from armflex.trace.findings import Trace, conclude, so_far
-from armflex.trace.grow import grown, paired, possible, set_aside, settled, without_far_rows
+from armflex.trace.grow import grown, loosened, paired, possible, set_aside, settled, without_far_rows
 from armflex.trace.projection import project
 from armflex.trace.state import State, begin
 from armflex.trace.telling import Doing, Report, Teller, tell_steps
@@ -99,7 +99,7 @@ def _tell_figures(teller: Teller, state: State) -> None:
 
 def _round(state: State) -> tuple[State, ...]:
     """Return the states from one to the next, none where nothing is left to be done."""
-    for step in (possible, _related, grown, exchanged, paired, set_aside, _among_all, without_far_rows):
+    for step in (possible, loosened, _related, grown, exchanged, paired, set_aside, _among_all, without_far_rows):
         after = step(state)
         if after:
             return after if isinstance(after, tuple) else (after,)
@@ -108,7 +108,7 @@ def _round(state: State) -> tuple[State, ...]:
 
 def _alike(state: State, kept: Kept) -> bool:
     """Return whether a state has the effects that one before it had."""
-    names = [[block.effect.name for block in one.effects] for one in (state, kept)]
+    names = [[(block.effect.name, block.free) for block in one.effects] for one in (state, kept)]
     alike = (state.random is None, state.heed) == (kept.random is None, kept.heed)
     return names[0] == names[1] and alike and len(kept.left_out) == len(state.asked) - len(state.rows)
 

@@ -24,7 +24,7 @@ from armflex.estimate.fit import THOROUGH, Fit
 from armflex.estimate.held_out import errors_of, held_out, judged_by, near, pose_folds
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import look
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.effect import Effect, EffectLaw, Values
 from armflex.laws.effects.location import Location
 from armflex.linear_gaussian import most_probable
 from armflex.trace.candidates import Candidate, bank, candidate_regressors, grid, sift
@@ -205,6 +205,7 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
     rest = np.setdiff1d(np.arange(len(values)), np.concatenate(own))
     regressors, prior, data = fit.regressors[:, rest], fit.prior[rest], fit.residual + fit.regressors @ values
     mask, count = np.repeat(learned, len(data) // len(learned)), int(np.isfinite(fit.view.sigma[learned]).sum())
+    details = {_place_of(one): one.inner for one in state.fitted}
     names: list[str | None] = [None for _ in state.effects]
     chosen: list[str] = []
     for index in sorted(alone):
@@ -213,7 +214,11 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
         hypotheses = [one.candidate for one in step.ranking] if step is not None else []
         others = [state.effects[i].effect for i in sorted(alone - {index})]
         places = dict.fromkeys([_place_of(one) for one in (block.effect, *others, *hypotheses)])
-        tried = (Candidate(law, location, i) for law, location in places for i in grid(law, location, state.context))
+        tried = (
+            Candidate(law, location, _detailed(law, i, details.get((law, location), i)))
+            for law, location in places
+            for i in grid(law, location, state.context)
+        )
         found = searched(
             sift(bank(tried, masked, state.context, state.tell), problem), masked, state.context, len(places)
         )
@@ -234,6 +239,11 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
     for index in sorted(alone):
         names[index] = chosen.pop(0) if names[index] is None else names[index]
     return (regressors, prior, data), names
+
+
+def _detailed(law: EffectLaw, inner: Values, fitted: Values) -> Values:
+    """Return inner values with those that no search looks for as a fit has them."""
+    return tuple(b if one.spread else a for one, a, b in zip(law.inner, inner, fitted, strict=True))
 
 
 def _place_of(one: Candidate | Effect) -> tuple[EffectLaw, Location]:

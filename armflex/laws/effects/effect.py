@@ -59,6 +59,7 @@ class Inner:
         smooth: Whether the law changes smoothly with it, so that a fit may move it.
         usual: What it is without evidence to the contrary, for one that is chosen rather than refined.
         tried: Further values that only the best candidates are tried with.
+        spread: Standard deviation about its default of one that no search looks for, only a fit of what was found.
         default: What it is where a file leaves it out, None where a file must not.
     """
 
@@ -70,6 +71,7 @@ class Inner:
     smooth: bool = True
     usual: float | None = None
     tried: Values = ()
+    spread: float | None = None
     default: float | None = None
 
     def moved(self, value: float, by: float) -> float:

@@ -3,12 +3,12 @@
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import at_drives, on_drive
+from armflex.laws.effects.shapes import IN_THE_BASE, at_drives, on_drive
 
 ENCODER_OFFSET = TwistLaw(
     name="encoder_offset",
     words=Words("encoder offset", "the joint stands beside where it is said to stand", "constant"),
-    instead="measure the joint's link in the base frame, by marks on both or a wire from a known anchor",
+    instead=IN_THE_BASE,
     level="level the joint's link with an inclinometer",
     watched=True,
     plausible=Plausible(0.005, 0.01, "zeroed at a mark by eye"),

@@ -26,6 +26,7 @@ BY_HAND = "push the joint to and fro with its brake on, because play gives witho
 SECOND_ENCODER = "compare the joint's encoder with a second one over the joint's range"
 OVER_ITS_RANGE = "compare the joint's encoder with a second one or an inclinometer on its link over the joint's range"
 ON_THE_LINK = "measure a second target on the link"
+IN_THE_BASE = "measure the joint's link in the base frame, by marks on both or a wire from a known anchor"
 ON_THE_FLOOR = "measure fixed targets on the floor in every session"
 
 

@@ -12,15 +12,26 @@ from armflex.laws.effects.shapes import coordinates, end_of, force_at
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
     """Return k (|d| - rest) along d, the way from the hook on the link to the anchor; slack pushes nothing."""
-    lever = pose[..., :3, :3] @ (inner[4] * end_of(here))
+    lever = pose[..., :3, :3] @ hook_of(here, inner)
     way = np.array(inner[:3]) - pose[..., :3, 3] - lever
     distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
     stretched = np.maximum(distance - inner[3], 0.0) / np.maximum(distance, 1e-9)
     return force_at(stretched * way, lever)
 
 
+def hook_of(here: Here, inner: Values) -> Array:
+    """Return the (3,) point that it is hooked on at, in the link's frame."""
+    return inner[4] * end_of(here) + np.array(inner[5:])
+
+
 HOOK = Inner("hook", "1", lambda location, context: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
 """Where on the link it is hooked, as a part of the way to the link's end."""
+
+ASIDE = tuple(
+    Inner(f"aside_{a}", "m", lambda location, context: (0.0,), positive=False, polished=False, spread=0.2, default=0.0)
+    for a in "xyz"
+)
+"""How far beside that point, in the link's frame: hoses are clamped to the outside of a link."""
 
 REST = Inner("rest", "m", lambda location, context: (0.0, 0.25 * context.size), positive=False, default=0.0)
 
@@ -32,6 +43,6 @@ UMBILICAL = LoadLaw(
     places=lambda records: [Location(link) for link in records.links],
     amplitudes=(Amplitude("k", "N/m", positive=True),),
     pull=_pull,
-    inner=(*coordinates("anchor", 3), REST, HOOK),
+    inner=(*coordinates("anchor", 3), REST, HOOK, *ASIDE),
     spatial=True,
 )

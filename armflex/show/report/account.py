@@ -37,7 +37,8 @@ def account(trace: Trace) -> SimpleNamespace:
         title=f"{trace.arm.robot.urdf.name}: calibration and effects identified",
         headline=summary.headline(trace),
         lead=summary.accuracy_sentence(accurate, trace),
-        errors=_errors(trace, accurate) if placed else (),
+        errors=_errors(trace, accurate),
+        error_title=cover.error_title(view.readings),
         found=tuple(row for index in range(len(trace.found)) for row in _values(trace, index))[: cover.ON_COVER],
         found_title="Effects identified",
         points=cover.points(trace.state.measurements, trace.rows, accurate.after, accurate.before, left_over)
@@ -128,11 +129,12 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     judged = np.zeros(placed.residual.shape, dtype=bool)
     judged[np.isin(placed.rows, trace.rows)] = trace.judged[trace.believed]
     declared = cover.errors_of(placed, groups, judged).of(np.asarray(judged.any(axis=1)))
-    rows = [cover.spread("as declared, the instrument placed", declared)]
-    rows.append(cover.spread("calibrated, poses held out", accurate.before))
+    unit = placed.readings.unit
+    rows = [cover.spread("as declared, the instrument placed", declared, unit)]
+    rows.append(cover.spread("calibrated, poses held out", accurate.before, unit))
     if trace.found or trace.families:
-        rows.append(cover.spread("with the effects identified, poses held out", accurate.after))
-    return (*rows, ("noise as stated", millimetres(accurate.stated), "", ""))
+        rows.append(cover.spread("with the effects identified, poses held out", accurate.after, unit))
+    return (*rows, ("noise as stated", millimetres(accurate.stated, unit=unit), "", ""))
 
 
 def _values(trace: Trace, index: int) -> Table:
@@ -201,11 +203,13 @@ def _hidden(trace: Trace) -> Table:
     """Return laws that could not have been told: where fitted parameters hide them, and where they move nothing."""
     added = {(one.effect.law.name, one.effect.location.place) for one in trace.found}
     rows: dict[str, tuple[list[str], list[str]]] = {}
+    called_in = in_dh_words(trace.arm.robot)
     for one in trace.not_identifiable:
         if (one.effect, one.site) in added:
             continue  # hidden by itself
         place = site_words(one.site)
-        told = place if one.partner is None else f"{place} ({one.partner.label})"
+        partner = "" if one.partner is None else one.partner.label
+        told = f"{place} ({called_in.get(partner, (partner,))[0]})" if partner else place
         rows.setdefault(one.effect, ([], []))[one.partner is None].append(told)
     return tuple((words(law).title, "; ".join(taken), ", ".join(still)) for law, (taken, still) in rows.items())
 

@@ -73,6 +73,11 @@ def size_title(readings: Readings) -> str:
     return "RMS in 3-D" if readings.of(Position) else f"RMS of a reading ({title.removeprefix('error of ')})"
 
 
+def error_title(readings: Readings) -> str:
+    """Return the heading over a page's table of errors."""
+    return "Error in 3-D" if readings.of(Position) else "Error of a reading"
+
+
 def facts(arm: Arm, measurements: Measurements, readings: str) -> Table:
     """Return what a result rests on: arm, campaign, date, instrument, versions."""
     file = measurements.places[0].file.name if measurements.places else "not from a file"
@@ -221,13 +226,13 @@ def calibration_account(found: Calibration) -> SimpleNamespace:
     moved = sorted(found.findings, key=lambda one: -abs(one.pull))
     told = [one for one in found.parameters if one.determined and np.isfinite(one.prior) and one.kind not in FRAMES]
     most = moved or sorted(told, key=lambda one: -abs(one.pull))[: ON_COVER - 4]
-    rms = (millimetres(one.rms) for one in (before, now))
+    rms = (millimetres(one.rms, unit=view.readings.unit) for one in (before, now))
+    title = view.readings.error_title
     what = "poses held out" if several else "the poses fitted"
     return SimpleNamespace(
         title=f"{found.arm.robot.urdf.name}: calibration",
-        headline=f"3-D position error {next(rms)} as declared, {next(rms)} calibrated (RMS, {what})."
-        if placed
-        else "Calibrated; the campaign reads no positions.",
+        headline=f"{title[0].upper()}{title[1:]} {next(rms)} as declared, {next(rms)} calibrated (RMS, {what}).",
+        error_title=error_title(view.readings),
         lead=f"{len(moved)} parameters were further from their declared values than their priors allow."
         if moved
         else "No parameter ended further from its declared value than its prior allows.",

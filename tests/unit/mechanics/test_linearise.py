@@ -34,7 +34,7 @@ EFFECTS = (
     ("link_flexure", Location("link:roll", terms=(3, 4, 5, 8)), (0.0, 0.0, 0.0, 1e-6, 2e-6, 5e-7, 0.0, 0.0, 3e-7)),
     ("base_compliance", Location("base"), (3e-7, *[0.0] * 6)),
     ("link_geometry", Location("tool", "dx", terms=(0,)), (1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)),
-    ("umbilical", Location("link:roll"), (900.0, 1.0, 2.0, 3.0, 0.3, 0.8)),
+    ("umbilical", Location("link:roll"), (900.0, 1.0, 2.0, 3.0, 0.3, 0.8, 0.1, -0.05, 0.2)),
     ("magnetic_pull", Location("tool"), (400.0, 2.5, 0.5, 1.0, 0.2)),
 )
 

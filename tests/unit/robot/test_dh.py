@@ -15,7 +15,7 @@ from support import wire_file
 from support.command_line import fine, run_here, strict_json
 from support.small_arms import ROBOTS
 
-from armflex import Arm, calibrate, load_arm, predict, read_measurements
+from armflex import Arm, calibrate, load_arm, plan, predict, read_measurements
 from armflex.errors import ArmFileError, ConventionError, TableError
 from armflex.export.sheet import export as sheet
 from armflex.export.urdf_file import export as urdf
@@ -314,3 +314,14 @@ def test_people_read_numbers_of_rows_and_factors_and_programs_what_files_have(tm
     read(tmp_path, text.replace("SOFT", "2e-5").replace("geometry = 1e-3", "geometry = 0"))
     planned = fine(run_here(tmp_path, "plan", "arm.toml", "--rows", "4", "-o", "p.csv")).stdout
     assert re.search(r"compliance luff rz +50 +[\d.]+ +%", planned)
+
+
+def test_where_an_arm_stands_is_no_matter_of_its_links(tmp_path: Path) -> None:
+    """A wire from anywhere: the first row's place is told by marks on the base, that of others by more targets."""
+    arm = load_arm(wire_file.declared(tmp_path))
+    found = plan(arm, 4, instruments=["L"])
+    base, links = (
+        next(line for line in found.advice if text in line) for text in ("in the base frame", "second target")
+    )
+    assert "geometry J1 dx" in base and "d of J1" in base and "joint_offset J1" in base
+    assert "J1" not in links.replace("of J1", "") and "level" not in links

@@ -85,7 +85,11 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
     assert told["held_out_rms"].keys() == told["held_out_rms_mm"].keys() and told["noise_rms"] < 1e-4
     assert {one["row"] for one in told["outliers"]} == {7, 31}
     assert all(one["unit"] == "rad" and one["error"] > 0.01 for one in told["outliers"])
-    fine(run_here(tmp_path, "calibrate", "arm.toml", "rows.csv", "-o", "c.toml", "--json", "c.json"))
+    files = ("-o", "c.toml", "--json", "c.json", "--report", "c.html")
+    fine(run_here(tmp_path, "calibrate", "arm.toml", "rows.csv", *files))
+    assert re.search(
+        r"Error of level3 \(inclination\), each by its norm [\d.]+ mrad as decl", (tmp_path / "c.html").read_text()
+    )
     fitted = strict_json(tmp_path / "c.json")
     assert fitted["unit"] == "rad" and fitted["rms_mm"] is None
     assert fitted["rms"]["calibrated"] == pytest.approx(told["rms"]["calibrated"], rel=0.5)
@@ -93,7 +97,7 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
     lead = re.findall(r"Error on poses not used: ([^<]*)\(", page)[0]
     assert "mrad" in lead and "mm" not in lead and "poses held out [mrad]" in page
     body = page.partition("<body")[2].partition("<h2>What to measure next")[0]
-    assert not re.search(r"(\d|\[)\s?mm\b", body)
+    assert not re.search(r"(\d|\[)\s?mm\b", body) and "Error of a reading" in body and "3-D" not in body
     assert "best to worst place [mrad]" in page and len(re.findall(r"<td>[\d.]+ mrad</td><td>lost beam", page)) == 2
 
 

@@ -12,27 +12,33 @@ from hypothesis import strategies as st
 from support.campaigns import draw
 from support.stage import few
 
-from armflex import load_arm, predict, read_measurements, trace
+from armflex import Arm, Measurements, calibrate, load_arm, predict, read_measurements, trace
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.block import LARGEST_MOTION, amplitude_prior
 from armflex.estimate.fit import moved
+from armflex.estimate.view import look
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import resolve
+from armflex.laws.effects.payload_mass import EACH
 from armflex.laws.effects.shapes import told_from_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
 from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.findings import write_traced
+from armflex.trace.grow import loosened
 from armflex.trace.polish import SOFT, Polished, polish, sensible
 from armflex.trace.projection import project
 from armflex.trace.search import TIE, preferred
-from armflex.trace.state import State, add, context_at, sorted_out, stands, without
+from armflex.trace.state import State, add, begin, context_at, sorted_out, stands, without
+
+HOOK = (0.5, 0.2, 2.5, 0.3, 1.0)
+"""m: where a hose is anchored, its length, and how far along the link it is hooked on."""
 
 
 def candidate_of(state: State, name: str, site: str, axis: str | None, terms: tuple[int, ...] = (0,)) -> Candidate:
@@ -114,6 +120,44 @@ def test_a_link_keeps_a_mass_and_weighs_no_more_than_the_arm(before):
         assert is_sensible(before, mass, possible), possible
     for impossible in (-1.01 * own, -40_000.0, 1.01 * whole, 40_000.0):
         assert not is_sensible(before, mass, impossible), impossible
+
+
+@pytest.mark.parametrize("share", [0.6, 0.99, 1.01])
+def test_a_payload_found_lighter_weighs_what_is_left_of_it_just_once(before, share):
+    lightest = min(one.mass for one in before.declared.arm.payloads.values() if one.mass > 0.0)
+    places = CATALOGUE["payload_mass"].places(before.context.records)
+    lighter = Candidate(CATALOGUE["payload_mass"], next(one for one in places if one.partner == EACH), ())
+    amplitudes = np.array([-share * lightest])
+    setup = before.fit.setup.with_effect(lighter.effect(amplitudes))
+    fitted = replace(before.fit, view=look(setup, before.measurements, before.rows))
+    assert sensible(lighter, amplitudes, fitted, before.context, present=True) == (share < 1.0)
+    assert is_sensible(before, lighter, *amplitudes) == (share < 1.0)
+
+
+def pulled(campaign, aside: tuple[float, float, float]) -> tuple[Arm, Measurements]:
+    """Return an arm and what a campaign reads of it where a hose pulls beside the end of a link."""
+    _, arm, rows = campaign
+    hose = Effect(CATALOGUE["umbilical"], Location("link:J5"), (900.0, *HOOK, *aside))
+    read = predict(replace(arm, effects=(hose,)), rows).position
+    noise = np.random.default_rng(0).normal(0.0, 2e-4, read.shape)
+    return arm, replace(rows, position=read + noise)
+
+
+@pytest.mark.slow
+def test_where_a_link_is_pulled_beside_its_end_is_a_detail_of_one_cause(campaign):
+    aside = (0.1, -0.15, 0.2)
+    (one,) = trace(*pulled(campaign, aside)).found
+    assert one.effect.law.name == "umbilical" and one.effect.location.site == "link:J5"
+    names = ("aside_x", "aside_y", "aside_z")
+    std = np.array([one.std[name] for name in names])
+    assert (np.abs([one.effect.named[name] for name in names] - np.array(aside)) < 3.0 * std).all()
+    assert np.median(std) < 0.1
+
+
+def test_a_detail_that_nothing_speaks_for_stays_as_it_usually_is(campaign):
+    bare = begin(calibrate(*pulled(campaign, (0.0, 0.0, 0.0)), as_stated=True))
+    plain = Candidate(CATALOGUE["umbilical"], Location("link:J5"), (*HOOK, 0.0, 0.0, 0.0))
+    assert loosened(add(bare, polish(plain, bare.fit, bare.context, project(bare.fit)))) is None
 
 
 def test_a_centre_of_mass_stays_within_a_metre(before):
