@@ -253,7 +253,7 @@ def path_of(
         return path, (told,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     found = compensated(arm, path, covariates=covariates)
-    before, (after, sigma) = max(np.linalg.norm(row.before[:3]) for row in found.rows), found.remains_m
+    before, (after, sigma) = float(max(np.linalg.norm(row.before[:3]) for row in found.rows)), found.remains_m
     known = "" if sigma is None else f" ± {sigma * 1e3:.2g}"
     left = f"of {number(before * 1e3, 3)} mm at most {number(after * 1e3, 2)}{known} mm"
     text = f"Compensated: {left} remain in the rows"
