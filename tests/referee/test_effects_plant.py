@@ -238,22 +238,22 @@ def test_without_effects_the_two_agree(tmp_path):
 @pytest.mark.parametrize("arm", ["boom", "six"])
 @pytest.mark.parametrize("end", [2, 4, 10])
 def test_a_spring_at_the_end_of_a_link(arm, end, tmp_path):
-    """The plant's own umbilical hooks anywhere on a link; this one where the library has it."""
+    """The plant's own umbilical hooks anywhere on a link; this one beside its end, where the library has it."""
     one = case("backlash", 2, arm, tmp_path)
     joints = one.drawn.plant.joints
     end, k, rest = min(end, len(joints)), 400.0, 0.8
-    anchor = np.array([2.5, -1.5, 1.0])
+    anchor, aside = np.array([2.5, -1.5, 1.0]), np.array([0.1, -0.05, 0.2])
     origin = joints[end].origin if end < len(joints) else one.drawn.plant.tip
     site = f"link:{joints[end].name}" if end < len(joints) else "tool"
 
     def act(state, push, amplitude: float) -> None:
-        point = apply(state.frames[:, end - 1], origin[:3, 3])
+        point = apply(state.frames[:, end - 1], origin[:3, 3] + aside)
         line = anchor - point
         length = np.linalg.norm(line, axis=1, keepdims=True)
         push.loads.append((end - 1, amplitude * line * np.maximum(1.0 - rest / length, 0.0), point))
 
     hidden = Hidden("umbilical", site, None, (), act, lambda x: {"k": x}, 1.0, k, amplitude=k)
-    effect = amplitudes("umbilical", Location(site), (*anchor.tolist(), rest, 1.0), k=k)
+    effect = amplitudes("umbilical", Location(site), (*anchor.tolist(), rest, 1.0, *aside.tolist()), k=k)
     compare(replace(one, told=replace(one.told, name="umbilical")), with_effects(one.setup, (effect,)), (hidden,))
 
 
