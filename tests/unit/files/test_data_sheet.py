@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from inspect import getdoc
 from pathlib import Path
 
 import numpy as np
@@ -397,7 +398,7 @@ def test_an_arm_from_python_is_that_of_a_file(tmp_path: Path) -> None:
 
 
 def test_the_five_lines_of_the_docstring_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    lines = [line for line in (make_arm.__doc__ or "").splitlines() if line.startswith("        ")]
+    lines = [line for line in (getdoc(make_arm) or "").splitlines() if line.startswith("    ")]
     lines = lines[: next(i for i, line in enumerate(lines) if "print" in line) + 1]
     assert len(lines) == 5
     monkeypatch.chdir(ROBOTS / "heavy_six")
