@@ -218,11 +218,15 @@ def _flags_about(arm: Arm, commanded: Trajectory, moved: Trajectory, rows: Seque
     if changes:
         here = moved.prepared(arm).points.some(np.repeat(changes, 2))
         both = [moved.payload[row] for i in changes for row in (i - 1, i)]
-        shifts = arm.deflection(here.q, both, enforce_limits=False, **here.asked).displacement[:, :3]
-        for i, jump in zip(changes, np.linalg.norm(shifts[1::2] - shifts[::2], axis=1), strict=True):
+        try:
+            shifts = arm.deflection(here.q, both, enforce_limits=False, **here.asked).displacement[:, :3]
+            jumps = [f"{jump * 1e3:.3g} mm" for jump in np.linalg.norm(shifts[1::2] - shifts[::2], axis=1)]
+        except NO_EQUILIBRIUM:  # far from the row before, its payload may be more than the arm can hold
+            jumps = ["an unknown amount, as what was carried cannot be held there"] * len(changes)
+        for i, jump in zip(changes, jumps, strict=True):
             change = f"from {moved.payload[i - 1]} to {moved.payload[i]} at {moved.time[i]:g} s"
             between = f"between the rows at {moved.time[i - 1]:g} s and {moved.time[i]:g} s"
-            text = f"{change} the tip springs by {jump * 1e3:.3g} mm; {between} it is off by up to as much"
+            text = f"{change} the tip springs by {jump}; {between} it is off by up to as much"
             yield Flag("payload_change", f"{text}, which the error halfway between rows leaves out")
     if len(moved) > 1:
         limits = np.array([joint.velocity for joint in arm.robot.moving])

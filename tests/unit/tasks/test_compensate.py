@@ -543,6 +543,17 @@ def test_payload_changes_and_haste_are_flagged(found: dict, tarm: Arm, tarm_path
     assert re.search(r"^\w+ would move at \S+ times its speed limit at 0 s \(commanded path: 0 times\)$", flag.text)
 
 
+def test_a_payload_that_cannot_be_held_where_it_is_gone_is_no_error(heavy: Arm) -> None:
+    """Rows far apart: what was carried at the first is too heavy at the second, where it was never asked of the arm."""
+    loaded = replace(heavy, payloads={**heavy.payloads, "huge": replace(heavy.payloads["p200"], mass=3e4)})
+    held, stretched = [0.0, -0.6, 1.5, 0.0, 0.8, 0.0], [0.0, 1.2, 0.2, 0.0, 0.3, 0.0]
+    path = Trajectory(heavy.joint_names, np.arange(2.0), np.array([held, stretched]), ("huge", "empty"), ("", ""))
+    with pytest.raises(SmallDisplacementError):
+        loaded.deflection(stretched, "huge")
+    flag = next(one for one in compensate(loaded, path, best_effort=True).flags if one.code == "payload_change")
+    assert "from huge to empty at 1 s the tip springs by an unknown amount" in flag.text
+
+
 def test_a_path_that_is_too_fast_as_commanded_is_not_the_compensation_s_fault(tmp_path: Path) -> None:
     rigid = planar(tmp_path)
     rigid = replace(rigid, flexures=())
