@@ -32,6 +32,14 @@ fitted together with all that is here, has the information
 on its amplitudes, whose prior precision is added to it. With the score s = X'(y - J N^-1 J'y) its amplitudes are
 N_X^-1 s, and the objective falls by s' N_X^-1 s.
 
+*Arrows.* Where parameters have no information in common with one another, only with the others (an unknown twist in
+every pose, each moving its own rows), the matrix is an arrow: scaled,
+
+    S N S = [[B, C], [C', 1]],
+
+and block elimination leaves B - C C' of the few others, whose axes V diag(l) V' are found instead. Then
+R = S [[V l^-1/2, 0], [-C' V l^-1/2, 1]]. A thousand poses cost a product instead of a decomposition.
+
 *Adding rows.* Further readings with the Jacobian Z (d, P) add Z'Z to N: one after the other they give what they give
 together.
 """
@@ -48,6 +56,9 @@ from armflex.errors import NotFiniteError, ShapeError
 
 ROUNDING = 1e-13
 """Information along a direction, by the parameters' own, up to which there is none."""
+
+MANY = 64
+"""Parameters without information in common from which they are eliminated first, or multiplied as sparse columns."""
 
 PART = 1e-6
 """Share of a direction of the null space, by the parameters' own information, from which one has a part in it."""
@@ -76,7 +87,7 @@ class LinearGaussian:
     @staticmethod
     def of(jacobian: Array, precision: Array) -> LinearGaussian:
         """Return what (n, P) whitened regressors and (P,) prior precisions tell, 0 where nothing was known."""
-        return LinearGaussian(jacobian.T @ jacobian + np.diag(precision))
+        return LinearGaussian(squared(jacobian) + np.diag(precision))
 
     @cached_property
     def scale(self) -> Array:
@@ -85,9 +96,26 @@ class LinearGaussian:
         return np.where(own > 0.0, 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0)), 1.0)
 
     @cached_property
+    def alone(self) -> np.ndarray:
+        """(P,) which parameters have no information in common with one another: the shaft of an arrow, if it is one."""
+        shared = self.information != 0.0
+        alone = np.zeros(len(shared), dtype=bool)
+        if len(alone) >= MANY:
+            for i in np.argsort(shared.sum(axis=0), kind="stable"):  # those that share least first
+                alone[i] = shared[i, i] and not shared[i, alone].any()
+        return alone & (alone.sum() >= MANY)
+
+    @cached_property
     def _axes(self) -> tuple[Array, Array, Array]:
-        """(r,) information and (P, r) axes of what is determined, (P, k) axes of the null space; all scaled by S."""
+        """(r,) information and (P, r) axes of what is determined, (P, k) axes of the null space; all scaled by S.
+
+        Of the parameters that are not eliminated first.
+        """
         scaled = self.information * self.scale * self.scale[:, None]
+        alone = self.alone
+        if alone.any():
+            shared = scaled[np.ix_(~alone, alone)]
+            scaled = scaled[np.ix_(~alone, ~alone)] - shared @ shared.T
         try:
             size, axes = np.linalg.eigh(scaled)
         except np.linalg.LinAlgError:  # now and then LAPACK's fast driver does not settle where the plain one does
@@ -95,20 +123,32 @@ class LinearGaussian:
 
             size, axes = eigh(scaled, driver="ev")
         told = size > ROUNDING
-        return size[told], axes[:, told], axes[:, ~told]
+        return size[told], self._with_alone(axes[:, told]), self._with_alone(axes[:, ~told])
+
+    def _with_alone(self, axes: Array) -> Array:
+        """Return (P, k) scaled axes of all parameters from those of all but the ones that are eliminated."""
+        alone = self.alone
+        if not alone.any():
+            return axes
+        whole = np.empty((len(alone), axes.shape[1]))
+        whole[~alone] = axes
+        shared = self.information[np.ix_(alone, ~alone)] * self.scale[~alone] * self.scale[alone, None]
+        whole[alone] = -shared @ axes
+        return whole
 
     @property
     def root(self) -> Array:
         """(P, r) R with R R' the covariance, in the parameters' units."""
         size, axes, _ = self._axes
-        return self.scale[:, None] * axes / np.sqrt(size)
+        own = np.diag(self.scale)[:, self.alone]
+        return np.hstack([self.scale[:, None] * axes / np.sqrt(size), own])
 
     @cached_property
     def covariance(self) -> Array:
         """(P, P) posterior covariance of what is determined."""
         size, axes, _ = self._axes
         found = self.scale[:, None] * axes
-        return found / size @ found.T
+        return found / size @ found.T + np.diag(np.where(self.alone, self.scale**2, 0.0))
 
     @cached_property
     def null_space(self) -> Array:
@@ -124,7 +164,8 @@ class LinearGaussian:
     def solve(self, score: Array) -> Array:
         """Return N^-1 times a (P,) score J'y: the most probable values, in the parameters' units."""
         size, axes, _ = self._axes
-        return self.scale * (axes @ ((axes.T @ (self.scale * score)) / size))
+        scaled = self.scale * score
+        return self.scale * (axes @ ((axes.T @ scaled) / size) + np.where(self.alone, scaled, 0.0))
 
     def conditional(self, some: np.ndarray) -> LinearGaussian:
         """Return what is known of the parameters at `some` places when the values of all others are known."""
@@ -138,6 +179,27 @@ class LinearGaussian:
     def with_precision(self, precision: Array) -> LinearGaussian:
         """Return what is known where (P,) precisions are added to the prior: other experience, a ridge, a damping."""
         return LinearGaussian(self.information + np.diag(precision))
+
+
+def squared(jacobian: Array) -> Array:
+    """Return the (P, P) products J'J of (n, P) regressors; many that move few readings are multiplied as what they are.
+
+    Their products are exactly zero where no reading moves with both, as `LinearGaussian` looks for.
+    """
+    rows, count = jacobian.shape
+    some = np.zeros(count, dtype=bool)
+    if count > MANY:
+        some = np.count_nonzero(jacobian, axis=0) * MANY < rows
+    if some.sum() < MANY:
+        return jacobian.T @ jacobian
+    from scipy.sparse import csr_array  # not needed to import the package
+
+    sparse, dense, found = csr_array(jacobian[:, some].T), jacobian[:, ~some], np.empty((count, count))
+    found[np.ix_(~some, ~some)] = dense.T @ dense
+    between = sparse @ dense
+    found[np.ix_(some, ~some)], found[np.ix_(~some, some)] = between, between.T
+    found[np.ix_(some, some)] = (sparse @ sparse.T).toarray()
+    return found
 
 
 def most_probable(jacobian: Array, precision: Array, readings: Array) -> Array:

@@ -24,7 +24,7 @@ from armflex.estimate.robust import (
     whitened_residual,
 )
 from armflex.estimate.view import View, look
-from armflex.linear_gaussian import LinearGaussian
+from armflex.linear_gaussian import LinearGaussian, squared
 from armflex.measured.measurements import Measurements
 from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
@@ -145,7 +145,7 @@ class Fit:
     @cached_property
     def told(self) -> Array:
         """(P, P) what the readings alone tell of the values, in their units: products of the columns."""
-        return self.regressors.T @ self.regressors
+        return squared(self.regressors)
 
     @cached_property
     def freedom(self) -> float:

@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View
-from armflex.linear_gaussian import LinearGaussian, most_probable
+from armflex.linear_gaussian import LinearGaussian, most_probable, squared
 
 FOLDS = 5
 
@@ -100,7 +100,7 @@ def errors_of(fit: Fit, whitened: Array) -> Array:
 
 def told_by_others(fit: Fit, folds: np.ndarray) -> list[LinearGaussian]:
     """Return for every fold what the rows of all others tell of a fit's values, from the (M,) fold of every row."""
-    own = [regressors.T @ regressors for regressors in (fit.regressors[rows] for rows in _readings_of(fit, folds))]
+    own = [squared(fit.regressors[rows]) for rows in _readings_of(fit, folds)]
     return [LinearGaussian(told).with_precision(fit.precision) for told in _of_others(own)]
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
+from itertools import product, zip_longest
 from typing import Any
 
 import numpy as np
@@ -94,10 +94,14 @@ class Part:
             return self.shapes.T
         return (self.answer[:, :, None] * self.shapes.T[:, None, :]).reshape(-1, len(self.places))
 
-    def products(self, others: Array) -> Array:
-        """Return the (K, F) products of the columns with (F, n) others."""
+    def products(self, others: Any) -> Array:
+        """Return the (K, F) products of the columns with (F, n) others, an array or sparse rows."""
         if self.answer is None:
-            return self.shapes @ others.T
+            return (others @ self.shapes.T).T
+        if not isinstance(others, np.ndarray):
+            count, depth = self.answer.shape
+            told = others.data * self.answer.ravel()[others.indices], others.indices // depth, others.indptr
+            return (type(others)(told, shape=(others.shape[0], count)) @ self.shapes.T).T
         return self.shapes @ np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer).T
 
     def flipped(self, residual: Array, signs: Array) -> Array:
@@ -111,6 +115,10 @@ class Part:
         shapes = self.shapes[some]
         weighted = shapes if self.answer is None else shapes * (self.answer**2).sum(axis=1)
         return weighted @ shapes.transpose(0, 2, 1)
+
+
+Squares = Callable[[np.ndarray], Array]
+"""Of (g, k) columns of a part the (g, k, k) products among themselves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +176,57 @@ class Bank:
     @cached_property
     def _kept(self) -> tuple[Part, ...]:
         return tuple(self._made())
+
+    @cached_property
+    def squares(self) -> tuple[tuple[np.ndarray, Array], ...]:
+        """For every group size: groups, and (g, k, k) products of their columns among themselves."""
+        return self._by_size(lambda part: part.squares)
+
+    def squares_through(self, rows: Any) -> tuple[tuple[np.ndarray, Array], ...]:
+        """Return the same of the columns' products with (m, n) sparse rows."""
+
+        def squares(part: Part) -> Squares:
+            seen = part.products(rows)
+            return lambda some: seen[some] @ seen[some].transpose(0, 2, 1)
+
+        return self._by_size(squares)
+
+    def _by_size(
+        self, squares: Callable[[Part], Callable[[np.ndarray], Array]]
+    ) -> tuple[tuple[np.ndarray, Array], ...]:
+        found: dict[int, list[tuple[np.ndarray, Array]]] = {}
+        for part in self.parts:
+            sizes, of = self.sizes[part.groups], squares(part)
+            starts = np.cumsum(sizes) - sizes
+            for size in np.unique(sizes).tolist():
+                some = sizes == size
+                found.setdefault(size, []).append((part.groups[some], of(starts[some][:, None] + np.arange(size))))
+        return tuple(
+            (np.concatenate([groups for groups, _ in some]), np.concatenate([whole for _, whole in some]))
+            for some in found.values()
+        )
+
+    @cached_property
+    def _known(self) -> dict[bytes, Array]:
+        return {}
+
+    def products(self, others: Array) -> Array:
+        """Return the (K, F) products of all columns with (n, F) others, each of which is multiplied only once.
+
+        A search asks for the same candidates beside many choices of the same fitted columns.
+        """
+        rows = np.ascontiguousarray(others.T)
+        keys = [row.tobytes() for row in rows]
+        if len({*keys, *self._known}) * self.starts[-1] > KEPT:
+            for key in self._known.keys() - keys:
+                del self._known[key]
+        new = {key: row for key, row in zip(keys, rows, strict=True) if key not in self._known}
+        if new:
+            asked, found = np.array(list(new.values())), np.empty((len(new), self.starts[-1]))
+            for part in self.parts:
+                found[:, part.places] = part.products(asked).T
+            self._known.update(zip(new, found, strict=True))
+        return np.array([self._known[key] for key in keys]).T
 
     def _made(self) -> Iterator[Part]:
         """Yield the columns, those with the same answer of the readings together.
@@ -264,16 +323,14 @@ class Sifted:
     Attributes:
         bank: The candidates.
         projection: Of the fit.
-        seen: (K, r) X'A R, R a root of the fitted parameters' covariance.
+        seen: (K, r) X'H', H of the projection.
         scores: (K,) products of the columns with the fit's own residual.
-        squares: For every group size: groups, and (g, k, k) products of their columns among themselves.
     """
 
     bank: Bank
     projection: Projection
     seen: Array
     scores: Array
-    squares: tuple[tuple[np.ndarray, Array], ...]
 
     @cached_property
     def evidence(self) -> Array:
@@ -291,14 +348,20 @@ class Sifted:
         return np.asarray(evidence(gains, projection.objective, projection.count, parameters))
 
     @cached_property
-    def solvers(self) -> list[tuple[np.ndarray, Array]]:
-        """For every group size: groups, and (g, k, k) factors W with gain = |W' score|^2."""
+    def inside(self) -> list[tuple[np.ndarray, Array, Array]]:
+        """For every group size: groups, (g, k, k) squares of their columns, and what the fit leaves of them."""
+        taken = self.bank.squares_through(self.projection.each) if self.projection.fitted.alone.any() else ()
         found = []
-        for groups, whole in self.squares:
+        for (groups, whole), own in zip_longest(self.bank.squares, taken):
             seen = self.seen[self._places(groups, whole)]
             inside = whole - seen @ seen.transpose(0, 2, 1)
-            found.append((groups, _factors(inside, whole, self.projection.ridge)))
+            found.append((groups, whole, inside if own is None else inside - own[1]))
         return found
+
+    @cached_property
+    def solvers(self) -> list[tuple[np.ndarray, Array]]:
+        """For every group size: groups, and (g, k, k) factors W with gain = |W' score|^2."""
+        return [(groups, _factors(inside, whole, self.projection.ridge)) for groups, whole, inside in self.inside]
 
     def gains(self, signs: Array | None = None) -> Array:
         """Return the (G, F) gains of all candidates for the fit's residual, its rows with (M, F) signs if any.
@@ -310,6 +373,7 @@ class Sifted:
         else:
             residual = self.projection.residual
             scores = -self.seen @ (self.projection.half @ with_signs(residual, signs))
+            residual = self.projection.cleared(residual)  # signs are of poses, like what is fitted to each by itself
             for part in self.bank.parts:
                 scores[part.places] += part.flipped(residual, signs)
         gains = np.zeros((len(self.bank.candidates), scores.shape[1]))
@@ -334,23 +398,8 @@ def _factors(inside: Array, whole: Array, ridge: float) -> Array:
 
 def sift(candidates: Bank, projection: Projection) -> Sifted:
     """Return a bank projected on a fit."""
-    count = int(candidates.starts[-1])
-    seen, scores = np.empty((count, len(projection.half))), np.empty(count)
-    squares: dict[int, list[tuple[np.ndarray, Array]]] = {}
-    for part in candidates.parts:
-        seen[part.places] = part.products(projection.half)
-        scores[part.places] = part.products(projection.residual[None])[:, 0]
-        sizes = candidates.sizes[part.groups]
-        starts = np.cumsum(sizes) - sizes
-        for size in np.unique(sizes).tolist():
-            some = sizes == size
-            whole = part.squares(starts[some][:, None] + np.arange(size))
-            squares.setdefault(size, []).append((part.groups[some], whole))
-    joined = tuple(
-        (np.concatenate([groups for groups, _ in found]), np.concatenate([whole for _, whole in found]))
-        for found in squares.values()
-    )
-    return Sifted(candidates, projection, seen, scores, joined)
+    told = candidates.products(np.column_stack([projection.shared, projection.residual]))
+    return Sifted(candidates, projection, told[:, :-1] @ projection.root, told[:, -1])
 
 
 def best_per_spot(sifted: Sifted, most: int) -> Sequence[int]:

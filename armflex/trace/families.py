@@ -34,7 +34,7 @@ from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.friction_windup import FRICTION_WINDUP
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.location import drive_axis
-from armflex.linear_gaussian import LinearGaussian
+from armflex.linear_gaussian import LinearGaussian, squared
 from armflex.trace.accept import APART, ENOUGH, MARGIN, Kin, Step, prove
 from armflex.trace.candidates import Candidate, candidate_regressors, grid
 from armflex.trace.polish import Polished
@@ -114,14 +114,14 @@ def _worths(
     if not families:
         return []
     columns = np.concatenate([one.regressors for one in families], axis=1) / noise
-    seen = problem.half @ columns
-    scores = np.vstack([problem.residual, flipped]) @ columns
-    scores[1:] -= (flipped @ problem.half.T) @ seen  # signs other than the fit's own are projected
+    seen, cleared = problem.half @ columns, problem.cleared(columns)
+    # Signs other than the fit's own are projected.
+    scores = np.vstack([problem.residual @ columns, flipped @ cleared - (flipped @ problem.half.T) @ seen])
     variance, found = SCALES[:, None] ** 2, []
     ends = np.cumsum([0, *(one.regressors.shape[1] for one in families)]).tolist()
     for first, last in pairwise(ends):
         own = columns[:, first:last]
-        values, axes = np.linalg.eigh(own.T @ own - seen[:, first:last].T @ seen[:, first:last])
+        values, axes = np.linalg.eigh(own.T @ cleared[:, first:last] - seen[:, first:last].T @ seen[:, first:last])
         larger = 1.0 + variance * np.maximum(values, 0.0)
         told = ((scores[:, first:last] @ axes) ** 2) @ (variance / larger).T - np.log(larger).sum(axis=1)
         found.append((float(told[0].max()), float(SCALES[told[0].argmax()]), float(told[1:].max(initial=-np.inf))))
@@ -133,7 +133,7 @@ def _rescaled(fit: Fit, data: Array, accepted: Sequence[Family], noise: float) -
     families = list(accepted)
     ends = np.cumsum([len(fit.values), *(one.regressors.shape[1] for one in families)])
     columns = np.concatenate([fit.regressors, *(one.regressors for one in families)], axis=1)
-    told, score = columns.T @ columns, columns.T @ data
+    told, score = squared(columns), columns.T @ data
     for _ in range(SWEEPS):
         held = np.concatenate([fit.precision, *(np.full(one.regressors.shape[1], one.scale**-2.0) for one in families)])
         known = LinearGaussian(told / noise**2).with_precision(held)

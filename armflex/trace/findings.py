@@ -549,14 +549,13 @@ def _left_over(looked: Round) -> tuple[np.ndarray, np.ndarray]:
     Both are zero where a column is only rounding: an axis through the target moves it by 1e-17, not by nothing.
     """
     named = looked.sifted[0]
-    whole, most = np.zeros(len(named.bank.candidates)), {}
-    for groups, squares in named.squares:
-        whole[groups] = squares[:, 0, 0]
+    whole, inside, most = np.zeros(len(named.bank.candidates)), np.zeros(len(named.bank.candidates)), {}
+    for groups, squares, left in named.inside:
+        whole[groups], inside[groups] = squares[:, 0, 0], left[:, 0, 0]
     alike = [(one.law.name, one.location.turns, one.location.terms) for one in named.bank.candidates]  # of a unit
     for kind, square in zip(alike, whole.tolist(), strict=True):
         most[kind] = max(square, most.get(kind, 0.0))
     moves = whole > STILL**2 * np.array([most[kind] for kind in alike])
-    inside = whole - (named.seen[named.bank.starts[:-1]] ** 2).sum(axis=1)
     return np.where(moves, whole, 0.0), np.where(moves, inside, 0.0)
 
 

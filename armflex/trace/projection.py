@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -47,9 +48,34 @@ class Projection:
         return LinearGaussian.of(self.regressors, self.precision)
 
     @cached_property
+    def each(self) -> Any:
+        """(m, n) sparse E of parameters with no reading in common, a random twist per pose: those are eliminated first.
+
+        Columns scaled so that E'E is the part of A N^-1 A' that is theirs alone.
+        """
+        from scipy.sparse import csr_array  # not needed to import the package
+
+        alone = self.fitted.alone
+        return csr_array((self.regressors[:, alone] * self.fitted.scale[alone]).T)
+
+    def cleared(self, columns: Array) -> Array:
+        """Return (n, k) columns less what those parameters would take of them."""
+        return columns - self.each.T @ (self.each @ columns) if self.fitted.alone.any() else columns
+
+    @cached_property
+    def shared(self) -> Array:
+        """(n, p) cleared columns of all other parameters."""
+        return self.cleared(self.regressors[:, ~self.fitted.alone])
+
+    @cached_property
+    def root(self) -> Array:
+        """(p, r) root of the covariance of those."""
+        return self.fitted.root[~self.fitted.alone, : -self.fitted.alone.sum() or None]
+
+    @cached_property
     def half(self) -> Array:
-        """(r, n) R'A' with R a root of N^-1, so that half' half = A N^-1 A'."""
-        return self.fitted.root.T @ self.regressors.T
+        """(r, n) H with H'H + E'E = A N^-1 A'."""
+        return self.root.T @ self.shared.T
 
     def absorbed(self, change: Array) -> Array:
         """Return the (P,) values by which fitted parameters take over a (n,) change of the readings."""
@@ -59,7 +85,7 @@ class Projection:
         """Return (k, k) X'X - X'A N^-1 A'X of (n, k) columns, and the diagonal of X'X."""
         seen = self.half @ regressors
         whole = regressors.T @ regressors
-        return whole - seen.T @ seen, np.diag(whole)
+        return regressors.T @ self.cleared(regressors) - seen.T @ seen, np.diag(whole)
 
     def beside(self, regressors: Array) -> Projection:
         """Return the projection where the amplitudes of (n, k) columns are fitted, too."""

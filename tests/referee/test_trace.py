@@ -15,13 +15,14 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.laws.effects import CATALOGUE
 from armflex.laws.effects.catalogue import EVERY
+from armflex.rows.rows import POSE
 from armflex.trace.accept import improvement, null_maximum, session_folds, sessions_held_out
 from armflex.trace.candidates import Bank, Candidate, bank, best_per_spot, candidates_of, sift
 from armflex.trace.exchange import SAME, equivalents, leave_out
 from armflex.trace.polish import polish
 from armflex.trace.projection import Projection, evidence, project, projected
-from armflex.trace.state import State, add
-from armflex.trace.unrecorded import NOTICED, localise
+from armflex.trace.state import State, add, with_random
+from armflex.trace.unrecorded import NOTICED, PoseBlock, localise
 
 EXACT = [
     ("hysteresis", 100, "boom"),
@@ -86,10 +87,20 @@ def data_of(fit: Fit) -> Array:
 NAMES = ("stiffening", "link_geometry", "gear_harmonic", "thermal_growth", "tip_force", "tracker_scale", "backlash")
 
 
+@pytest.fixture(scope="module")
+def twisted(before) -> State:
+    """With a random twist per pose set aside, which no gain may count twice."""
+    place = before.looked.places[0]
+    return with_random(before, PoseBlock(place.site, place.axis, 1e-4, before.context.column(POSE).astype(int)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
-def test_gain_is_the_fall_of_a_refit(name, before):
+@pytest.mark.parametrize("state", ["before", "twisted"])
+def test_gain_is_the_fall_of_a_refit(name, state, request):
+    before = request.getfixturevalue(state)
     fit, context, projection = before.fit, before.context, project(before.fit)
+    assert (projection.fitted.alone.sum() > 60) == (before.random is not None)
     tried = list(candidates_of([CATALOGUE[name]], context))
     tried = [tried[i] for i in np.random.default_rng(0).permutation(len(tried))[:4]]
     candidates = bank(tried, fit, context)
@@ -132,11 +143,30 @@ def test_what_is_kept_of_a_bank_is_what_its_columns_give(everything, before):
     sizes = np.sqrt((regressors**2).sum(axis=0))
     np.testing.assert_allclose(sifted.seen.T, seen, rtol=1e-9, atol=1e-9 * sizes.max())
     np.testing.assert_allclose(sifted.scores, regressors.T @ projection.residual, rtol=1e-9, atol=1e-9 * sizes.max())
-    assert sorted(np.concatenate([groups for groups, _ in sifted.squares])) == list(range(len(everything.candidates)))
-    for groups, squares in sifted.squares:
+    assert sorted(np.concatenate([groups for groups, _ in everything.squares])) == list(
+        range(len(everything.candidates))
+    )
+    for groups, squares in everything.squares:
         for group, square in zip(groups, squares, strict=True):
             own = everything.group(group)
             np.testing.assert_allclose(square, own.T @ own, rtol=1e-9, atol=1e-12 * np.abs(own.T @ own).max())
+
+
+def test_chance_is_that_of_residuals_projected_one_by_one(before, twisted):
+    """Also where a random twist of each pose takes its part of the pose's signs."""
+    for state in (before, twisted):
+        projection = project(state.fit)
+        laws = [CATALOGUE[name] for name in ("encoder_scale", "backlash", "compliance")]
+        sifted = sift(bank(candidates_of(laws, state.context), state.fit, state.context), projection)
+        signs = np.random.default_rng(1).choice([-1.0, 1.0], (int(state.groups.max()) + 1, 3))[state.groups]
+        found = sifted.gains(signs)
+        for number in range(3):
+            flipped = projection.residual * np.repeat(signs[:, number], len(projection.residual) // len(signs))
+            left = flipped - projection.regressors @ least_squares(state.fit.regressors, state.fit.prior, flipped)[0]
+            again = replace(projection, residual=left)
+            for index in range(0, len(found), 7):
+                expected = again.gain(sifted.bank.group(index))[0]
+                assert found[index, number] == pytest.approx(expected, rel=1e-4, abs=1e-6)
 
 
 def test_a_bank_too_large_to_keep_gives_the_same(everything, before, monkeypatch):

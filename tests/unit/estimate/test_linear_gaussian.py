@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from armflex.errors import NotFiniteError, ShapeError
-from armflex.linear_gaussian import LinearGaussian, most_probable
+from armflex.linear_gaussian import MANY, LinearGaussian, most_probable, squared
 
 
 def problem(seed: int, count: int, size: int, decades: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -197,3 +197,35 @@ def test_what_lapacks_fast_driver_cannot_do_its_plain_one_does(monkeypatch: pyte
 
     monkeypatch.setattr(np.linalg, "eigh", unsettled)
     np.testing.assert_allclose(known.covariance, expected, rtol=1e-10)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10_000), st.sampled_from([0.0, 4.0, 16.0]), st.booleans())
+def test_what_moves_rows_of_its_own_is_eliminated_first_to_the_same_end(seed: int, decades: float, mixed: bool) -> None:
+    """A twist for every pose beside a few parameters; where two of those are one, one direction is undetermined."""
+    rng = np.random.default_rng(seed)
+    poses, few = MANY + 20, 5
+    unit = 10.0 ** rng.uniform(-decades / 2.0, decades / 2.0, few)
+    shared = rng.normal(size=(3 * poses, few))
+    shared[:, 1] = 2.0 * shared[:, 0] if mixed else shared[:, 1]
+    own = np.zeros((3 * poses, poses))
+    own[np.arange(3 * poses), np.repeat(np.arange(poses), 3)] = rng.normal(size=3 * poses)
+    order = rng.permutation(few + poses)
+    jacobian = np.hstack([shared * unit, own])[:, order]
+    precision = np.concatenate([np.zeros(few), np.full(poses, 2.0)])[order]
+    readings = rng.normal(size=3 * poses)
+    np.testing.assert_allclose(squared(jacobian), jacobian.T @ jacobian, atol=1e-12 * unit.max() ** 2, rtol=1e-12)
+    known = LinearGaussian.of(jacobian, precision)
+    assert known.alone.sum() == poses and len(known.null_space) == mixed
+    # Stacked least squares, of least norm in the same units.
+    stacked = np.vstack([jacobian, np.diag(np.sqrt(precision))]) * known.scale
+    values = known.scale * np.linalg.lstsq(stacked, np.concatenate([readings, 0.0 * precision]), rcond=1e-9)[0]
+    np.testing.assert_allclose(jacobian @ known.solve(jacobian.T @ readings), jacobian @ values, atol=1e-9)
+    hat = stacked @ np.linalg.pinv(stacked.T @ stacked, rcond=1e-9, hermitian=True) @ stacked.T
+    for covariance in (known.covariance, known.root @ known.root.T):
+        seen = jacobian @ covariance @ jacobian.T
+        np.testing.assert_allclose(seen, hat[: len(seen), : len(seen)], atol=1e-9)
+    assert np.isinf(known.std).sum() == 2 * mixed
+    held = known.with_precision(known.scale**-2.0)
+    units = np.outer(known.scale, known.scale)
+    np.testing.assert_allclose((held.covariance / units) @ (held.information * units), np.eye(few + poses), atol=1e-9)
