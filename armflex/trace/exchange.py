@@ -13,12 +13,23 @@ from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.unnamed import shaped_places
+from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidate_regressors, candidates_of, sift
 from armflex.trace.grow import accepted, settled
 from armflex.trace.polish import Polished, polish, unusual
-from armflex.trace.projection import Projection, evidence, projected, ridge_for
+from armflex.trace.projection import evidence, ridge_for
 from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, one_by_one, plainness
-from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
+from armflex.trace.state import (
+    State,
+    add,
+    candidate_of,
+    information,
+    leave_out,
+    moved_to,
+    places_of_effects,
+    stands,
+    without,
+)
 
 Spots = frozenset[tuple[str, str]]
 """Laws and sites of some effects."""
@@ -42,37 +53,32 @@ COMPARED = 12
 """Best hypotheses whose inner parameters are refined."""
 
 
-def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
-    """Return the projection of the fit with some effects' columns and values taken out, and those columns' places."""
-    fit = state.fit
-    places = [fit.places(state.effects[index]) for index in indices]
-    own = np.concatenate(places)
-    rest = np.setdiff1d(np.arange(len(fit.values)), own)
-    terms = (len(state.effects[index].effect.location.terms) for index in indices)
-    amplitudes = np.concatenate([place[:count] for place, count in zip(places, terms, strict=True)])
-    # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
-    data = (
-        fit.residual
-        + fit.regressors[:, amplitudes] @ fit.values[amplitudes]
-        + fit.regressors[:, rest] @ fit.values[rest]
-    )
-    return projected(fit.regressors[:, rest], fit.precision[rest], data, ridge_for(fit), fit.view.count), own
-
-
-def worth_of(state: State, *indices: int) -> tuple[float, Projection]:
-    """Return the evidence of some effects beside the others, and the projection without them.
+def worth_of(state: State, *indices: int) -> float:
+    """Return the evidence of some effects beside the others, by the normal equations.
 
     They are charged for all that the search chose, like the other hypotheses: also a moment or a number of waves, which
     no fit moves.
     """
-    projection, own = leave_out(state, *indices)
-    gain = projection.gain(state.fit.regressors[:, own])[0]
-    parameters = sum(candidate_of(state.fitted[index]).parameters for index in indices)
+    fit, (told, score, left) = state.fit, state.normal
+    values, precision = fit.values[: len(score)], fit.precision[: len(score)]
+    own, amplitudes = places_of_effects(state, indices)
+    rest = np.setdiff1d(np.arange(len(score)), own)
+    # The readings as they would be without the effects, in what the fit leaves of them.
+    back = values[amplitudes]
+    left += float(back @ (2.0 * score[amplitudes] + told[np.ix_(amplitudes, amplitudes)] @ back))
+    score = score + told[:, amplitudes] @ back
+    pull = score[rest] - precision[rest] * values[rest]
+    root = LinearGaussian(told[np.ix_(rest, rest)] + np.diag(precision[rest])).root
+    pull, seen = root.T @ pull, root.T @ told[np.ix_(rest, own)]
+    objective = left + float(precision[rest] @ values[rest] ** 2 - pull @ pull)
+    score, ridge = score[own] - seen.T @ pull, ridge_for(fit) * np.diag(fit.told)[own]
+    gain = score @ LinearGaussian(told[np.ix_(own, own)] - seen.T @ seen).with_precision(ridge).solve(score)
+    themselves = [candidate_of(state.fitted[index]) for index in indices]
     sizes = sum(
-        unusual(candidate_of(one), one.acting, state.fit.view, state.context)
-        for one in map(state.fitted.__getitem__, indices)
+        unusual(one, state.fitted[index].acting, fit.view, state.context)
+        for one, index in zip(themselves, indices, strict=True)
     )
-    return float(evidence(gain, projection.objective, projection.count, parameters)) - sizes, projection
+    return float(evidence(gain, objective, fit.view.count, sum(one.parameters for one in themselves))) - sizes
 
 
 def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
@@ -81,7 +87,7 @@ def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, .
     Those are of the catalogue, and for a shape without a name the same shape at every other place.
     """
     themselves = [candidate_of(state.fitted[index]) for index in indices]
-    worth, projection = worth_of(state, *indices)
+    worth, projection = worth_of(state, *indices), leave_out(state, *indices)[0]
     shapes = [one for one in themselves if one.law.shape]
 
     def tried() -> Iterator[Candidate]:
@@ -165,7 +171,7 @@ def pruned(state: State) -> tuple[State, ...]:
     """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
     passed = []
     while alone := [unit[0] for unit in state.units if len(unit) == 1]:
-        worths = [worth_of(state, i)[0] for i in alone]
+        worths = [worth_of(state, i) for i in alone]
         weakest = alone[int(np.argmin(worths))]
         if min(worths) >= SAME:
             break
@@ -188,9 +194,9 @@ def _suspects(state: State) -> tuple[tuple[int, ...], ...]:
     alone = [unit[0] for unit in state.units if len(unit) == 1]
     if len(alone) < 2:
         return ()
-    worths = {i: worth_of(state, i)[0] for i in alone}
+    worths = {i: worth_of(state, i) for i in alone}
     # What a pair is worth beyond what its members are: either takes over when the other goes.
-    shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
+    shared = {pair: worth_of(state, *pair) - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
     pairs = sorted((pair for pair in shared if shared[pair] > SAME), key=lambda pair: -shared[pair])
     return (*((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
 

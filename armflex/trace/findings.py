@@ -469,7 +469,7 @@ def _by_themselves(state: State) -> Iterator[tuple[int, float]]:
     """Yield place and evidence of every effect that was added alone, and of members of families that show alone."""
     for unit in sorted(state.units):
         for index in unit:
-            worth = worth_of(state, index)[0]
+            worth = worth_of(state, index)
             if len(unit) == 1 or worth >= ENOUGH:
                 yield index, worth
 

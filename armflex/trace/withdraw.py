@@ -100,16 +100,17 @@ class Withdrawn:
 Kept = tuple[State, tuple[Withdrawn, ...], Compared | None]
 
 
-def never_worse(state: State) -> Kept:
+def never_worse(state: State, known: Compared | None = None) -> Kept:
     """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
 
     A name that fewer than half of the folds lead to goes too, or gives way to one that they do, where poses held out
-    are then predicted as well.
+    are then predicted as well. What is `known` of how the state compares is not worked out again.
     """
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:
-        state.say("predicting held-out poses, with what is chosen and fitted without them")
-        found = compared(state)
+        if known is None:
+            state.say("predicting held-out poses, with what is chosen and fitted without them")
+        found, known = known or compared(state), None
         if not found.worse:
             trials = [partial(_outlived, state, found)]
             trials += [partial(without, state, index) for index in _doubtful(state, found)]
@@ -119,7 +120,7 @@ def never_worse(state: State) -> Kept:
                     again = None if after is None or not after.effects else compared(after)
                     if after is not None and again is not None and again.after <= found.after and not again.worse:
                         state.say("going on without a name that other poses do not lead to")
-                        return _joined(withdrawn, never_worse(after))
+                        return _joined(withdrawn, never_worse(after, again))
             return state, tuple(withdrawn), found
         unit, rest = _best_without(state)
         effect = state.fitted[unit[0]] if unit else None

@@ -18,10 +18,10 @@ from armflex.laws.effects.catalogue import EVERY
 from armflex.rows.rows import POSE
 from armflex.trace.accept import improvement, null_maximum, session_folds, sessions_held_out
 from armflex.trace.candidates import Bank, Candidate, bank, best_per_spot, candidates_of, sift
-from armflex.trace.exchange import SAME, equivalents, leave_out
-from armflex.trace.polish import polish
+from armflex.trace.exchange import SAME, equivalents, worth_of
+from armflex.trace.polish import polish, unusual
 from armflex.trace.projection import Projection, evidence, project, projected
-from armflex.trace.state import State, add, with_random
+from armflex.trace.state import State, add, candidate_of, leave_out, with_random
 from armflex.trace.unrecorded import NOTICED, PoseBlock, localise
 
 EXACT = [
@@ -307,6 +307,16 @@ def test_left_out_is_the_fit_without(after):
     assert [fit.labels[i][1] for i in own] == ["gap"]
     _, objective = least_squares(fit.regressors[:, rest], fit.prior[rest], data_of(fit))
     assert projection.objective == pytest.approx(objective, rel=1e-9)
+
+
+@pytest.mark.parametrize("aside", [False, True])
+def test_what_an_effect_is_worth_by_normal_equations_is_its_gain_beside_the_others(after, twisted, aside):
+    state = with_random(after, twisted.random) if aside else after
+    projection, own = leave_out(state, 0)
+    gain = projection.gain(state.fit.regressors[:, own])[0]
+    expected = evidence(gain, projection.objective, projection.count, candidate_of(state.fitted[0]).parameters)
+    size = unusual(candidate_of(state.fitted[0]), state.fitted[0].acting, state.fit.view, state.context)
+    assert worth_of(state, 0) == pytest.approx(expected - size, rel=1e-6)
 
 
 def test_an_effect_is_worth_what_it_was_accepted_for(before, after, backlash):
