@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import combinations, islice
 
 import numpy as np
@@ -25,7 +26,6 @@ from armflex.trace.state import (
     candidate_of,
     information,
     leave_out,
-    moved_to,
     places_of_effects,
     stands,
     without,
@@ -144,27 +144,42 @@ def exchanged(state: State) -> tuple[State, ...]:
     return passed if after is None else (*passed, after)
 
 
-def in_place(state: State, indices: tuple[int, ...], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
-    """Return the states without effects, and with the first of some candidates in their place.
+Trial = Callable[[Polished, float], tuple["State", ...]]
+"""From a candidate to the states without some effects and with it in their place, as `in_place` gives them."""
 
-    None where it cannot stand there, or where the information criterion falls by less than a margin.
+
+def in_place(state: State, indices: tuple[int, ...]) -> Trial:
+    """Return what tries candidates in the place of some effects, each of them refitted once.
+
+    It gives the states without the effects and with the candidate; none where it cannot stand there, or where the
+    information criterion falls by less than a margin.
     """
-    if not better:
-        return ()
-    first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
-    state.say(f"trying {better[0].effect.name} for {names}")
-    try:
-        rest = without(state, *indices)
-        trial = moved_to(add(rest, better[0]), first)
-    except ArmflexError:  # an arm that buckles
-        return ()
-    if not stands(trial) or len(trial.effects) != len(rest.effects) + 1:
-        return ()
-    if _information(trial, state) > _information(state, state) - margin:
-        return ()
-    step = state.steps[first]
-    assert step is not None
-    return rest, replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
+    names, known = " and ".join(state.effects[index].effect.name for index in indices), dict[int, tuple[State, ...]]()
+
+    @cache
+    def rest() -> State:
+        return without(state, *indices)
+
+    def tried(one: Polished) -> tuple[State, ...]:
+        state.say(f"trying {one.effect.name} for {names}")
+        try:
+            trial = add(rest(), one, indices[0])
+        except ArmflexError:  # an arm that buckles
+            return ()
+        step = state.steps[indices[0]]
+        if not stands(trial) or len(trial.effects) != len(rest().effects) + 1 or step is None:
+            return ()
+        before, after = trial.steps[: indices[0]], trial.steps[indices[0] + 1 :]
+        return rest(), replace(trial, steps=(*before, replace(step, exchanged=True), *after))
+
+    def trial(one: Polished, margin: float) -> tuple[State, ...]:
+        if id(one) not in known:
+            known[id(one)] = tried(one)
+        passed = known[id(one)]
+        worse = passed and _information(passed[-1], state) > _information(state, state) - margin
+        return () if worse else passed
+
+    return trial
 
 
 def pruned(state: State) -> tuple[State, ...]:
@@ -207,35 +222,34 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
     another pair, for one effect several.
     """
-    worth, hypotheses = hypotheses_of(state, *indices)
+    (worth, hypotheses), trial = hypotheses_of(state, *indices), in_place(state, indices)
     best: tuple[State, ...] = ()
     if len(indices) == 1:
         own = plainness(candidate_of(state.fitted[indices[0]]))
         for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
             kind = plainness(one.candidate)
-            passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
+            passed = trial(one, -TIE if kind < own else TIE if kind == own else PREFERRED)
             if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
                 best = passed
-    return best or _several_instead(state, indices, worth, [one for one in hypotheses if one.evidence > PART * worth])
+    fair = [one for one in hypotheses if one.evidence > PART * worth]
+    return best or (_several_instead(state, indices, worth, fair[0], trial) if fair else ())
 
 
 def _several_instead(
-    state: State, indices: tuple[int, ...], worth: float, better: Sequence[Polished]
+    state: State, indices: tuple[int, ...], worth: float, first: Polished, trial: Trial
 ) -> tuple[State, ...]:
-    """Return the states to one with the first of some candidates, and what shows beside it, in place of effects.
+    """Return the states to one with a candidate, and what shows beside it, in place of effects.
 
     What stands for several causes explains some of each, and hides them from one another: none of them takes its place
     by itself. None where they explain no more together, as the linear problem says or the fits.
     """
-    if not better:
-        return ()
     most = SEVERAL if len(indices) == 1 else 1
     problem = leave_out(state, *indices)[0]
-    beside = problem.beside(candidate_regressors(better[0].candidate, state.fit, state.context))
-    named = better[0].evidence + sum(one.evidence for one in one_by_one(state.physical, beside, most))
+    beside = problem.beside(candidate_regressors(first.candidate, state.fit, state.context))
+    named = first.evidence + sum(one.evidence for one in one_by_one(state.physical, beside, most))
     if len(indices) == 1 and named < worth + PREFERRED:
         return ()
-    passed, now = in_place(state, indices, better, -np.inf), _information(state, state)
+    passed, now = trial(first, -np.inf), _information(state, state)
     for _ in range(most):
         if not passed or _information(passed[-1], state) < now:
             break

@@ -258,10 +258,11 @@ def context_at(fitted: Fit, measurements: Measurements) -> Context:
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-def add(state: State, found: Polished) -> State:
+def add(state: State, found: Polished, place: int | None = None) -> State:
     """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted.
 
-    One effect with more terms are two of the same law and place, where nothing is searched between them.
+    One effect with more terms are two of the same law and place, where nothing is searched between them. A new one
+    comes at a `place` among the others, last when none is given.
     """
     fit, what = state.fit, found.effect
     # What is fitted already moves to make room.
@@ -270,19 +271,20 @@ def add(state: State, found: Polished) -> State:
     what = replace(what, derived=tuple(name for name in what.location.covariates if name in state.measurements.derived))
     what = what.seen_in(state.context, state.rows)
     starts = [values[fit.places(block)] for block in state.effects]
-    place, steps = len(starts), (*state.steps, None)
+    place = len(starts) if place is None else place
+    after, steps = place, (*state.steps[:place], None, *state.steps[place:])
     for i, block in enumerate(state.effects):
         if _without_terms(block.effect) == _without_terms(what) and not block.effect.law.inner:
-            known, place, steps = block.at(starts[i]), i, state.steps
+            known, place, after, steps = block.at(starts[i]), i, i + 1, state.steps
             terms = tuple(sorted({*known.location.terms, *what.location.terms}))
             sums = tuple(a + b for a, b in zip(known.values, what.values, strict=True))
             what = replace(known, location=replace(known.location, terms=terms), values=sums)
             break
     prior = amplitude_prior(what, found.free, fit.view, state.context)
-    ordinal = len(state.declared.arm.effects) + place
-    block = EffectBlock(what, found.free, state.context, ordinal, prior)
-    effects = (*state.effects[:place], block, *state.effects[place + 1 :])
-    starts[place : place + 1] = [block.start]
+    block, known = EffectBlock(what, found.free, state.context, 0, prior), len(state.declared.arm.effects)
+    effects = (*state.effects[:place], block, *state.effects[after:])
+    effects = tuple(replace(one, ordinal=known + i) for i, one in enumerate(effects))
+    starts[place:after] = [block.start]
     return refit(replace(state, steps=steps), effects, state.random, with_starts(state, values, starts))
 
 
@@ -317,26 +319,19 @@ def without(state: State, *indices: int) -> State:
     change = np.zeros(len(state.fit.values))
     change[rest] = projection.absorbed(projection.data) - state.fit.values[rest]
     left = [i for i in range(len(state.effects)) if i not in indices]
+    steps, first = tuple(state.steps[i] for i in left), len(state.declared.arm.effects)
+
+    def refitted(values: Array) -> State:
+        found = (state.effects[i].at(values[state.fit.places(state.effects[i])]) for i in left)
+        pairs = enumerate(zip(left, found, strict=True))
+        effects = tuple(replace(state.effects[i], effect=one, ordinal=first + place) for place, (i, one) in pairs)
+        starts = with_starts(state, values, [block.start for block in effects])
+        return refit(replace(state, steps=steps), effects, state.random, starts)
+
     try:
-        return _reordered(state, left, moved(state.fit.blocks, state.fit.values, change))
+        return refitted(moved(state.fit.blocks, state.fit.values, change))
     except ArmflexError:  # the arm buckles where straight lines lead
-        return _reordered(state, left, state.fit.values)
-
-
-def moved_to(state: State, index: int) -> State:
-    """Return the state with its last effect at another place in the order."""
-    order = list(range(len(state.effects) - 1))
-    order.insert(index, len(state.effects) - 1)
-    return _reordered(state, order, state.fit.values)
-
-
-def _reordered(state: State, order: Sequence[int], values: Array) -> State:
-    """Return the state with some of its effects, in this order, everything refitted from (P,) values of all."""
-    first = len(state.declared.arm.effects)
-    fitted = [block.at(values[state.fit.places(block)]) for block in state.effects]
-    effects = tuple(replace(state.effects[i], effect=fitted[i], ordinal=first + place) for place, i in enumerate(order))
-    starts = with_starts(state, values, [block.start for block in effects])
-    return refit(replace(state, steps=tuple(state.steps[i] for i in order)), effects, state.random, starts)
+        return refitted(state.fit.values)
 
 
 def with_starts(state: State, values: Array, starts: Sequence[Array]) -> Array:

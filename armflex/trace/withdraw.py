@@ -264,7 +264,7 @@ def _outlived(state: State, found: Compared) -> State | None:
             physical = state.fitted[index].law.physical
             others = [one for one in step.ranking if one.candidate.name == best]
             others = [one for one in others if one.candidate.law.physical >= physical]
-            *_, after = (after, *in_place(after, (index,), others, -SAME))
+            *_, after = (after, *(in_place(after, (index,))(others[0], -SAME) if others else ()))
     return None if after is state else after
 
 
