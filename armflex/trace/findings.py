@@ -503,7 +503,7 @@ def _found(
 
 def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
-    bank, regressors = looked.sifted[0].bank, looked.projection.regressors
+    bank, regressors = looked.sifted[0].bank, state.fit.regressors
     whole, inside = _left_over(looked)
     sizes = np.maximum(np.sqrt((regressors**2).sum(axis=0)), 1e-300)
     found: dict[tuple[str, str], Unidentifiable] = {}

@@ -206,12 +206,12 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
     rest = np.setdiff1d(np.arange(len(values)), np.concatenate(own))
     regressors, prior, data = fit.regressors[:, rest], fit.prior[rest], fit.residual + fit.regressors @ values
     mask, count = np.repeat(learned, len(data) // len(learned)), int(np.isfinite(fit.view.sigma[learned]).sum())
+    problem = projected(regressors * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
     details = {_place_of(one): one.inner for one in state.fitted}
     names: list[str | None] = [None for _ in state.effects]
     chosen: list[str] = []
     for index in sorted(alone):
         block, step = state.effects[index], state.steps[index]
-        problem = projected(regressors * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
         hypotheses = [one.candidate for one in step.ranking] if step is not None else []
         others = [state.effects[i].effect for i in sorted(alone - {index})]
         places = dict.fromkeys([_place_of(one) for one in (block.effect, *others, *hypotheses)])
@@ -232,8 +232,10 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
         if best is not None and best.evidence > 0.0:
             chosen[-1] = best.candidate.name
             ridge = amplitude_prior(best.effect, (), fit.view, state.context)
-            regressors = np.hstack([regressors, candidate_regressors(best.candidate, fit, state.context)])
-            prior = np.concatenate([prior, ridge])
+            more = candidate_regressors(best.candidate, fit, state.context)
+            regressors, prior = np.hstack([regressors, more]), np.concatenate([prior, ridge])
+            columns = np.hstack([problem.regressors, more * mask[:, None]])
+            problem = problem.with_fitted(columns, np.concatenate([problem.precision, ridge**-2.0]))
     for index in sorted(alone):
         if state.fitted[index].name in chosen:
             names[index] = chosen.pop(chosen.index(state.fitted[index].name))
