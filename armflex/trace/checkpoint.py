@@ -12,7 +12,6 @@ import json
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -27,7 +26,7 @@ from armflex.estimate.robust import huber_weights
 from armflex.estimate.view import look
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.location import Location
 from armflex.measured.measurements import Measurements
 from armflex.storage.digest import digest
@@ -61,14 +60,6 @@ class Kept:
     effects: tuple[EffectBlock, ...]
     random: PoseBlock | None
     values: Array
-
-    @property
-    def fitted(self) -> tuple[Effect, ...]:
-        """The effects with the values that the fit gave them."""
-        counts = [len(block.parameters) for block in (*self.effects, *((self.random,) if self.random else ()))]
-        ends = len(self.values) - sum(counts) + np.cumsum([0, *counts])
-        own = [self.values[first:last] for first, last in pairwise(ends.tolist())]
-        return tuple(block.at(values) for block, values in zip(self.effects, own, strict=False))
 
 
 @dataclass(frozen=True, eq=False)

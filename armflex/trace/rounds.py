@@ -28,9 +28,6 @@ from armflex.trace.unrecorded import localise
 MOST_EFFECTS = 12
 """Effects at which a search ends, though more may be missing."""
 
-SAME_INNER = 0.05
-"""Relative difference of values inside laws within which two effects are the same: a gear has several harmonics."""
-
 
 def trace(
     arm: Arm,
@@ -110,14 +107,10 @@ def _round(state: State) -> tuple[State, ...]:
 
 
 def _alike(state: State, kept: Kept) -> bool:
-    """Return whether a state has the effects that one before it had, in whatever order."""
-    now, then = (sorted((one.name, *one.inner) for one in some) for some in (state.fitted, kept.fitted))
+    """Return whether a state has the effects that one before it had."""
+    names = [[(block.effect.name, block.free) for block in one.effects] for one in (state, kept)]
     alike = (state.random is None, state.heed) == (kept.random is None, kept.heed)
-    alike &= len(now) == len(then) and len(kept.left_out) == len(state.asked) - len(state.rows)
-    return alike and all(
-        own[0] == other[0] and np.allclose(own[1:], other[1:], rtol=SAME_INNER)
-        for own, other in zip(now, then, strict=True)
-    )
+    return names[0] == names[1] and alike and len(kept.left_out) == len(state.asked) - len(state.rows)
 
 
 def _related(state: State) -> State | None:
