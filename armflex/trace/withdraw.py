@@ -117,7 +117,9 @@ def never_worse(state: State) -> Kept:
                 with contextlib.suppress(ArmflexError):
                     after = trial()
                     again = None if after is None or not after.effects else compared(after)
-                    if after is not None and again is not None and again.after <= found.after and not again.worse:
+                    if after is None or again is None or after.strain > state.strain + SAME:
+                        continue  # what only priors speak for, poses held out cannot speak against
+                    if again.after <= found.after and not again.worse:
                         state.say("going on without a name that other poses do not lead to")
                         return _joined(withdrawn, never_worse(after))
             return state, tuple(withdrawn), found
