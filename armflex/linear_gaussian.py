@@ -98,11 +98,12 @@ class LinearGaussian:
     @cached_property
     def alone(self) -> np.ndarray:
         """(P,) which parameters have no information in common with one another: the shaft of an arrow, if it is one."""
+        alone = np.zeros(len(self.information), dtype=bool)
+        if len(alone) < MANY:
+            return alone
         shared = self.information != 0.0
-        alone = np.zeros(len(shared), dtype=bool)
-        if len(alone) >= MANY:
-            for i in np.argsort(shared.sum(axis=0), kind="stable"):  # those that share least first
-                alone[i] = shared[i, i] and not shared[i, alone].any()
+        for i in np.argsort(shared.sum(axis=0), kind="stable"):  # those that share least first
+            alone[i] = shared[i, i] and not shared[i, alone].any()
         return alone & (alone.sum() >= MANY)
 
     @cached_property

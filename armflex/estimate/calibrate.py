@@ -31,6 +31,7 @@ from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import derived_directions, without_direction
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements, as_measurements
@@ -353,10 +354,11 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
     used = asked[~untold]
     if len(used) < FEWEST_ROWS:
         raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
-    fixed = [effect.name for effect in arm.effects if effect.law.changes_model]
+    placing = [Act.FRAME, Act.SCALE, *([Act.GRAVITY] if arm.measurement.gravity_in == "measurement" else [])]
+    fixed = [effect.name for effect in arm.effects if effect.law.act in placing]
     if fixed:
-        text = f"effects that change the model itself cannot be fitted about: {listing(fixed)}"
-        others = listing(name for name, law in CATALOGUE.items() if law.changes_model)
+        text = f"effects that change how the instrument stands or reads cannot be fitted about: {listing(fixed)}"
+        others = listing(name for name, law in CATALOGUE.items() if law.act in placing)
         raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
     flags = derived_directions(arm, measurements, used)
     if untold.any():

@@ -119,7 +119,11 @@ class Truth:
         left = rows @ departure
         seen = there @ known.conditional(self.others).covariance
         more = np.linalg.solve(_spread(seen, there), left[:, :, None])[:, :, 0]
-        return max(float(departure @ known.information @ self.own) - self.held, 0.0), (left * more).sum(axis=1)
+        return self.chi_square(known, departure), (left * more).sum(axis=1)
+
+    def chi_square(self, known: LinearGaussian, departure: Array) -> float:
+        """Return the chi-square between the effect and its best imitation, from the (P,) `departure` between them."""
+        return max(float(departure @ known.information @ self.own) - self.held, 0.0)
 
     def departure(self, known: LinearGaussian) -> Array:
         """Return the (P,) values of the effect less those of its best imitation."""
@@ -142,7 +146,7 @@ class TOptimal:
         return np.sqrt(np.maximum(value, 0.0))
 
     def value(self, known: LinearGaussian) -> float:
-        return min(truth.apart(known, np.zeros((0, 1, len(truth.own))))[0] for truth in self.truths)
+        return min(truth.chi_square(known, truth.departure(known)) for truth in self.truths)
 
     def gains(self, known: LinearGaussian, rows: Array) -> Array:
         both = [truth.apart(known, rows) for truth in self.truths]

@@ -350,7 +350,8 @@ class Sifted:
     @cached_property
     def inside(self) -> list[tuple[np.ndarray, Array, Array]]:
         """For every group size: groups, (g, k, k) squares of their columns, and what the fit leaves of them."""
-        taken = self.bank.squares_through(self.projection.each) if self.projection.fitted.alone.any() else ()
+        apart = self.projection.apart
+        taken = () if apart is None else self.bank.squares_through(apart.each)
         found = []
         for (groups, whole), own in zip_longest(self.bank.squares, taken):
             seen = self.seen[self._places(groups, whole)]
@@ -399,7 +400,7 @@ def _factors(inside: Array, whole: Array, ridge: float) -> Array:
 def sift(candidates: Bank, projection: Projection) -> Sifted:
     """Return a bank projected on a fit."""
     told = candidates.products(np.column_stack([projection.shared, projection.residual]))
-    return Sifted(candidates, projection, told[:, :-1] @ projection.root, told[:, -1])
+    return Sifted(candidates, projection, told[:, :-1] @ projection.fitted.root, told[:, -1])
 
 
 def best_per_spot(sifted: Sifted, most: int) -> Sequence[int]:

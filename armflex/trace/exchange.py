@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import cache
 from itertools import combinations, islice
 
 import numpy as np
@@ -13,12 +14,22 @@ from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect, Values
 from armflex.laws.effects.unnamed import shaped_places
+from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidate_regressors, candidates_of, sift
 from armflex.trace.grow import accepted, loosened, settled
 from armflex.trace.polish import Polished, polish, unusual
-from armflex.trace.projection import Projection, evidence, projected, ridge_for
+from armflex.trace.projection import evidence, ridge_for
 from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, one_by_one, plainness
-from armflex.trace.state import State, add, candidate_of, information, moved_to, stands, without
+from armflex.trace.state import (
+    State,
+    add,
+    candidate_of,
+    information,
+    leave_out,
+    places_of_effects,
+    stands,
+    without,
+)
 
 Spots = frozenset[tuple[str, str]]
 """Laws and sites of some effects."""
@@ -42,37 +53,32 @@ COMPARED = 12
 """Best hypotheses whose inner parameters are refined."""
 
 
-def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
-    """Return the projection of the fit with some effects' columns and values taken out, and those columns' places."""
-    fit = state.fit
-    places = [fit.places(state.effects[index]) for index in indices]
-    own = np.concatenate(places)
-    rest = np.setdiff1d(np.arange(len(fit.values)), own)
-    terms = (len(state.effects[index].effect.location.terms) for index in indices)
-    amplitudes = np.concatenate([place[:count] for place, count in zip(places, terms, strict=True)])
-    # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
-    data = (
-        fit.residual
-        + fit.regressors[:, amplitudes] @ fit.values[amplitudes]
-        + fit.regressors[:, rest] @ fit.values[rest]
-    )
-    return projected(fit.regressors[:, rest], fit.precision[rest], data, ridge_for(fit), fit.view.count), own
-
-
-def worth_of(state: State, *indices: int) -> tuple[float, Projection]:
-    """Return the evidence of some effects beside the others, and the projection without them.
+def worth_of(state: State, *indices: int) -> float:
+    """Return the evidence of some effects beside the others, by the normal equations.
 
     They are charged for all that the search chose, like the other hypotheses: also a moment or a number of waves, which
     no fit moves.
     """
-    projection, own = leave_out(state, *indices)
-    gain = projection.gain(state.fit.regressors[:, own])[0]
-    parameters = sum(candidate_of(state.fitted[index]).parameters for index in indices)
+    fit, (told, score, left) = state.fit, state.normal
+    values, precision = fit.values[: len(score)], fit.precision[: len(score)]
+    own, amplitudes = places_of_effects(state, indices)
+    rest = np.setdiff1d(np.arange(len(score)), own)
+    # The readings as they would be without the effects, in what the fit leaves of them.
+    back = values[amplitudes]
+    left += float(back @ (2.0 * score[amplitudes] + told[np.ix_(amplitudes, amplitudes)] @ back))
+    score = score + told[:, amplitudes] @ back
+    pull = score[rest] - precision[rest] * values[rest]
+    root = LinearGaussian(told[np.ix_(rest, rest)] + np.diag(precision[rest])).root
+    pull, seen = root.T @ pull, root.T @ told[np.ix_(rest, own)]
+    objective = left + float(precision[rest] @ values[rest] ** 2 - pull @ pull)
+    score, ridge = score[own] - seen.T @ pull, ridge_for(fit) * np.diag(fit.told)[own]
+    gain = score @ LinearGaussian(told[np.ix_(own, own)] - seen.T @ seen).with_precision(ridge).solve(score)
+    themselves = [candidate_of(state.fitted[index]) for index in indices]
     sizes = sum(
-        unusual(candidate_of(one), one.acting, state.fit.view, state.context)
-        for one in map(state.fitted.__getitem__, indices)
+        unusual(one, state.fitted[index].acting, fit.view, state.context)
+        for one, index in zip(themselves, indices, strict=True)
     )
-    return float(evidence(gain, projection.objective, projection.count, parameters)) - sizes, projection
+    return float(evidence(gain, objective, fit.view.count, sum(one.parameters for one in themselves))) - sizes
 
 
 def hypotheses_of(state: State, *indices: int, anew: bool = False) -> tuple[float, tuple[Polished, ...]]:
@@ -83,7 +89,7 @@ def hypotheses_of(state: State, *indices: int, anew: bool = False) -> tuple[floa
     better value than it has.
     """
     themselves = [candidate_of(state.fitted[index]) for index in indices]
-    worth, projection = worth_of(state, *indices)
+    worth, projection = worth_of(state, *indices), leave_out(state, *indices)[0]
     shapes = [one for one in themselves if one.law.shape]
 
     def tried() -> Iterator[Candidate]:
@@ -156,35 +162,50 @@ def exchanged(state: State) -> tuple[State, ...]:
     return passed if after is None else (*passed, after)
 
 
-def in_place(state: State, indices: tuple[int, ...], better: Sequence[Polished], margin: float) -> tuple[State, ...]:
-    """Return the states without effects, and with the first of some candidates in their place.
+Trial = Callable[[Polished, float], tuple["State", ...]]
+"""From a candidate to the states without some effects and with it in their place, as `in_place` gives them."""
 
-    None where it cannot stand there, or where the information criterion falls by less than a margin.
+
+def in_place(state: State, indices: tuple[int, ...]) -> Trial:
+    """Return what tries candidates in the place of some effects, each of them refitted once.
+
+    It gives the states without the effects and with the candidate; none where it cannot stand there, or where the
+    information criterion falls by less than a margin.
     """
-    if not better:
-        return ()
-    first, names = indices[0], " and ".join(state.effects[index].effect.name for index in indices)
-    state.say(f"trying {better[0].effect.name} for {names}")
-    try:
-        rest = without(state, *indices)
-        trial = moved_to(add(rest, better[0]), first)
-        trial = loosened(trial) or trial
-    except ArmflexError:  # an arm that buckles
-        return ()
-    if not stands(trial) or len(trial.effects) != len(rest.effects) + 1:
-        return ()
-    if _information(trial, state) > _information(state, state) - margin:
-        return ()
-    step = state.steps[first]
-    assert step is not None
-    return rest, replace(trial, steps=(*trial.steps[:first], replace(step, exchanged=True), *trial.steps[first + 1 :]))
+    names, known = " and ".join(state.effects[index].effect.name for index in indices), dict[int, tuple[State, ...]]()
+
+    @cache
+    def rest() -> State:
+        return without(state, *indices)
+
+    def tried(one: Polished) -> tuple[State, ...]:
+        state.say(f"trying {one.effect.name} for {names}")
+        try:
+            trial = add(rest(), one, indices[0])
+            trial = loosened(trial) or trial
+        except ArmflexError:  # an arm that buckles
+            return ()
+        step = state.steps[indices[0]]
+        if not stands(trial) or len(trial.effects) != len(rest().effects) + 1 or step is None:
+            return ()
+        before, after = trial.steps[: indices[0]], trial.steps[indices[0] + 1 :]
+        return rest(), replace(trial, steps=(*before, replace(step, exchanged=True), *after))
+
+    def trial(one: Polished, margin: float) -> tuple[State, ...]:
+        if id(one) not in known:
+            known[id(one)] = tried(one)
+        passed = known[id(one)]
+        worse = passed and _information(passed[-1], state) > _information(state, state) - margin
+        return () if worse else passed
+
+    return trial
 
 
 def pruned(state: State) -> tuple[State, ...]:
     """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
     passed = []
     while alone := [unit[0] for unit in state.units if len(unit) == 1]:
-        worths = [worth_of(state, i)[0] for i in alone]
+        worths = [worth_of(state, i) for i in alone]
         weakest = alone[int(np.argmin(worths))]
         if min(worths) >= SAME:
             break
@@ -207,9 +228,9 @@ def _suspects(state: State) -> tuple[tuple[int, ...], ...]:
     alone = [unit[0] for unit in state.units if len(unit) == 1]
     if len(alone) < 2:
         return ()
-    worths = {i: worth_of(state, i)[0] for i in alone}
+    worths = {i: worth_of(state, i) for i in alone}
     # What a pair is worth beyond what its members are: either takes over when the other goes.
-    shared = {pair: worth_of(state, *pair)[0] - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
+    shared = {pair: worth_of(state, *pair) - worths[pair[0]] - worths[pair[1]] for pair in combinations(alone, 2)}
     pairs = sorted((pair for pair in shared if shared[pair] > SAME), key=lambda pair: -shared[pair])
     return (*((i,) for i in sorted(alone, key=lambda i: worths[i])), *pairs[:PAIRS])
 
@@ -220,39 +241,38 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
     another pair, for one effect several.
     """
-    worth, hypotheses = hypotheses_of(state, *indices, anew=True)
+    (worth, hypotheses), trial = hypotheses_of(state, *indices, anew=True), in_place(state, indices)
     best: tuple[State, ...] = ()
     if len(indices) == 1:
         law, own = state.fitted[indices[0]].law, plainness(candidate_of(state.fitted[indices[0]]))
         tried = [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]
         if any(inner.spread for inner in law.inner):  # what it has in details is not yet in its like elsewhere
             like = [one for one in hypotheses if one.candidate.law is law and one.evidence > PART * worth][:1]
-            tried += [one for one in like if one not in tried]
+            tried += [one for one in like if all(one is not other for other in tried)]
         for one in tried:
             kind = plainness(one.candidate)
-            passed = in_place(state, indices, [one], -TIE if kind < own else TIE if kind == own else PREFERRED)
+            passed = trial(one, -TIE if kind < own else TIE if kind == own else PREFERRED)
             if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):
                 best = passed
-    return best or _several_instead(state, indices, worth, [one for one in hypotheses if one.evidence > PART * worth])
+    fair = [one for one in hypotheses if one.evidence > PART * worth]
+    return best or (_several_instead(state, indices, worth, fair[0], trial) if fair else ())
 
 
 def _several_instead(
-    state: State, indices: tuple[int, ...], worth: float, better: Sequence[Polished]
+    state: State, indices: tuple[int, ...], worth: float, first: Polished, trial: Trial
 ) -> tuple[State, ...]:
-    """Return the states to one with the first of some candidates, and what shows beside it, in place of effects.
+    """Return the states to one with a candidate, and what shows beside it, in place of effects.
 
     What stands for several causes explains some of each, and hides them from one another: none of them takes its place
     by itself. None where they explain no more together, as the linear problem says or the fits.
     """
-    if not better:
-        return ()
     most = SEVERAL if len(indices) == 1 else 1
     problem = leave_out(state, *indices)[0]
-    beside = problem.beside(candidate_regressors(better[0].candidate, state.fit, state.context))
-    named = better[0].evidence + sum(one.evidence for one in one_by_one(state.physical, beside, most))
+    beside = problem.beside(candidate_regressors(first.candidate, state.fit, state.context))
+    named = first.evidence + sum(one.evidence for one in one_by_one(state.physical, beside, most))
     if len(indices) == 1 and named < worth + PREFERRED:
         return ()
-    passed, now = in_place(state, indices, better, -np.inf), _information(state, state)
+    passed, now = trial(first, -np.inf), _information(state, state)
     for _ in range(most):
         if not passed or _information(passed[-1], state) < now:
             break

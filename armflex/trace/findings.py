@@ -469,7 +469,7 @@ def _by_themselves(state: State) -> Iterator[tuple[int, float]]:
     """Yield place and evidence of every effect that was added alone, and of members of families that show alone."""
     for unit in sorted(state.units):
         for index in unit:
-            worth = worth_of(state, index)[0]
+            worth = worth_of(state, index)
             if len(unit) == 1 or worth >= ENOUGH:
                 yield index, worth
 
@@ -503,7 +503,7 @@ def _found(
 
 def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
     """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
-    bank, regressors = looked.sifted[0].bank, looked.projection.regressors
+    bank, regressors = looked.sifted[0].bank, state.fit.regressors
     whole, inside = _left_over(looked)
     sizes = np.maximum(np.sqrt((regressors**2).sum(axis=0)), 1e-300)
     found: dict[tuple[str, str], Unidentifiable] = {}

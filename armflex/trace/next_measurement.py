@@ -216,7 +216,8 @@ def _last_of(known: LinearGaussian) -> Truth:
 
 def _chi_square(known: LinearGaussian) -> float:
     """Return the chi-square between what is true and its best imitation."""
-    return _last_of(known).apart(known, np.zeros((0, 1, len(known.information))))[0]
+    truth = _last_of(known)
+    return truth.chi_square(known, truth.departure(known))
 
 
 def _described(own: Effect, hypothesis: Effect, offer: Rows, row: int) -> str:

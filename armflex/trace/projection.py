@@ -16,7 +16,40 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import largest_motion
 from armflex.estimate.fit import Fit
-from armflex.linear_gaussian import LinearGaussian
+from armflex.linear_gaussian import MANY, LinearGaussian
+
+
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """Parameters no two of which move the same reading, a random twist per pose: they are eliminated first.
+
+    What is left of a column is *cleared* of them: (1 - E'E) x, E their own columns with `scale` (see the arrows of
+    `armflex.linear_gaussian`).
+
+    Attributes:
+        which: (P,) which of all parameters.
+        each: (m, n) sparse E.
+        scale: (m,) of their columns in E.
+    """
+
+    which: np.ndarray
+    each: Any
+    scale: Array
+
+    @staticmethod
+    def of(regressors: Array, precision: Array) -> Apart | None:
+        """Return those of (n, P) columns with (P,) prior precisions, None where too few are."""
+        known = LinearGaussian.of(regressors, precision) if regressors.shape[1] > MANY else None
+        if known is None or not known.alone.any():
+            return None
+        from scipy.sparse import csr_array  # not needed to import the package
+
+        scale = known.scale[known.alone]
+        return Apart(known.alone, csr_array((regressors[:, known.alone] * scale).T), scale)
+
+    def cleared(self, columns: Array) -> Array:
+        """Return (n, ...) columns cleared of what they would take."""
+        return columns - self.each.T @ (self.each @ columns)
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,8 +57,9 @@ class Projection:
     """A fit, seen by candidates.
 
     Attributes:
-        regressors: (n, P) whitened and weighted columns of the fitted parameters.
-        precision: (P,) prior precision.
+        regressors: (n, P) whitened and weighted columns of the fitted parameters but those apart.
+        precision: (P,) prior precision of those.
+        apart: What is eliminated first, None where nothing is.
         data: (n,) readings that the columns are to explain, whitened and weighted.
         residual: (n,) what the most probable values leave of them.
         objective: Sum of squares of residual and prior deviations.
@@ -36,61 +70,63 @@ class Projection:
 
     regressors: Array
     precision: Array
+    apart: Apart | None
     data: Array
     residual: Array
     objective: float
     ridge: float
     count: int
 
-    @cached_property
-    def fitted(self) -> LinearGaussian:
-        """What readings and priors tell of the fitted parameters."""
-        return LinearGaussian.of(self.regressors, self.precision)
-
-    @cached_property
-    def each(self) -> Any:
-        """(m, n) sparse E of parameters with no reading in common, a random twist per pose: those are eliminated first.
-
-        Columns scaled so that E'E is the part of A N^-1 A' that is theirs alone.
-        """
-        from scipy.sparse import csr_array  # not needed to import the package
-
-        alone = self.fitted.alone
-        return csr_array((self.regressors[:, alone] * self.fitted.scale[alone]).T)
-
     def cleared(self, columns: Array) -> Array:
-        """Return (n, k) columns less what those parameters would take of them."""
-        return columns - self.each.T @ (self.each @ columns) if self.fitted.alone.any() else columns
+        """Return (n, ...) columns cleared of the parameters apart."""
+        return columns if self.apart is None else self.apart.cleared(columns)
 
     @cached_property
     def shared(self) -> Array:
-        """(n, p) cleared columns of all other parameters."""
-        return self.cleared(self.regressors[:, ~self.fitted.alone])
+        """(n, P) cleared columns of the others."""
+        return self.cleared(self.regressors)
 
     @cached_property
-    def root(self) -> Array:
-        """(p, r) root of the covariance of those."""
-        return self.fitted.root[~self.fitted.alone, : -self.fitted.alone.sum() or None]
+    def fitted(self) -> LinearGaussian:
+        """What readings and priors tell of the fitted parameters but those apart."""
+        return LinearGaussian(self.regressors.T @ self.shared + np.diag(self.precision))
 
     @cached_property
     def half(self) -> Array:
-        """(r, n) H with H'H + E'E = A N^-1 A'."""
-        return self.root.T @ self.shared.T
+        """(r, n) R'A' of the cleared columns, R a root of N^-1: so much of a cleared column is not fitted by others."""
+        return self.fitted.root.T @ self.shared.T
 
     def absorbed(self, change: Array) -> Array:
-        """Return the (P,) values by which fitted parameters take over a (n,) change of the readings."""
-        return self.fitted.solve(self.regressors.T @ change)
+        """Return the values by which all fitted parameters take over a (n,) change of the readings."""
+        shared = self.fitted.solve(self.shared.T @ change)
+        if self.apart is None:
+            return shared
+        values = np.empty(len(self.apart.which))
+        values[~self.apart.which] = shared
+        values[self.apart.which] = self.apart.scale * (self.apart.each @ (change - self.regressors @ shared))
+        return values
 
     def information(self, regressors: Array) -> tuple[Array, Array]:
         """Return (k, k) X'X - X'A N^-1 A'X of (n, k) columns, and the diagonal of X'X."""
         seen = self.half @ regressors
-        whole = regressors.T @ regressors
-        return regressors.T @ self.cleared(regressors) - seen.T @ seen, np.diag(whole)
+        return regressors.T @ self.cleared(regressors) - seen.T @ seen, (regressors**2).sum(axis=0)
 
     def beside(self, regressors: Array) -> Projection:
         """Return the projection where the amplitudes of (n, k) columns are fitted, too."""
         held = np.append(self.precision, self.ridge * (regressors**2).sum(axis=0))
-        return projected(np.hstack([self.regressors, regressors]), held, self.data, self.ridge, self.count)
+        return self.with_fitted(np.hstack([self.regressors, regressors]), held)
+
+    def with_fitted(self, regressors: Array, precision: Array) -> Projection:
+        """Return the projection, at its exact solution, where these (n, P) columns are fitted beside those apart.
+
+        A fit stops a little short of it, and along what only priors hold a little is enough to mimic a gain.
+        """
+        shared = self.cleared(regressors)
+        values = LinearGaussian(regressors.T @ shared + np.diag(precision)).solve(shared.T @ self.data)
+        left = self.data - regressors @ values
+        residual = self.cleared(left)
+        objective = float(left @ residual + (precision * values**2).sum())
+        return replace(self, regressors=regressors, precision=precision, residual=residual, objective=objective)
 
     def gain(self, regressors: Array) -> tuple[float, Array]:
         """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
@@ -113,15 +149,11 @@ def ridge_for(fit: Fit) -> float:
 
 
 def projected(regressors: Array, precision: Array, data: Array, ridge: float, count: int) -> Projection:
-    """Return the projection of a linear problem at its exact solution.
-
-    A fit stops a little short of it, and along what only priors hold a little is enough to mimic a gain.
-    """
-    rough = Projection(regressors, precision, data, data, 0.0, ridge, count)
-    values = rough.absorbed(data)
-    residual = data - regressors @ values
-    objective = float(residual @ residual + (precision * values**2).sum())
-    return replace(rough, residual=residual, objective=objective)
+    """Return the projection of (n,) readings on (n, P) columns with (P,) prior precisions."""
+    apart = Apart.of(regressors, precision)
+    if apart is not None:
+        regressors, precision = regressors[:, ~apart.which], precision[~apart.which]
+    return Projection(regressors, precision, apart, data, data, 0.0, ridge, count).with_fitted(regressors, precision)
 
 
 def evidence(gain: Array | float, objective: float, count: int, parameters: Array | float) -> Array | float:

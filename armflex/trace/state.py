@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.arm import Setup
 from armflex.conventions import Array
+from armflex.errors import ArmflexError
 from armflex.estimate.block import Block, EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
@@ -28,7 +29,7 @@ from armflex.rows.rows import POSE
 from armflex.trace.accept import Step
 from armflex.trace.candidates import Bank, Candidate, bank, candidate_regressors, candidates_of
 from armflex.trace.polish import Polished, sensible, unusual
-from armflex.trace.projection import project
+from armflex.trace.projection import Projection, project, projected, ridge_for
 from armflex.trace.search import Round, search
 from armflex.trace.telling import Report, Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
@@ -149,6 +150,24 @@ class State:
         return tuple(block.at(self.values_of(block)) for block in self.effects)
 
     @cached_property
+    def normal(self) -> tuple[Array, Array, float]:
+        """(P, P) information that the readings have on all that is fitted but a random twist, which is eliminated.
+
+        With it the (P,) score of what is left of the readings, and the square of that.
+        """
+        fit = self.fit
+        told, score, left = fit.told, fit.regressors.T @ fit.residual, float(fit.residual @ fit.residual)
+        if self.random is None:
+            return told, score, left
+        own = fit.places(self.random)
+        rest = np.setdiff1d(np.arange(len(score)), own)
+        values, precision = fit.values[own], fit.precision[own]
+        held, pull = np.diag(told)[own] + precision, score[own] - precision * values
+        between = told[np.ix_(rest, own)]
+        score, left = score[rest] - between @ (pull / held), left + float(precision @ values**2 - pull @ (pull / held))
+        return told[np.ix_(rest, rest)] - between / held @ between.T, score, left
+
+    @cached_property
     def looked(self) -> Round:
         """What the catalogue and free shapes could still explain."""
         return search(self.physical, self.groups)
@@ -244,10 +263,11 @@ def context_at(fitted: Fit, measurements: Measurements) -> Context:
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-def add(state: State, found: Polished) -> State:
+def add(state: State, found: Polished, place: int | None = None) -> State:
     """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted.
 
-    One effect with more terms are two of the same law and place, where nothing is searched between them.
+    One effect with more terms are two of the same law and place, where nothing is searched between them. A new one
+    comes at a `place` among the others, last when none is given.
     """
     fit, what = state.fit, found.effect
     # What is fitted already moves to make room.
@@ -256,19 +276,20 @@ def add(state: State, found: Polished) -> State:
     what = replace(what, derived=tuple(name for name in what.location.covariates if name in state.measurements.derived))
     what = what.seen_in(state.context, state.rows)
     starts = [values[fit.places(block)] for block in state.effects]
-    place, steps = len(starts), (*state.steps, None)
+    place = len(starts) if place is None else place
+    after, steps = place, (*state.steps[:place], None, *state.steps[place:])
     for i, block in enumerate(state.effects):
         if _without_terms(block.effect) == _without_terms(what) and not block.effect.law.inner:
-            known, place, steps = block.at(starts[i]), i, state.steps
+            known, place, after, steps = block.at(starts[i]), i, i + 1, state.steps
             terms = tuple(sorted({*known.location.terms, *what.location.terms}))
             sums = tuple(a + b for a, b in zip(known.values, what.values, strict=True))
             what = replace(known, location=replace(known.location, terms=terms), values=sums)
             break
     prior = amplitude_prior(what, found.free, fit.view, state.context)
-    ordinal = len(state.declared.arm.effects) + place
-    block = EffectBlock(what, found.free, state.context, ordinal, prior)
-    effects = (*state.effects[:place], block, *state.effects[place + 1 :])
-    starts[place : place + 1] = [block.start]
+    block, known = EffectBlock(what, found.free, state.context, 0, prior), len(state.declared.arm.effects)
+    effects = (*state.effects[:place], block, *state.effects[after:])
+    effects = tuple(replace(one, ordinal=known + i) for i, one in enumerate(effects))
+    starts[place:after] = [block.start]
     return refit(replace(state, steps=steps), effects, state.random, with_starts(state, values, starts))
 
 
@@ -276,28 +297,46 @@ def _without_terms(effect: Effect) -> tuple[str, Location]:
     return effect.law.name, replace(effect.location, terms=())
 
 
-def without(state: State, *indices: int) -> State:
-    """Return the state with some effects taken out, one after the other, and everything refitted."""
-    for index in sorted(indices, reverse=True):
-        state = _reordered(state, [i for i in range(len(state.effects)) if i != index])
-    return state
+def places_of_effects(state: State, indices: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the places of some effects' values in the fit, and of their amplitudes alone."""
+    places = [state.fit.places(state.effects[index]) for index in indices]
+    terms = (len(state.effects[index].effect.location.terms) for index in indices)
+    return np.concatenate(places), np.concatenate([one[:count] for one, count in zip(places, terms, strict=True)])
 
 
-def moved_to(state: State, index: int) -> State:
-    """Return the state with its last effect at another place in the order."""
-    order = list(range(len(state.effects) - 1))
-    order.insert(index, len(state.effects) - 1)
-    return _reordered(state, order)
-
-
-def _reordered(state: State, order: Sequence[int]) -> State:
-    """Return the state with some of its effects, in this order, everything refitted."""
-    first = len(state.declared.arm.effects)
-    effects = tuple(
-        replace(state.effects[i], effect=state.fitted[i], ordinal=first + place) for place, i in enumerate(order)
+def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
+    """Return the projection of the fit with some effects' columns and values taken out, and those columns' places."""
+    fit, (own, amplitudes) = state.fit, places_of_effects(state, indices)
+    rest = np.setdiff1d(np.arange(len(fit.values)), own)
+    # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
+    data = (
+        fit.residual
+        + fit.regressors[:, amplitudes] @ fit.values[amplitudes]
+        + fit.regressors[:, rest] @ fit.values[rest]
     )
-    starts = with_starts(state, state.fit.values, [block.start for block in effects])
-    return refit(replace(state, steps=tuple(state.steps[i] for i in order)), effects, state.random, starts)
+    return projected(fit.regressors[:, rest], fit.precision[rest], data, ridge_for(fit), fit.view.count), own
+
+
+def without(state: State, *indices: int) -> State:
+    """Return the state with some effects taken out, and everything else, which takes over, refitted."""
+    projection, own = leave_out(state, *indices)
+    rest = np.setdiff1d(np.arange(len(state.fit.values)), own)
+    change = np.zeros(len(state.fit.values))
+    change[rest] = projection.absorbed(projection.data) - state.fit.values[rest]
+    left = [i for i in range(len(state.effects)) if i not in indices]
+    steps, first = tuple(state.steps[i] for i in left), len(state.declared.arm.effects)
+
+    def refitted(values: Array) -> State:
+        found = (state.effects[i].at(values[state.fit.places(state.effects[i])]) for i in left)
+        pairs = enumerate(zip(left, found, strict=True))
+        effects = tuple(replace(state.effects[i], effect=one, ordinal=first + place) for place, (i, one) in pairs)
+        starts = with_starts(state, values, [block.start for block in effects])
+        return refit(replace(state, steps=steps), effects, state.random, starts)
+
+    try:
+        return refitted(moved(state.fit.blocks, state.fit.values, change))
+    except ArmflexError:  # the arm buckles where straight lines lead
+        return refitted(state.fit.values)
 
 
 def with_starts(state: State, values: Array, starts: Sequence[Array]) -> Array:

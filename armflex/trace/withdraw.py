@@ -100,28 +100,30 @@ class Withdrawn:
 Kept = tuple[State, tuple[Withdrawn, ...], Compared | None]
 
 
-def never_worse(state: State) -> Kept:
+def never_worse(state: State, known: Compared | None = None) -> Kept:
     """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
 
     A name that fewer than half of the folds lead to goes too, or gives way to one that they do, where poses held out
-    are then predicted as well.
+    are then predicted as well. What is `known` of how the state compares is not worked out again.
     """
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:
-        state.say("predicting held-out poses, with what is chosen and fitted without them")
-        found = compared(state)
+        if known is None:
+            state.say("predicting held-out poses, with what is chosen and fitted without them")
+        found, known = known or compared(state), None
         if not found.worse:
             trials = [partial(_outlived, state, found)]
             trials += [partial(without, state, index) for index in _doubtful(state, found)]
             for trial in trials:
                 with contextlib.suppress(ArmflexError):
                     after = trial()
-                    again = None if after is None or not after.effects else compared(after)
-                    if after is None or again is None or after.strain > state.strain + SAME:
+                    if after is None or not after.effects or after.strain > state.strain + SAME:
                         continue  # what only priors speak for, poses held out cannot speak against
-                    if again.after <= found.after and not again.worse:
+                    again = compared(after)
+                    no_worse = again.after <= found.after and again.linear_after <= found.linear_after
+                    if no_worse and not again.worse:
                         state.say("going on without a name that other poses do not lead to")
-                        return _joined(withdrawn, never_worse(after))
+                        return _joined(withdrawn, never_worse(after, again))
             return state, tuple(withdrawn), found
         unit, rest = _best_without(state)
         effect = state.fitted[unit[0]] if unit else None
@@ -207,12 +209,12 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
     rest = np.setdiff1d(np.arange(len(values)), np.concatenate(own))
     regressors, prior, data = fit.regressors[:, rest], fit.prior[rest], fit.residual + fit.regressors @ values
     mask, count = np.repeat(learned, len(data) // len(learned)), int(np.isfinite(fit.view.sigma[learned]).sum())
+    problem = projected(regressors * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
     details = {_place_of(one): one.inner for one in state.fitted}
     names: list[str | None] = [None for _ in state.effects]
     chosen: list[str] = []
     for index in sorted(alone):
         block, step = state.effects[index], state.steps[index]
-        problem = projected(regressors * mask[:, None], prior**-2.0, data * mask, ridge_for(fit), count)
         hypotheses = [one.candidate for one in step.ranking] if step is not None else []
         others = [state.effects[i].effect for i in sorted(alone - {index})]
         places = dict.fromkeys([_place_of(one) for one in (block.effect, *others, *hypotheses)])
@@ -233,8 +235,10 @@ def _chosen_again(fit: Fit, state: State, learned: np.ndarray) -> tuple[tuple[Ar
         if best is not None and best.evidence > 0.0:
             chosen[-1] = best.candidate.name
             ridge = amplitude_prior(best.effect, (), fit.view, state.context)
-            regressors = np.hstack([regressors, candidate_regressors(best.candidate, fit, state.context)])
-            prior = np.concatenate([prior, ridge])
+            more = candidate_regressors(best.candidate, fit, state.context)
+            regressors, prior = np.hstack([regressors, more]), np.concatenate([prior, ridge])
+            columns = np.hstack([problem.regressors, more * mask[:, None]])
+            problem = problem.with_fitted(columns, np.concatenate([problem.precision, ridge**-2.0]))
     for index in sorted(alone):
         if state.fitted[index].name in chosen:
             names[index] = chosen.pop(chosen.index(state.fitted[index].name))
@@ -265,7 +269,7 @@ def _outlived(state: State, found: Compared) -> State | None:
             physical = state.fitted[index].law.physical
             others = [one for one in step.ranking if one.candidate.name == best]
             others = [one for one in others if one.candidate.law.physical >= physical]
-            *_, after = (after, *in_place(after, (index,), others, -SAME))
+            *_, after = (after, *(in_place(after, (index,))(others[0], -SAME) if others else ()))
     return None if after is state else after
 
 

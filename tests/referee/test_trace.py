@@ -18,10 +18,10 @@ from armflex.laws.effects.catalogue import EVERY
 from armflex.rows.rows import POSE
 from armflex.trace.accept import improvement, null_maximum, session_folds, sessions_held_out
 from armflex.trace.candidates import Bank, Candidate, bank, best_per_spot, candidates_of, sift
-from armflex.trace.exchange import SAME, equivalents, leave_out
-from armflex.trace.polish import polish
+from armflex.trace.exchange import SAME, equivalents, worth_of
+from armflex.trace.polish import polish, unusual
 from armflex.trace.projection import Projection, evidence, project, projected
-from armflex.trace.state import State, add, with_random
+from armflex.trace.state import State, add, candidate_of, leave_out, with_random
 from armflex.trace.unrecorded import NOTICED, PoseBlock, localise
 
 EXACT = [
@@ -100,7 +100,7 @@ def twisted(before) -> State:
 def test_gain_is_the_fall_of_a_refit(name, state, request):
     before = request.getfixturevalue(state)
     fit, context, projection = before.fit, before.context, project(before.fit)
-    assert (projection.fitted.alone.sum() > 60) == (before.random is not None)
+    assert (projection.apart is None) == (before.random is None)
     tried = list(candidates_of([CATALOGUE[name]], context))
     tried = [tried[i] for i in np.random.default_rng(0).permutation(len(tried))[:4]]
     candidates = bank(tried, fit, context)
@@ -162,7 +162,7 @@ def test_chance_is_that_of_residuals_projected_one_by_one(before, twisted):
         found = sifted.gains(signs)
         for number in range(3):
             flipped = projection.residual * np.repeat(signs[:, number], len(projection.residual) // len(signs))
-            left = flipped - projection.regressors @ least_squares(state.fit.regressors, state.fit.prior, flipped)[0]
+            left = flipped - state.fit.regressors @ least_squares(state.fit.regressors, state.fit.prior, flipped)[0]
             again = replace(projection, residual=left)
             for index in range(0, len(found), 7):
                 expected = again.gain(sifted.bank.group(index))[0]
@@ -307,6 +307,16 @@ def test_left_out_is_the_fit_without(after):
     assert [fit.labels[i][1] for i in own] == ["gap"]
     _, objective = least_squares(fit.regressors[:, rest], fit.prior[rest], data_of(fit))
     assert projection.objective == pytest.approx(objective, rel=1e-9)
+
+
+@pytest.mark.parametrize("aside", [False, True])
+def test_what_an_effect_is_worth_by_normal_equations_is_its_gain_beside_the_others(after, twisted, aside):
+    state = with_random(after, twisted.random) if aside else after
+    projection, own = leave_out(state, 0)
+    gain = projection.gain(state.fit.regressors[:, own])[0]
+    expected = evidence(gain, projection.objective, projection.count, candidate_of(state.fitted[0]).parameters)
+    size = unusual(candidate_of(state.fitted[0]), state.fitted[0].acting, state.fit.view, state.context)
+    assert worth_of(state, 0) == pytest.approx(expected - size, rel=1e-6)
 
 
 def test_an_effect_is_worth_what_it_was_accepted_for(before, after, backlash):

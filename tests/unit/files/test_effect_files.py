@@ -451,8 +451,10 @@ def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple
 
 
 @pytest.mark.slow
-def test_an_arm_whose_model_effects_changed_is_not_fitted_about_them(traced: tuple) -> None:
-    with pytest.raises(UnsupportedError, match="effects that change the model itself cannot be fitted about"):
+def test_an_arm_is_not_fitted_about_what_its_instrument_was_found_to_do(traced: tuple) -> None:
+    with pytest.raises(
+        UnsupportedError, match="effects that change how the instrument stands or reads cannot be fitted about"
+    ):
         trace(quietly(traced[2]), traced[3])
 
 
@@ -471,10 +473,15 @@ def test_a_twist_that_nobody_can_predict_is_kept_as_uncertainty(calm: tuple, tmp
 
 
 @pytest.mark.slow
-def test_an_arm_is_calibrated_about_effects_written_by_hand(tmp_path: Path) -> None:
-    file, _, train, test, clean = campaign(tmp_path, "backlash", 1)
+@pytest.mark.parametrize("kind", ["backlash", "link_mass", "payload_com"])
+def test_an_arm_is_calibrated_about_effects_written_by_hand(kind: str, tmp_path: Path) -> None:
+    """Also those that change what the model weighs, and once more by the instrument alone."""
+    file, _, train, test, clean = campaign(tmp_path, kind, 1)
     true = json.loads((tmp_path / "truth.json").read_text())["effects"][0]
-    table = f'name = "backlash"\nsite = "{true["site"]}"\nparameters = {{ gap = {true["parameters"]["gap"]} }}'
+    names = {amplitude.name for amplitude in CATALOGUE[kind].amplitudes}
+    values = ", ".join(f"{name} = {value}" for name, value in true["parameters"].items() if name in names)
+    site = "tool" if kind == "payload_com" else true["site"]
+    table = f'name = "{kind}"\nsite = "{site}"\nparameters = {{ {values} }}'
     file.write_text(f"{file.read_text()}\n# known from the data sheet\n[[effect]]\n{table}\n")
     found = calibrate(quietly(file), train)
     assert found.rms < 1.05 * found.noise_rms
@@ -483,6 +490,11 @@ def test_an_arm_is_calibrated_about_effects_written_by_hand(tmp_path: Path) -> N
     there, back = predict(found.arm, test), predict(quietly(written), test)
     np.testing.assert_allclose(back.position, there.position, atol=1e-12)
     assert np.sqrt((held_out(test, back.position - clean) ** 2).sum(axis=1).mean()) < 0.3 * found.noise_rms
+    kept = calibrate(quietly(written), train, keep=True)
+    assert kept.rms == pytest.approx(found.rms, rel=1e-2)
+    once_more = write_calibrated(written, kept, tmp_path / "kept.toml")
+    there, back = predict(kept.arm, test), predict(quietly(once_more), test)
+    np.testing.assert_allclose(back.position, there.position, atol=1e-12)
 
 
 @pytest.mark.slow
