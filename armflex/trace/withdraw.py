@@ -104,7 +104,8 @@ def never_worse(state: State, known: Compared | None = None) -> Kept:
     """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
 
     A name that fewer than half of the folds lead to goes too, or gives way to one that they do, where poses held out
-    are then predicted as well. What is `known` of how the state compares is not worked out again.
+    are then predicted as well either way: chosen again without them, and with laws, places and what is inside laws as
+    they are. What is `known` of how the state compares is not worked out again.
     """
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:

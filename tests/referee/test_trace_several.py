@@ -33,6 +33,7 @@ from armflex.trace.unrecorded import LARGEST_TURN, PoseBlock, RandomTwist
         (5, 1, "boom"),
         (3, 9504, "six"),  # a joint that is softer, which only the priors show
         (4, 9401, "six"),  # lengths that grew from another temperature stand for the instrument's scale
+        (3, 9600, "six"),  # a hose that pulls almost evenly, whose rest waves in every drive would explain
         (5, 9504, "six"),  # a hose beside the link's line, which on the neighbouring link fits almost as well
     ],
 )
