@@ -12,11 +12,11 @@ import numpy as np
 from armflex.errors import ArmflexError
 from armflex.estimate.robust import robust_limit
 from armflex.laws.effects.catalogue import CATALOGUE
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Effect, Values
 from armflex.laws.effects.unnamed import shaped_places
 from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Candidate, bank, best_per_spot, candidate_regressors, candidates_of, sift
-from armflex.trace.grow import accepted, settled
+from armflex.trace.grow import accepted, loosened, settled
 from armflex.trace.polish import Polished, polish, unusual
 from armflex.trace.projection import evidence, ridge_for
 from armflex.trace.search import CLOSE, PREFERRED, SHARE, SHORT, TIE, one_by_one, plainness
@@ -81,10 +81,12 @@ def worth_of(state: State, *indices: int) -> float:
     return float(evidence(gain, objective, fit.view.count, sum(one.parameters for one in themselves))) - sizes
 
 
-def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, ...]]:
+def hypotheses_of(state: State, *indices: int, anew: bool = False) -> tuple[float, tuple[Polished, ...]]:
     """Return the evidence of some effects beside the others, and the best candidates that could take their place.
 
-    Those are of the catalogue, and for a shape without a name the same shape at every other place.
+    Those are of the catalogue, and for a shape without a name the same shape at every other place. They themselves are
+    among them only where what is inside them is found `anew`: one of a pair, or one by itself with another choice or a
+    better value than it has.
     """
     themselves = [candidate_of(state.fitted[index]) for index in indices]
     worth, projection = worth_of(state, *indices), leave_out(state, *indices)[0]
@@ -107,7 +109,23 @@ def hypotheses_of(state: State, *indices: int) -> tuple[float, tuple[Polished, .
         state.tell(f"refining {candidate.name}", number, COMPARED + 1)
         if spot(candidate) not in taken:
             hypotheses.append(polish(candidate, state.fit, state.context, projection))
+    for own in themselves if anew else ():
+        inside: dict[Values, int] = {}
+        for i in np.argsort(-sifted.evidence, kind="stable").tolist():
+            candidate = sifted.bank.candidates[i]
+            if own.law.inner and (candidate.law, candidate.location) == (own.law, own.location):
+                inside.setdefault(_chosen(candidate), i)
+        for i in inside.values():
+            one = polish(sifted.bank.candidates[i], state.fit, state.context, projection)
+            if len(indices) > 1 or _chosen(one.candidate) != _chosen(own) or one.evidence > worth + TIE:
+                hypotheses.append(one)
     return worth, tuple(sorted(hypotheses, key=lambda one: -one.evidence))
+
+
+def _chosen(candidate: Candidate) -> Values:
+    """Return the inner values that are chosen among few rather than refined or fitted."""
+    pairs = zip(candidate.law.inner, candidate.inner, strict=True)
+    return tuple(value for inner, value in pairs if not inner.polished and not inner.spread)
 
 
 def equivalents(state: State, index: int) -> tuple[float, tuple[tuple[Effect, float], ...]]:
@@ -164,6 +182,7 @@ def in_place(state: State, indices: tuple[int, ...]) -> Trial:
         state.say(f"trying {one.effect.name} for {names}")
         try:
             trial = add(rest(), one, indices[0])
+            trial = loosened(trial) or trial
         except ArmflexError:  # an arm that buckles
             return ()
         step = state.steps[indices[0]]
@@ -225,11 +244,15 @@ def _instead(state: State, indices: tuple[int, ...]) -> tuple[State, ...]:
     What is plainer may be a little worse, what bends more must be clearly better; for a pair one effect may come, or
     another pair, for one effect several.
     """
-    (worth, hypotheses), trial = hypotheses_of(state, *indices), in_place(state, indices)
+    (worth, hypotheses), trial = hypotheses_of(state, *indices, anew=True), in_place(state, indices)
     best: tuple[State, ...] = ()
     if len(indices) == 1:
-        own = plainness(candidate_of(state.fitted[indices[0]]))
-        for one in [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]:
+        law, own = state.fitted[indices[0]].law, plainness(candidate_of(state.fitted[indices[0]]))
+        tried = [one for one in hypotheses if one.evidence > worth - max(CLOSE, SHARE * worth)][:SHORT]
+        if any(inner.spread for inner in law.inner):  # what it has in details is not yet in its like elsewhere
+            like = [one for one in hypotheses if one.candidate.law is law and one.evidence > PART * worth][:1]
+            tried += [one for one in like if all(one is not other for other in tried)]
+        for one in tried:
             kind = plainness(one.candidate)
             passed = trial(one, -TIE if kind < own else TIE if kind == own else PREFERRED)
             if passed and (not best or _information(passed[-1], state) < _information(best[-1], state)):

@@ -239,9 +239,8 @@ def _proven(
     for candidate, after in refitted:
         proof = prove(state, after, null, after.effects[len(state.effects) :] or after.effects)
         # The gain is chiefly that parameters no longer strain against their priors.
-        strain, left = (float(((one.fit.values / one.fit.prior) ** 2).sum()) for one in (state, after))
         by_rows = proof.errors_apart > apart and proof.sessions_agree
-        witness = apart == APART and strain - left > 0.5 * candidate.gain and proof.errors_apart > -APART
+        witness = apart == APART and state.strain - after.strain > 0.5 * candidate.gain and proof.errors_apart > -APART
         if by_rows or witness:
             step = Step(looked.ranking, proof, not by_rows)
             # The proof of an effect that it only widens is known.

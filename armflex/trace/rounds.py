@@ -113,10 +113,14 @@ def _alike(state: State, kept: Kept) -> bool:
     return names[0] == names[1] and alike and len(kept.left_out) == len(state.asked) - len(state.rows)
 
 
-def _related(state: State) -> State | None:
-    """Return the state with what all drives have in common where it explains more than any effect would by itself."""
+def _related(state: State) -> State | tuple[State, ...] | None:
+    """Return the state with what all drives have in common where it explains more than any effect would by itself.
+
+    That would explain some of what an effect of another kind or at another place leaves, too: such are exchanged first.
+    """
     state.say(f"searching what {len(state.rows)} rows still show")
-    return settled(with_families(state, state.looked.best))
+    found = settled(with_families(state, state.looked.best))
+    return None if found is None else exchanged(state) or found
 
 
 def _among_all(state: State) -> State | None:

@@ -131,6 +131,11 @@ class State:
         """Return whether just these rows are in use."""
         return np.array_equal(rows, self.rows)
 
+    @property
+    def strain(self) -> float:
+        """Sum of squares of the prior deviations of all that is fitted."""
+        return float(((self.fit.values / self.fit.prior) ** 2).sum())
+
     def values_of(self, block: Block) -> Array:
         """Return the fitted values of one block."""
         return self.fit.values[self.fit.places(block)]

@@ -104,7 +104,8 @@ def never_worse(state: State, known: Compared | None = None) -> Kept:
     """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
 
     A name that fewer than half of the folds lead to goes too, or gives way to one that they do, where poses held out
-    are then predicted as well. What is `known` of how the state compares is not worked out again.
+    are then predicted as well either way: chosen again without them, and with laws, places and what is inside laws as
+    they are. What is `known` of how the state compares is not worked out again.
     """
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:
@@ -117,8 +118,11 @@ def never_worse(state: State, known: Compared | None = None) -> Kept:
             for trial in trials:
                 with contextlib.suppress(ArmflexError):
                     after = trial()
-                    again = None if after is None or not after.effects else compared(after)
-                    if after is not None and again is not None and again.after <= found.after and not again.worse:
+                    if after is None or not after.effects or after.strain > state.strain + SAME:
+                        continue  # what only priors speak for, poses held out cannot speak against
+                    again = compared(after)
+                    no_worse = again.after <= found.after and again.linear_after <= found.linear_after
+                    if no_worse and not again.worse:
                         state.say("going on without a name that other poses do not lead to")
                         return _joined(withdrawn, never_worse(after, again))
             return state, tuple(withdrawn), found

@@ -5,10 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.absorbed import visible
+from support.absorbed import visible, visible_each
 from support.campaign_files import ARMS, declared_text
 from support.campaigns import KINDS, LAGGED, NULLS, OUTSIDE, SESSIONS, draw
 from support.plant import Plant, apply
@@ -46,6 +47,19 @@ def test_every_effect_moves_the_tip_by_what_was_asked(kind, arm):
         raw = np.sqrt((moved**2).sum(axis=1).mean())
         assert 0.99 * 4e-4 <= raw <= 1.01 * 5e-3 and raw == pytest.approx(told, rel=1e-6)
         assert 0.0 < effect.amplitude <= effect.limit
+
+
+def test_of_several_effects_those_show_that_the_others_and_calibration_leave_evidence_of():
+    """A deadband that a softer joint nearly is; beside it a mass and a warm joint: as fits to these readings say."""
+    drawn = draw("3 effects", 9501, "boom")
+    seen = {effect.name: one for effect, one in zip(drawn.effects, visible_each(drawn), strict=True)}
+    assert seen["deadband"].evidence < 10.0 and 30.0 < seen["link_mass"].evidence < 100.0
+    assert seen["thermal_softening"].evidence > 1000.0
+    quiet = replace(drawn, errors=0.0 * drawn.errors)
+    for one, effect in zip(visible_each(quiet), quiet.effects, strict=True):
+        count, readings = 1 + len(effect.nearby()), 3 * drawn.rows.measured.sum()
+        least = readings / 3 * (one.rms / drawn.noise.sigma) ** 2 - count * np.log(readings)
+        assert one.evidence == pytest.approx(least, abs=30.0) and one.strain < 3.0
 
 
 def test_backlash_of_the_mast_moves_the_tip_along_the_mast():

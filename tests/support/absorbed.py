@@ -6,11 +6,15 @@ import copy
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
+from support.campaign_files import declared_text
 from support.campaigns import NUDGE, SIGMA, Drawn, read
-from support.plant import Array, pose, turn
+from support.plant import Array, Plant, pose, turn
 
 PRIOR = {"offset": 1e-3, "compliance": 0.2, "target": 5e-3, "shift": 5e-4, "turn": 5e-5}
+
+ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -20,22 +24,30 @@ class Visible:
     Attributes:
         rms: 3-D RMS [m] over the readings of train.csv, without noise.
         strain: Largest move of a calibrated parameter that the effects cause, in its prior standard deviations.
+        evidence: Fall of the information criterion by an effect and all its constants in these readings, their errors
+            and the machine's own deviations from the declaration as drawn; nan where it was not asked.
     """
 
     rms: float
     strain: float
+    evidence: float = np.nan
 
 
 def visible(drawn: Drawn) -> Visible:
     """Calibrate the effects' movement away as far as [prior] lets it, linearised about the true machine."""
     shown = drawn.rows.measured
-    return _left((drawn.readings() - drawn.readings(()))[shown], *calibration_columns(drawn))
+    left, taken, _ = _absorbed((drawn.readings() - drawn.readings(()))[shown], *calibration_columns(drawn))
+    return Visible(_rms(left), float(np.abs(taken).max()))
 
 
 def visible_each(drawn: Drawn) -> list[Visible]:
-    """Return the same for every effect by itself, which other sizes and constants of the others may take over, too."""
+    """Return the same for every effect by itself, which other sizes and constants of the others may take over, too.
+
+    Both what is left and the moves that the priors speak against are evidence of it, and every number that it takes
+    counts against it: size and constants.
+    """
     shown, columns, spread = drawn.rows.measured, *calibration_columns(drawn)
-    whole, found = drawn.readings(), []
+    whole, found, errors = drawn.readings(), [], drawn.errors[shown].ravel() / SIGMA
     without = [tuple(other for other in drawn.effects if other is not one) for one in drawn.effects]
     moved = [(whole - drawn.readings(rest))[shown] for rest in without]
     bent = [
@@ -45,19 +57,51 @@ def visible_each(drawn: Drawn) -> list[Visible]:
     for number, own in enumerate(moved):
         others = [other for i in range(len(moved)) if i != number for other in (moved[i], *bent[i])]
         free = np.append(spread, np.ones(len(others)))
-        found.append(_left(own, np.concatenate([columns, np.stack(others, axis=-1)], axis=-1), free))
+        left, taken, deviations = _absorbed(
+            own, np.concatenate([columns, *(one[..., None] for one in others)], axis=-1), free, true_deviations(drawn)
+        )
+        gain = float((left**2).sum()) / SIGMA**2 + float((taken**2).sum())
+        seen = gain + float(left.ravel() @ errors) / SIGMA + float(taken @ deviations)
+        constants = np.stack([one.ravel() / max(np.linalg.norm(one), SIGMA) for one in (own, *bent[number])])
+        count = np.linalg.matrix_rank(constants, 1e-6)
+        evidence = max(seen, 0.0) ** 2 / gain - count * np.log(own.size)
+        found.append(Visible(_rms(left), float(np.abs(taken).max()), float(evidence)))
     return found
 
 
-def _left(moved: Array, columns: Array, spread: Array) -> Visible:
-    """Return what is left of a movement (readings, 3) when columns have taken what they may; see `Visible`."""
-    scaled = columns.reshape(moved.size, -1) * spread
-    prior = np.diag(np.where(spread < 1.0, 1.0, 1e-9))
-    values, *_ = np.linalg.lstsq(
-        np.vstack([scaled / SIGMA, prior]), np.concatenate([moved.ravel() / SIGMA, np.zeros(len(prior))]), rcond=None
-    )
-    left = (moved.ravel() - scaled @ values).reshape(-1, 3)
-    return Visible(float(np.sqrt((left**2).sum(axis=1).mean())), float(np.abs(values[spread < 1.0]).max()))
+def _absorbed(
+    moved: Array, columns: Array, spread: Array, deviations: Array | None = None
+) -> tuple[Array, Array, Array]:
+    """Return what is left of a movement (readings, 3) when columns have taken what they may, and what priors have held.
+
+    That is how far what they hold was moved, in standard deviations, and where it was on the true machine.
+    """
+    scaled, held, by_factor = columns.reshape(moved.size, -1) * spread, spread < 1.0, spread == PRIOR["compliance"]
+    prior = np.diag(np.where(held, 1.0, 1e-9))
+    values, left = np.zeros(len(spread)), moved.ravel()
+    for _ in range(ROUNDS):  # a prior of a factor is one of its logarithm
+        slopes = scaled * np.where(by_factor, np.exp(spread * values), 1.0)
+        wanted = np.concatenate([(left + slopes @ values) / SIGMA, np.zeros(len(prior))])
+        values = np.linalg.lstsq(np.vstack([slopes / SIGMA, prior]), wanted, rcond=None)[0]
+        left = moved.ravel() - scaled @ np.where(by_factor, np.expm1(spread * values) / spread, values)
+    left = left.reshape(moved.shape)
+    return left, values[held], np.zeros(held.sum()) if deviations is None else deviations
+
+
+def _rms(left: Array) -> float:
+    return float(np.sqrt((left**2).sum(axis=1).mean()))
+
+
+def true_deviations(drawn: Drawn) -> Array:
+    """Return how far the true machine and its sessions are from the declaration, in the order of the prior spreads."""
+    plant, declared = drawn.plant, Plant.read_text(declared_text(drawn.arm))
+    softer = [np.log(np.diag(c) / np.diag(declared.compliance[name])) for name, c in plant.compliance.items()]
+    frames = [
+        np.concatenate([one[:3, 3] / PRIOR["shift"], Rotation.from_matrix(one[:3, :3]).as_rotvec() / PRIOR["turn"]])
+        for one in drawn.shifts
+    ]
+    offsets, target = np.array([plant.offset[joint.name] for joint in plant.joints]), plant.target / PRIOR["target"]
+    return np.concatenate([offsets / PRIOR["offset"], np.concatenate(softer) / PRIOR["compliance"], target, *frames])
 
 
 def calibration_columns(drawn: Drawn) -> tuple[Array, Array]:

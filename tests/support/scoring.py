@@ -14,14 +14,14 @@ import numpy as np
 
 import armflex
 from armflex.laws.effects import Effect
+from armflex.trace.accept import ENOUGH
 from armflex.trace.findings import Found, Trace
 from armflex.trace.rounds import trace
 from support.absorbed import visible, visible_each
 from support.campaigns import SEVERAL, Drawn, TrueEffect, draw
 
-SHOWN_RMS, SHOWN_STRAIN, SHOWN_IN = 5e-5, 3.0, 330
-"""Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect; the
-first in so many readings, in fewer so much more."""
+SHOWN_RMS, SHOWN_STRAIN = 5e-5, 3.0
+"""Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect."""
 
 Mark = tuple[str, str]
 """Name and site as a report gives them; every shape goes by 'unnamed', every link by the joint that ends it."""
@@ -52,8 +52,9 @@ class Score:
         axis: Whether it has the right axis, too.
         rank: Place of the truth in the first round's ranking, None where it was not in it.
         truth, found, equivalents, unexplained: What was hidden and what was said.
-        named: Where there are several, of each that was hidden: exact (also its axis), class, missed, or hidden (by
-            calibration and the others).
+        named: Where there are several, of each that was hidden: exact (also its axis), class, missed, or hidden: beside
+            the others, which with their constants and calibration take over what they can, these very readings have
+            less evidence of it than a search asks of anything (`ENOUGH`).
         false: Names found that are none of theirs, nor have one among their equivalents.
         before, after, floor: RMS on the held-out rows with calibration, with the trace, and of the noise itself [mm].
         shown, strain: What calibration leaves of the effects [mm], and how far they move it.
@@ -135,8 +136,7 @@ def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
     result.first, result.axis, result.rank = first_found(truth.effects, account)
     result.checked, result.covered = coverage(truth.effects, account.found)
     if result.kind in SEVERAL:
-        least = SHOWN_RMS * np.sqrt(SHOWN_IN / drawn.rows.measured.sum())
-        shown = [v.rms >= least or v.strain >= SHOWN_STRAIN for v in visible_each(drawn)]
+        shown = [v.evidence >= ENOUGH for v in visible_each(drawn)]
         named, result.false = names(truth.effects, account.found)
         result.named = [word if seen else "hidden" for word, seen in zip(named, shown, strict=True)]
         right = not result.false and "missed" not in result.named

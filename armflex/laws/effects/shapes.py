@@ -134,7 +134,7 @@ def told_from_aliases(values: Array, number: float) -> bool:
 
 
 _MEANS = of_column(lambda kelvin: (REFERENCE, float(kelvin.mean())))
-ABOVE = Inner("reference", "degC", _MEANS, positive=False, polished=False, default=REFERENCE)
+ABOVE = Inner("reference", "degC", _MEANS, positive=False, polished=False, usual=REFERENCE, default=REFERENCE)
 """The temperature above which a law counts: that of manufacture, or the campaign's mean."""
 
 WARM = (ABOVE, Inner(LAG, "s", lag_grid, default=0.0))
