@@ -191,9 +191,7 @@ class Bank:
 
         return self._by_size(squares)
 
-    def _by_size(
-        self, squares: Callable[[Part], Callable[[np.ndarray], Array]]
-    ) -> tuple[tuple[np.ndarray, Array], ...]:
+    def _by_size(self, squares: Callable[[Part], Squares]) -> tuple[tuple[np.ndarray, Array], ...]:
         found: dict[int, list[tuple[np.ndarray, Array]]] = {}
         for part in self.parts:
             sizes, of = self.sizes[part.groups], squares(part)

@@ -162,7 +162,7 @@ def exchanged(state: State) -> tuple[State, ...]:
     return passed if after is None else (*passed, after)
 
 
-Trial = Callable[[Polished, float], tuple["State", ...]]
+Trial = Callable[[Polished, float], tuple[State, ...]]
 """From a candidate to the states without some effects and with it in their place, as `in_place` gives them."""
 
 
