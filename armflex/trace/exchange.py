@@ -155,7 +155,7 @@ def exchanged(state: State) -> tuple[State, ...]:
                 continue
             tried.add(key)
             better = _instead(here, some)
-            if better:
+            if better and stands(better[-1]):  # what would be dropped at once would be found again, and so on
                 passed, again = (*passed, *better, *pruned(better[-1])), True
                 break
     after = settled(passed[-1]) if passed else None
@@ -202,7 +202,10 @@ def in_place(state: State, indices: tuple[int, ...]) -> Trial:
 
 
 def pruned(state: State) -> tuple[State, ...]:
-    """Return the states without one effect and another that is no longer worth `SAME`, none where all are."""
+    """Return the states without one effect and another that is no longer worth `SAME`, none where all are.
+
+    One without which another would have to be what no machine has stays.
+    """
     passed = []
     while alone := [unit[0] for unit in state.units if len(unit) == 1]:
         worths = [worth_of(state, i) for i in alone]
@@ -211,7 +214,7 @@ def pruned(state: State) -> tuple[State, ...]:
             break
         trial = without(state, weakest)
         # The linear estimate misses how much the rest must bend.
-        if _information(trial, state) > _information(state, state) + SAME:
+        if _information(trial, state) > _information(state, state) + SAME or not stands(trial):
             break
         state.say(f"dropping {state.effects[weakest].effect.name}")
         state = trial
