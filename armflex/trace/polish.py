@@ -16,9 +16,9 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Effect
+from armflex.laws.effects.effect import Act, Effect, EffectLaw
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.location import resolve
+from armflex.laws.effects.location import Location, resolve
 from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.candidates import Candidate, candidate_regressors
 from armflex.trace.projection import Projection, evidence
@@ -47,7 +47,13 @@ AGAINST = 0.1
 a joint's travel, not its end, but a joint makes no energy."""
 
 MOST_GIVE = 10.0
-"""Times what is plausible by which an axis gives at most under the largest load on its joint, whichever way that is."""
+"""Times what is plausible by which an axis gives at most under the largest load on its joint, whichever way that is.
+
+More counts against a candidate, and is not believed of an axis that poses load by less than `LOADED` of that.
+"""
+
+LOADED = 1e-3
+"""Share of the largest load on a joint that is more than what tilts and deflections put on any axis."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +153,8 @@ def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Contex
         usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
         whole = np.einsum("mka,k->ma", law.features(location, candidate.inner, view, context), amplitudes)
         much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))
+    if _is_given(law, location):
+        much = max(much, float((_given(candidate.effect(amplitudes), view, context) ** 2).max()))
     return 2.0 * float(np.log(max(much, 1.0)))
 
 
@@ -167,9 +175,38 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context
         return True
     if law.remembers_load(location):
         return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(location, arm.robot, ()).direction))
-    if not law.loaded or law.memory is not None:
-        return True
-    return _gives(effect, fit, context, present)
+    return not _is_given(law, location) or _gives(effect, fit, context, present)
+
+
+def _is_given(law: EffectLaw, location: Location) -> bool:
+    """Return whether a law is what a joint gives under its load."""
+    return law.act is Act.TWIST and law.loaded and law.memory is None and not law.remembers_load(location)
+
+
+def _given(effect: Effect, view: View, context: Context) -> Array:
+    """Return (R, 6) by how much every axis would give in some rows, were the largest load on its joint along it.
+
+    As a share of `MOST_GIVE` times what is plausible of the law.
+    """
+    arm, law, site = view.arm, effect.law, effect.location.site
+    bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
+    some = _some(view)
+    row, largest = context.row.some(view.rows[some]), _largest(site, context)
+    own = np.broadcast_to(bound.tangent(view.line.load_at(site)[some], row), (len(some), 6, 6))
+    given = np.abs(np.einsum("rii->ri", own)) * largest
+    if not law.linear:  # what is saturated gives less
+        given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(largest, given.shape), row)))
+    return given / (MOST_GIVE * np.repeat([law.plausible.shift, law.plausible.turn], 3))
+
+
+def _some(view: View) -> np.ndarray:
+    """Return the numbers of the rows looked at."""
+    return np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
+
+
+def _largest(site: str, context: Context) -> Array:
+    """Return (6,) the largest force three times, and the largest moment."""
+    return np.repeat(np.linalg.norm(context.wrenches[site].reshape(-1, 2, 3), axis=2).max(axis=0), 3)
 
 
 def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
@@ -177,18 +214,15 @@ def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
     arm, view, law = fit.setup.arm, fit.view, effect.law
     here = resolve(effect.location, arm.robot, arm.modelled)
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
-    some = np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
+    some = _some(view)
     wrenches, row = view.line.load_at(effect.location.site)[some], context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     good = _is_stiff(np.abs(np.einsum("...ii->...i", own)))
     # Poses may load an axis hardly at all: it does not give more than the others under their loads.
-    loads = context.wrenches[effect.location.site].reshape(-1, 2, 3)
-    largest = np.linalg.norm(loads, axis=2).max(axis=0)
-    most = MOST_GIVE * np.array([law.plausible.shift, law.plausible.turn])
-    given = np.abs(np.einsum("rii->ri", own)) * np.repeat(largest, 3)
-    if not law.linear:  # what is saturated gives less
-        given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(np.repeat(largest, 3), given.shape), row)))
-    good &= (given.reshape(-1, 2, 3).max(axis=2) <= most).all(axis=1)
+    loaded = np.abs(context.wrenches[effect.location.site]).max(axis=0) >= LOADED * _largest(
+        effect.location.site, context
+    )
+    good &= ((_given(effect, view, context) <= 1.0) | loaded).all(axis=1)
     if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
         total = np.broadcast_to(total, own.shape) + (0.0 if present else own)

@@ -32,7 +32,7 @@ from armflex.trace.exchange import SAME, in_place
 from armflex.trace.polish import polish
 from armflex.trace.projection import projected, ridge_for
 from armflex.trace.search import TIE, searched
-from armflex.trace.state import State, context_at, sorted_out, with_random, without
+from armflex.trace.state import State, context_at, information, sorted_out, with_random, without
 from armflex.trace.unrecorded import PoseBlock
 
 SURVIVES = 0.5
@@ -104,8 +104,9 @@ def never_worse(state: State, known: Compared | None = None) -> Kept:
     """Return the state with the effects that are left, those withdrawn, and how the arm with the others compares.
 
     A name that fewer than half of the folds lead to goes too, or gives way to one that they do, where poses held out
-    are then predicted as well either way: chosen again without them, and with laws, places and what is inside laws as
-    they are. What is `known` of how the state compares is not worked out again.
+    are then predicted as well, chosen again without them; and where the readings themselves speak for the name, also
+    with laws, places and what is inside laws as they are. What is `known` of how the state compares is not worked out
+    again.
     """
     withdrawn: list[Withdrawn] = []
     while state.effects or state.random:
@@ -121,8 +122,8 @@ def never_worse(state: State, known: Compared | None = None) -> Kept:
                     if after is None or not after.effects or after.strain > state.strain + SAME:
                         continue  # what only priors speak for, poses held out cannot speak against
                     again = compared(after)
-                    no_worse = again.after <= found.after and again.linear_after <= found.linear_after
-                    if no_worse and not again.worse:
+                    alike = again.linear_after <= found.linear_after or _as_likely(after, state)
+                    if again.after <= found.after and alike and not again.worse:
                         state.say("going on without a name that other poses do not lead to")
                         return _joined(withdrawn, never_worse(after, again))
             return state, tuple(withdrawn), found
@@ -132,6 +133,12 @@ def never_worse(state: State, known: Compared | None = None) -> Kept:
         state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
         state = rest if rest.effects or rest.random else _bare(rest)
     return state, tuple(withdrawn), None
+
+
+def _as_likely(after: State, state: State) -> bool:
+    """Return whether the readings do not tell a state from another, as little as they tell two candidates apart."""
+    limit = robust_limit(state.fit.view)
+    return information(after, limit, below=True) <= information(state, limit, below=True) + SAME
 
 
 def _joined(withdrawn: list[Withdrawn], rest: Kept) -> Kept:

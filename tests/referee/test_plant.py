@@ -62,6 +62,10 @@ def test_of_several_effects_those_show_that_the_others_and_calibration_leave_evi
         assert one.evidence == pytest.approx(least, abs=30.0) and one.strain < 3.0
 
 
+def test_several_effects_come_to_rest_together():
+    assert np.isfinite(draw("6 effects", 9803, "six").readings()).all()
+
+
 def test_backlash_of_the_mast_moves_the_tip_along_the_mast():
     """Half the gap along the prismatic joint's motion, which is the base's -z; the arm hangs rigidly from it."""
     drawn = next(d for d in (draw("backlash", seed) for seed in range(60)) if d.effects[0].site == "M1")

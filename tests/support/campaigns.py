@@ -179,6 +179,11 @@ def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float) 
     found = [hide(context, name, station, shifts, size, sizes) for name in hidden(rng, kind)]
     errors, lost = noise.draw(rng, len(rows.q))
     effects, reached = tuple(e for e, _ in found), tuple(s for _, s in found)
+    if several:
+        try:
+            plant.relax(rows, effects)
+        except ArithmeticError as error:  # each comes to rest by itself
+            raise Redraw from error
     return Drawn(kind, seed, arm, plant, rows, effects, reached, station, shifts, noise, errors, lost)
 
 

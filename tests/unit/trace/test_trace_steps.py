@@ -32,7 +32,7 @@ from armflex.trace.accept import null_maximum, session_folds
 from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
 from armflex.trace.findings import write_traced
 from armflex.trace.grow import loosened
-from armflex.trace.polish import SOFT, Polished, polish, sensible
+from armflex.trace.polish import MOST_GIVE, SOFT, Polished, polish, sensible, unusual
 from armflex.trace.projection import project
 from armflex.trace.search import TIE, preferred
 from armflex.trace.state import State, add, begin, context_at, sorted_out, stands, without
@@ -233,6 +233,19 @@ def test_an_axis_that_hardly_any_pose_loads_is_not_taken_for_soft(before):
     largest = np.linalg.norm(loads[:, 3:], axis=1).max()
     assert np.abs(loads[:, 5]).max() < 1e-3 * largest
     assert is_sensible(before, about_z, 0.01 / largest) and not is_sensible(before, about_z, 1.0 / largest)
+
+
+@pytest.mark.parametrize(("site", "axis", "shows"), [("J2", "rz", True), ("J3", "dy", False)])
+def test_an_axis_that_poses_load_a_little_may_be_soft_which_counts_against_it(before, site, axis, shows):
+    """Four hundredths of the largest moment turn one; the force along the other is there only because the arm bends."""
+    loads, place = before.context.wrenches[site], TWIST_NAMES.index(axis)
+    largest = np.linalg.norm(loads[:, 3:] if shows else loads[:, :3], axis=1).max()
+    assert (np.abs(loads[:, place]).max() > 1e-3 * largest) == shows
+    soft, plausible = candidate_of(before, "compliance", site, axis), CATALOGUE["compliance"].plausible
+    most = MOST_GIVE * (plausible.turn if shows else plausible.shift) / largest
+    assert is_sensible(before, soft, 0.99 * most) and is_sensible(before, soft, 3.0 * most) == shows
+    against = [unusual(soft, np.array([share * most]), before.fit.view, before.context) for share in (0.99, 3.0, 30.0)]
+    assert against == pytest.approx([0.0, 4.0 * np.log(3.0), 4.0 * np.log(30.0)])
 
 
 @pytest.mark.parametrize("name", ["base_compliance", "link_flexure"])
