@@ -22,7 +22,8 @@ others make a root of the covariance R = S V diag(l)^-1/2 (P, r), with
     R R' = N^-1 where there is no null space,        R' N R = 1,
 
 and N^-1 means R R' from here on: right for every combination of parameters that the null space does not change. Along
-the null space values stay at zero. This is the only guard: a `ridge` in a caller is a prior that it means, and says so.
+the null space values stay at zero, in an arrowhead those of the others. This is the only guard: a `ridge` in a caller
+is a prior that it means, and says so.
 
 *Projection* (Frisch and Waugh 1933; Lovell 1963; with priors it is block elimination). A further regressor X (n, k),
 fitted together with all that is here, has the information
@@ -32,8 +33,8 @@ fitted together with all that is here, has the information
 on its amplitudes, whose prior precision is added to it. With the score s = X'(y - J N^-1 J'y) its amplitudes are
 N_X^-1 s, and the objective falls by s' N_X^-1 s.
 
-*Arrows.* Where parameters have no information in common with one another, only with the others (an unknown twist in
-every pose, each moving its own rows), the matrix is an arrow: scaled,
+*Arrowheads.* Where parameters have no information in common with one another, only with the others (an unknown twist in
+every pose, each moving its own rows), the matrix is an arrowhead: scaled,
 
     S N S = [[B, C], [C', 1]],
 
@@ -97,7 +98,7 @@ class LinearGaussian:
 
     @cached_property
     def alone(self) -> np.ndarray:
-        """(P,) which parameters have no information in common with one another: the shaft of an arrow, if it is one."""
+        """(P,) which parameters have no information in common with one another, where many: those of an arrowhead."""
         alone = np.zeros(len(self.information), dtype=bool)
         if len(alone) < MANY:
             return alone

@@ -140,7 +140,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for name, files in CAMPAIGNS.items():
             if given.only in name:
                 arm, rows = (given.measured / file for file in files)
-                found[f"measured_{name}"] = command_json(("trace", arm, rows, "-o", "traced.toml"))
+                said = json.dumps(command_json(("trace", arm, rows, "-o", "traced.toml")))
+                found[f"measured_{name}"] = json.loads(said.replace(f"{given.measured}/", ""))
     if "study" in given.what:
         found["study"] = study(given.jobs)
     failed = False

@@ -226,7 +226,7 @@ def calibrate(
         ConventionError: The campaign is implausible for this arm, and plausible in another convention.
         InputError: Too few rows were measured, or see `check_readings`.
         MissingCovariateError: An effect of the arm depends on what the campaign does not give.
-        UnsupportedError: The arm has effects that change masses, gravity or the instrument.
+        UnsupportedError: The arm has effects that change how the instrument stands or reads.
         ConvergenceError: The fit did not settle.
     """
     measurements = as_measurements(measurements, arm)
@@ -359,7 +359,9 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
     if fixed:
         text = f"effects that change how the instrument stands or reads cannot be fitted about: {listing(fixed)}"
         others = listing(name for name, law in CATALOGUE.items() if law.act in placing)
-        raise UnsupportedError(f"{text} (such are {others}); leave them out of the arm that is fitted")
+        raise UnsupportedError(
+            f"{text} (such are {others}); leave them out of the arm, and calibrate that without them first"
+        )
     flags = derived_directions(arm, measurements, used)
     if untold.any():
         text = f"{untold.sum()} rows are left out: nothing tells from where a joint came before it first moved"

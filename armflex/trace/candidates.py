@@ -321,7 +321,7 @@ class Sifted:
     Attributes:
         bank: The candidates.
         projection: Of the fit.
-        seen: (K, r) X'H', H of the projection.
+        seen: (K, r) products of the columns with the `half` of the projection.
         scores: (K,) products of the columns with the fit's own residual.
     """
 
@@ -370,11 +370,12 @@ class Sifted:
         if signs is None:
             scores = self.scores[:, None]
         else:
-            residual = self.projection.residual
-            scores = -self.seen @ (self.projection.half @ with_signs(residual, signs))
-            residual = self.projection.cleared(residual)  # signs are of poses, like what is fitted to each by itself
+            residual, apart = self.projection.residual, self.projection.apart
+            flipped = with_signs(residual, signs)
+            scores = -self.seen @ (self.projection.half @ flipped)
+            flipped = None if apart is None else np.ascontiguousarray(apart.cleared(flipped).T)
             for part in self.bank.parts:
-                scores[part.places] += part.flipped(residual, signs)
+                scores[part.places] += part.flipped(residual, signs) if flipped is None else part.products(flipped)
         gains = np.zeros((len(self.bank.candidates), scores.shape[1]))
         for groups, factors in self.solvers:
             gains[groups] = ((factors.transpose(0, 2, 1) @ scores[self._places(groups, factors)]) ** 2).sum(axis=1)

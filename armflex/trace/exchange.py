@@ -172,7 +172,8 @@ def in_place(state: State, indices: tuple[int, ...]) -> Trial:
     It gives the states without the effects and with the candidate; none where it cannot stand there, or where the
     information criterion falls by less than a margin.
     """
-    names, known = " and ".join(state.effects[index].effect.name for index in indices), dict[int, tuple[State, ...]]()
+    names = " and ".join(state.effects[index].effect.name for index in indices)
+    known: dict[int, tuple[Polished, tuple[State, ...]]] = {}
 
     @cache
     def rest() -> State:
@@ -193,8 +194,8 @@ def in_place(state: State, indices: tuple[int, ...]) -> Trial:
 
     def trial(one: Polished, margin: float) -> tuple[State, ...]:
         if id(one) not in known:
-            known[id(one)] = tried(one)
-        passed = known[id(one)]
+            known[id(one)] = one, tried(one)
+        _, passed = known[id(one)]
         worse = passed and _information(passed[-1], state) > _information(state, state) - margin
         return () if worse else passed
 
@@ -206,19 +207,19 @@ def pruned(state: State) -> tuple[State, ...]:
 
     One without which another would have to be what no machine has stays.
     """
-    passed = []
-    while alone := [unit[0] for unit in state.units if len(unit) == 1]:
-        worths = [worth_of(state, i) for i in alone]
-        weakest = alone[int(np.argmin(worths))]
-        if min(worths) >= SAME:
-            break
-        trial = without(state, weakest)
-        # The linear estimate misses how much the rest must bend.
-        if _information(trial, state) > _information(state, state) + SAME or not stands(trial):
-            break
-        state.say(f"dropping {state.effects[weakest].effect.name}")
-        state = trial
-        passed.append(state)
+    passed = list[State]()
+    again = True
+    while again:
+        state, again = passed[-1] if passed else state, False
+        worths = {unit[0]: worth_of(state, unit[0]) for unit in state.units if len(unit) == 1}
+        for i in sorted((i for i in worths if worths[i] < SAME), key=lambda i: worths[i]):
+            trial = without(state, i)
+            # The linear estimate misses how much the rest must bend.
+            if _information(trial, state) <= _information(state, state) + SAME and stands(trial):
+                state.say(f"dropping {state.effects[i].effect.name}")
+                passed.append(trial)
+                again = True
+                break
     return tuple(passed)
 
 

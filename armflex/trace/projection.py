@@ -16,15 +16,15 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import largest_motion
 from armflex.estimate.fit import Fit
-from armflex.linear_gaussian import MANY, LinearGaussian
+from armflex.linear_gaussian import MANY, ROUNDING, LinearGaussian
 
 
 @dataclass(frozen=True, eq=False)
 class Apart:
-    """Parameters no two of which move the same reading, a random twist per pose: they are eliminated first.
+    """Parameters without information in common, such as a random twist per pose: they are eliminated first.
 
-    What is left of a column is *cleared* of them: (1 - E'E) x, E their own columns with `scale` (see the arrows of
-    `armflex.linear_gaussian`).
+    What is left of a column is *cleared* of them: (1 - E'E) x, E their own columns with `scale` (see the arrowheads
+    of `armflex.linear_gaussian`).
 
     Attributes:
         which: (P,) which of all parameters.
@@ -89,7 +89,12 @@ class Projection:
     @cached_property
     def fitted(self) -> LinearGaussian:
         """What readings and priors tell of the fitted parameters but those apart."""
-        return LinearGaussian(self.regressors.T @ self.shared + np.diag(self.precision))
+        information = self.regressors.T @ self.shared + np.diag(self.precision)
+        if self.apart is not None:  # of a column that those apart can make up nothing is left but rounding
+            whole = (self.regressors**2).sum(axis=0) + self.precision
+            lost = np.diag(information) < ROUNDING * whole
+            information[lost], information[:, lost] = 0.0, 0.0
+        return LinearGaussian(information)
 
     @cached_property
     def half(self) -> Array:
@@ -121,12 +126,12 @@ class Projection:
 
         A fit stops a little short of it, and along what only priors hold a little is enough to mimic a gain.
         """
-        shared = self.cleared(regressors)
-        values = LinearGaussian(regressors.T @ shared + np.diag(precision)).solve(shared.T @ self.data)
+        beside = replace(self, regressors=regressors, precision=precision)
+        values = beside.fitted.solve(beside.shared.T @ self.data)
         left = self.data - regressors @ values
         residual = self.cleared(left)
         objective = float(left @ residual + (precision * values**2).sum())
-        return replace(self, regressors=regressors, precision=precision, residual=residual, objective=objective)
+        return replace(beside, residual=residual, objective=objective)
 
     def gain(self, regressors: Array) -> tuple[float, Array]:
         """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""

@@ -13,6 +13,7 @@ from armflex.arm import Arm
 from armflex.errors import ArmflexError, FileError
 from armflex.estimate.calibrate import calibrate
 from armflex.estimate.held_out import held_out, pose_folds
+from armflex.estimate.robust import robust_limit
 from armflex.measured.measurements import Measurements
 from armflex.storage.whole_file import remove
 from armflex.trace.checkpoint import Kept, Progress, identity, read_checkpoint, restored, write_checkpoint
@@ -21,7 +22,8 @@ from armflex.trace.families import with_families
 from armflex.trace.findings import Trace, conclude, so_far
 from armflex.trace.grow import grown, loosened, paired, possible, set_aside, settled, without_far_rows
 from armflex.trace.projection import project
-from armflex.trace.state import State, begin
+from armflex.trace.search import TIE
+from armflex.trace.state import State, begin, information
 from armflex.trace.telling import Doing, Report, Teller, tell_steps
 from armflex.trace.unrecorded import localise
 
@@ -59,9 +61,13 @@ def trace(
         write_checkpoint(checkpoint, about, found)
     _tell_figures(teller, found.state)
     while not found.ended and found.state.alone < MOST_EFFECTS:
-        known, passed = found.state, _round(found.state)
-        if passed and any(_alike(passed[-1], one) for one in found.rounds):  # second thoughts would go round in circles
-            passed = ()
+        known, rounds = found.state, found.rounds
+
+        def again(state: State, known: State = known, rounds: tuple[Kept, ...] = rounds) -> bool:
+            """Return whether second thoughts would go round in circles."""
+            return any(_alike(state, one) for one in rounds) and not _better(state, known)
+
+        passed = _round(known, again)
         found = replace(found, ended=not passed)
         for state in passed:
             found = found.after(state)
@@ -97,13 +103,23 @@ def _tell_figures(teller: Teller, state: State) -> None:
     teller.say(effects=effects, rms=state.fit.rms, held_out=unseen, unit=state.fit.view.readings.unit)
 
 
-def _round(state: State) -> tuple[State, ...]:
-    """Return the states from one to the next, none where nothing is left to be done."""
-    for step in (possible, loosened, _related, grown, exchanged, paired, set_aside, _among_all, without_far_rows):
+def _round(state: State, again: Callable[[State], bool]) -> tuple[State, ...]:
+    """Return the states from one to the next, none where nothing is left to be done or all would be done `again`."""
+    related = partial(_related, again=again)
+    for step in (possible, loosened, related, grown, exchanged, paired, set_aside, _among_all, without_far_rows):
         after = step(state)
         if after:
-            return after if isinstance(after, tuple) else (after,)
+            passed = after if isinstance(after, tuple) else (after,)
+            return () if again(passed[-1]) else passed
     return ()
+
+
+def _better(state: State, known: State) -> bool:
+    """Return whether a state has what the one before it had, at the same places, and explains clearly more."""
+    limit, names = robust_limit(known.fit.view), [[one.name for one in some.fitted] for some in (state, known)]
+    if names[0] != names[1] or state.random is not None or not state.uses(known.rows):
+        return False
+    return information(state, limit, below=True) < information(known, limit, below=True) - TIE
 
 
 def _alike(state: State, kept: Kept) -> bool:
@@ -113,14 +129,15 @@ def _alike(state: State, kept: Kept) -> bool:
     return names[0] == names[1] and alike and len(kept.left_out) == len(state.asked) - len(state.rows)
 
 
-def _related(state: State) -> State | tuple[State, ...] | None:
+def _related(state: State, again: Callable[[State], bool]) -> State | tuple[State, ...] | None:
     """Return the state with what all drives have in common where it explains more than any effect would by itself.
 
     That would explain some of what an effect of another kind or at another place leaves, too: such are exchanged first.
     """
     state.say(f"searching what {len(state.rows)} rows still show")
     found = settled(with_families(state, state.looked.best))
-    return None if found is None else exchanged(state) or found
+    better = () if found is None else exchanged(state)
+    return better if better and not again(better[-1]) else found
 
 
 def _among_all(state: State) -> State | None:

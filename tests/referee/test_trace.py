@@ -10,7 +10,9 @@ import pytest
 from support.campaigns import draw
 from support.scoring import score
 
+import armflex
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.estimate.calibrate import calibrate
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.laws.effects import CATALOGUE
@@ -21,7 +23,7 @@ from armflex.trace.candidates import Bank, Candidate, bank, best_per_spot, candi
 from armflex.trace.exchange import SAME, equivalents, worth_of
 from armflex.trace.polish import polish, unusual
 from armflex.trace.projection import Projection, evidence, project, projected
-from armflex.trace.state import State, add, candidate_of, leave_out, with_random
+from armflex.trace.state import State, add, begin, candidate_of, leave_out, with_random
 from armflex.trace.unrecorded import NOTICED, PoseBlock, localise
 
 EXACT = [
@@ -152,11 +154,24 @@ def test_what_is_kept_of_a_bank_is_what_its_columns_give(everything, before):
             np.testing.assert_allclose(square, own.T @ own, rtol=1e-9, atol=1e-12 * np.abs(own.T @ own).max())
 
 
-def test_chance_is_that_of_residuals_projected_one_by_one(before, twisted):
-    """Also where a random twist of each pose takes its part of the pose's signs."""
-    for state in (before, twisted):
+@pytest.fixture(scope="module")
+def restationed(tmp_path_factory) -> State:
+    """With an instrument that was set up 70 times: of what is eliminated first each is of many poses."""
+    drawn = draw("none", 3, "six").write(tmp_path_factory.mktemp("restationed"))
+    arm = armflex.load_arm(drawn.arm)
+    rows = armflex.read_measurements(drawn.train, arm)
+    order = np.argsort(np.argsort(rows.time, kind="stable"), kind="stable")
+    session = tuple(f"t{i * 70 // len(rows)}" for i in order.tolist())
+    return begin(calibrate(arm, replace(rows, session=session), as_stated=True))
+
+
+@pytest.mark.slow
+def test_chance_is_that_of_residuals_projected_one_by_one(before, twisted, restationed):
+    """Also where a random twist of each pose, or the frame of each of many sessions, is eliminated first."""
+    for state in (before, twisted, restationed):
         projection = project(state.fit)
         laws = [CATALOGUE[name] for name in ("encoder_scale", "backlash", "compliance")]
+        assert (projection.apart is None) == (state is before)
         sifted = sift(bank(candidates_of(laws, state.context), state.fit, state.context), projection)
         signs = np.random.default_rng(1).choice([-1.0, 1.0], (int(state.groups.max()) + 1, 3))[state.groups]
         found = sifted.gains(signs)

@@ -127,6 +127,7 @@ class Manipulator(Protocol):
         robot: The robot.
         flexures: Where it gives and how, without effects.
         effects: What it does beyond them.
+        corrections: Of geometry and masses that were found.
         weight: Of everything that moves [N].
     """
 
@@ -136,6 +137,8 @@ class Manipulator(Protocol):
     def flexures(self) -> Sequence[Flexure]: ...
     @property
     def effects(self) -> Sequence[Effect]: ...
+    @property
+    def corrections(self) -> Corrections: ...
     @property
     def weight(self) -> float: ...
 

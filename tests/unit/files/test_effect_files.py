@@ -515,3 +515,15 @@ def renamed(rows: Measurements) -> Measurements:
     """Return a few rows whose payloads this arm knows."""
     few = first(rows, 3)
     return dataclasses.replace(few, payload=("none",) * 3)
+
+
+def test_a_link_cannot_lose_twice_what_it_weighs(folder: Path) -> None:
+    """One declared and one found beside it: what is possible is what the file can be read with."""
+    own = arm_and(folder, "").robot.urdf.links["link4"].inertial.mass
+    table = f'name = "link_mass"\nsite = "J5"\nparameters = {{ mass = {-0.6 * own} }}'
+    arm, law = arm_with(folder, table), CATALOGUE["link_mass"]
+    lighter = named("link_mass", "link:J5", terms=(0,))
+    for share, possible in ((-0.6, False), (-0.3, True)):
+        assert (
+            law.possible(dataclasses.replace(lighter, values=(share * own, 0.0, 0.0, 0.0)), context(), arm) is possible
+        )
