@@ -72,7 +72,7 @@ def shown() -> tuple[dict[str, Shown], Records]:
     made = bank(candidates_of(CATALOGUE.values(), context), fit, context)
     sifted = sift(made, projection)
     whole, inside = np.zeros((2, len(made.candidates)))
-    for groups, squares in sifted.squares:
+    for groups, squares in sifted.bank.squares:
         seen = sifted.seen[sifted._places(groups, squares)]
         rest = squares - seen @ seen.transpose(0, 2, 1)
         whole[groups] = squares.sum(axis=(1, 2))  # all amplitudes alike
