@@ -72,9 +72,7 @@ def shown() -> tuple[dict[str, Shown], Records]:
     made = bank(candidates_of(CATALOGUE.values(), context), fit, context)
     sifted = sift(made, projection)
     whole, inside = np.zeros((2, len(made.candidates)))
-    for groups, squares in sifted.bank.squares:
-        seen = sifted.seen[sifted._places(groups, squares)]
-        rest = squares - seen @ seen.transpose(0, 2, 1)
+    for groups, squares, rest in sifted.inside:
         whole[groups] = squares.sum(axis=(1, 2))  # all amplitudes alike
         inside[groups] = rest.sum(axis=(1, 2))
     share = np.sqrt(np.clip(inside, 0.0, None) / np.where(whole > 0.0, whole, 1.0))
