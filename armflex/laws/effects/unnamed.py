@@ -73,7 +73,9 @@ FREE = Plausible(5e-3, 5e-3, "what is larger has a cause that is seen")
 
 LOW = Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False)
 HIGH = Inner("high", "as recorded", of_column(lambda x: (float(x.max()),)), positive=False, polished=False)
-MIDDLE = Inner("middle", "as recorded", of_column(lambda x: (float(x.mean()),), -1), positive=False, polished=False)
+MIDDLE = Inner(
+    "middle", "as recorded", of_column(lambda x: (float(x.mean()),), -1), positive=False, polished=False, usual=0.0
+)
 CENTRE = Inner("centre", "as recorded", of_column(lambda x: np.linspace(x.min(), x.max(), 25)), positive=False)
 WIDTH = Inner("width", "as recorded", of_column(lambda x: float(np.ptp(x)) * np.array([0.02, 0.05, 0.1])))
 WAVES = np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
