@@ -67,10 +67,8 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
     whole = model.known.with_rows(rows)
     left = model.std(whole) > UNDETERMINED * model.prior
     most = np.sqrt((tip**2).sum(axis=1)).max(axis=0)
-    first, found = (
-        next((one.group.of for one in model.parameters if one.group.kind is ParameterKind.GEOMETRY), None),
-        [],
-    )
+    first = next((one.group.of for one in model.parameters if one.group.kind is ParameterKind.GEOMETRY), None)
+    found = []
     for block in model.blocks:
         if block.kind in FRAMES or isinstance(block, CandidateBlock):
             continue

@@ -61,13 +61,7 @@ def trace(
         write_checkpoint(checkpoint, about, found)
     _tell_figures(teller, found.state)
     while not found.ended and found.state.alone < MOST_EFFECTS:
-        known, rounds = found.state, found.rounds
-
-        def again(state: State, known: State = known, rounds: tuple[Kept, ...] = rounds) -> bool:
-            """Return whether second thoughts would go round in circles."""
-            return any(_alike(state, one) for one in rounds) and not _better(state, known)
-
-        passed = _round(known, again)
+        known, passed = found.state, _round(found.state, partial(_goes_round, found))
         found = replace(found, ended=not passed)
         for state in passed:
             found = found.after(state)
@@ -112,6 +106,11 @@ def _round(state: State, again: Callable[[State], bool]) -> tuple[State, ...]:
             passed = after if isinstance(after, tuple) else (after,)
             return () if again(passed[-1]) else passed
     return ()
+
+
+def _goes_round(found: Progress, state: State) -> bool:
+    """Return whether second thoughts that lead to a state would go round in circles."""
+    return any(_alike(state, one) for one in found.rounds) and not _better(state, found.state)
 
 
 def _better(state: State, known: State) -> bool:
