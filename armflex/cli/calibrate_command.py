@@ -28,6 +28,7 @@ from armflex.parameters import ParameterKind
 from armflex.readings import Kind, Position
 from armflex.result import plain
 from armflex.sampling.diagnostics import FEWEST_DRAWS
+from armflex.storage.whole_file import together
 
 SCATTERED = 1.5
 """Scatter over the stated noise from which an arm is said to lack something."""
@@ -71,16 +72,17 @@ def command(
     if any(p.kind is ParameterKind.LAW for p in found.parameters):  # else they stay as an earlier campaign taught them
         fitted = {name: law for name, law in learned_laws(found.arm).items() if law.posterior is not None}
         axes = learned_axes(found.fit, fitted, samples) if fitted else ()
+    with together():
+        options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.told} for axis in axes]})
+        write_calibrated(arm_path, found, output)
+        if report_path is not None:
+            from armflex.show.report import write_report  # draws
+
+            write_report(found, report_path)
     print_calibration(found, show_all)
     if axes:
         print_laws(axes, samples)
     show_flags((*measurements.flags, *found.flags))
-    options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.told} for axis in axes]})
-    write_calibrated(arm_path, found, output)
-    if report_path is not None:
-        from armflex.show.report import write_report  # draws
-
-        write_report(found, report_path)
     say(f"Written to {' and '.join(str(path) for path in (output, report_path) if path)}.")
 
 

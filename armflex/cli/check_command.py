@@ -50,15 +50,15 @@ def command(
     against = None if desired_path is None else read_trajectory(desired_path, arm)
     with enough_memory(f"{len(trajectory)} rows"), progress("checking") as tick:
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
-    meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
-    say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
     moved = against is not None or trajectory.is_moved
-    print_check(report, "off by" if moved else "moves")
     names = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst")
     told = {name: getattr(report, name) for name in names} | (
         {"against": str(desired_path or trajectory_path)} if moved else {}
     )
     options.conclude(lambda: told, report.flags, arm)
+    meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
+    say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
+    print_check(report, "off by" if moved else "moves")
     return 0 if report.ok else 1
 
 

@@ -12,6 +12,7 @@ from armflex.cli import options
 from armflex.cli.terminal import no_via_points, number, plus_minus, print_table, progress, say
 from armflex.errors import enough_memory
 from armflex.measured.forces import Unnamed
+from armflex.storage.whole_file import together
 from armflex.tasks.compensate import Compensation, compensate
 from armflex.trajectory import write_trajectory
 
@@ -51,17 +52,17 @@ def command(
     with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
         found = compensate(arm, trajectory, match, progress=tick, **asked)
-    say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
-    print_compensation(found)
     remains, sigma = found.remains_m
     summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
     summary |= {"remains_m": remains, "sigma_m": sigma, "rows": found.rows}
-    options.conclude(lambda: summary, found.flags, arm)
-    if found.ok or best_effort:
-        write_trajectory(found.trajectory, output)
-        say(f"Written to {output}.")
-    else:
-        say("Nothing is written; --best-effort writes the feasible rows.")
+    written = found.ok or best_effort
+    with together():
+        if written:
+            write_trajectory(found.trajectory, output)
+        options.conclude(lambda: summary, found.flags, arm)
+    say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
+    print_compensation(found)
+    say(f"Written to {output}." if written else "Nothing is written; --best-effort writes the feasible rows.")
     return 0 if found.ok else 1
 
 

@@ -39,7 +39,6 @@ def command(
     q, arm = options.parse_positions(positions, arm)
     found = arm.deflection(q, payload, covariates=settled_covariates(arm, covariates), wrenches=wrenches, **how)
     covariance, flags = total_covariance(found)
-    print_deflection(arm, found, covariance)
 
     def content() -> dict[str, Any]:
         arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
@@ -55,6 +54,7 @@ def command(
         }
 
     options.conclude(content, (*found.flags, *found.overload, *flags), arm)
+    print_deflection(arm, found, covariance)
 
 
 def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> None:

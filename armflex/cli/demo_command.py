@@ -27,7 +27,7 @@ from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import MAX_ROTATION
 from armflex.show.report import write_report
 from armflex.show.view.arm_scene import view
-from armflex.storage.whole_file import write_whole
+from armflex.storage.whole_file import together, write_whole
 from armflex.tasks.check import check
 from armflex.tasks.compensate import compensate
 from armflex.trace import trace
@@ -63,12 +63,12 @@ def command(output: Path) -> None:
     measured = load_arm(folder / "measured.toml")
     with progress("tracing"):
         traced = trace(measured, read_measurements(folder / "campaign.csv", measured), progress=doing)
-    print_trace(traced)
-    write_traced(folder / "measured.toml", traced, output / "traced.toml")
-    write_report(traced, output / "trace.html")
-
     said = {"format": "armflex-demo-1", "page": str(page), "compensated": compensated, "tip_moves_m": presets}
-    options.write_json(said | {"traced": [one.effect.title for one in traced.found]})
+    with together():
+        write_traced(folder / "measured.toml", traced, output / "traced.toml")
+        write_report(traced, output / "trace.html")
+        options.write_json(said | {"traced": [one.effect.title for one in traced.found]})
+    print_trace(traced)
     say("", f"Open {page} and {output / 'trace.html'} in a browser; everything written is in {output}.")
 
 
@@ -102,14 +102,14 @@ def _sag_and_path(arm: Arm, folder: Path, output: Path) -> bool:
     heading(f"2. Through the port and around the corner: armflex check ... --tolerance {TOLERANCE * 1e3:g}mm")
     with progress("checking") as tick:
         report = check(arm, trajectory, TOLERANCE, progress=tick)
+    view(arm, trajectory=trajectory, report=report, path=output / "tarm_like.html")
     print_check(report)
     heading("3. Cancel the sag: armflex compensate ...")
     with progress("compensating") as tick:
         found = compensate(arm, trajectory, progress=tick)
+    write_trajectory(found.trajectory, output / "compensated.csv")
     print_compensation(found)
     show_flags(found.flags)
-    write_trajectory(found.trajectory, output / "compensated.csv")
-    view(arm, trajectory=trajectory, report=report, path=output / "tarm_like.html")
     worst = 0.0
     for q, commanded, payload in zip(found.trajectory.q, trajectory.q, trajectory.payload, strict=True):
         pose = arm.deflection(q, payload, method="fixed_point").pose

@@ -15,7 +15,7 @@ from armflex.cli.terminal import complain, doing, say, show_flags
 from armflex.errors import InputError, listing
 from armflex.export import Exported
 from armflex.measured.forces import UNLOADED, Unnamed
-from armflex.storage.whole_file import write_whole
+from armflex.storage.whole_file import together, write_whole
 
 
 @dataclass(frozen=True)
@@ -97,13 +97,14 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     doing("exporting")
     exporter = importlib.import_module(f"armflex.export.{wanted.module}")
     found: Exported = getattr(exporter, wanted.function)(arm, **asked)
+    with together():
+        if output is not None:
+            write_whole(output, found.text.encode())
+        options.write_json({"format": "armflex-export-1", "to": target, **found.numbers})
     if output is None:
         say(*(found.page or found.text).splitlines())
-    else:
-        write_whole(output, found.text.encode())
     show_flags(found.flags)
     for line in found.told:
         complain(line) if output is None else say(line)
     if output is not None:
         say(f"Written to {output}.")
-    options.write_json({"format": "armflex-export-1", "to": target, **found.numbers})

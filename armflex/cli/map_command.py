@@ -18,6 +18,7 @@ from armflex.mechanics.equilibrium import METHODS
 from armflex.plotting import SUFFIXES as PICTURES
 from armflex.result import plain
 from armflex.show.view.map_page import map_page
+from armflex.storage.whole_file import together
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
 from armflex.tasks.workspace.map_file import SUFFIXES
 from armflex.tasks.workspace.workspace_map import CHUNK, VERDICTS
@@ -79,13 +80,14 @@ def command(
         if settings["store"] is not None and was_interrupted(error):
             complain(f"finished chunks are kept in {settings['store']}: the same command goes on from there")
         raise
-    write_map(found, output, limit)
-    if picture is not None:
-        draw_map(arm, found, picture, limit)
-    if page is not None:
-        map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
+    with together():
+        write_map(found, output, limit)
+        if picture is not None:
+            draw_map(arm, found, picture, limit)
+        if page is not None:
+            map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
+        options.conclude(lambda: as_json(found, limit), found.flags, arm)
     print_map(found, limit)
-    options.conclude(lambda: as_json(found, limit), found.flags, arm)
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
 
 

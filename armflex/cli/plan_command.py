@@ -22,6 +22,7 @@ from armflex.plan.instruments import Mounted, declaration
 from armflex.plan.planning import plan
 from armflex.plotting import check_ending
 from armflex.result import plain
+from armflex.storage.whole_file import together
 from armflex.trajectory import read_trajectory
 
 if TYPE_CHECKING:
@@ -112,13 +113,14 @@ def command(
         raise InputError(f"--between: {between!r} is not of the form E1,E2, such as backlash:A2,friction_windup:A2")
     with progress("planning") as tick:
         found = plan(arm, rows, progress=tick, **asked, **given)
-    write_plan(found, output)
-    if picture is not None:
-        from armflex.plan.picture import draw_plan
+    with together():
+        write_plan(found, output)
+        if picture is not None:
+            from armflex.plan.picture import draw_plan
 
-        draw_plan(found, picture)
+            draw_plan(found, picture)
+        options.conclude(lambda: as_json(found), found.flags)
     print_plan(found)
-    options.conclude(lambda: as_json(found), found.flags)
     say(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
 
 

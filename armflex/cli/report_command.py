@@ -15,6 +15,7 @@ from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.result import plain
+from armflex.storage.whole_file import together
 from armflex.tasks.iso9283 import PosePerformance, iso9283
 
 
@@ -44,6 +45,12 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed)
     doing("finding pose characteristics")
     found = iso9283(arm, measurements, block)
+    with together():
+        options.conclude(lambda: as_json(found), measurements.flags, arm)
+        if output is not None:
+            from armflex.show.report import write_report  # draws
+
+            write_report(found, output)
     columns = ["pose", "payload", "cycles", "AP mm", "\u00b1", "x", "y", "z", "RP mm", "\u00b1", "RP of noise"]
     modelled = any(one.predicted is not None for one in found.poses)
     rows = []
@@ -58,11 +65,7 @@ def command(
             again = "" if one.repeatability is None else f", dRP {_mm(one.repeatability)} mm"
             say(f"{one.pose}: {name} {_mm(one.accuracy)} mm{again} ({one.number} {one.of}).")
     say("", *found.remarks)
-    options.conclude(lambda: as_json(found), measurements.flags, arm)
     if output is not None:
-        from armflex.show.report import write_report  # draws
-
-        write_report(found, output)
         say(f"Written to {output}.")
 
 

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
@@ -60,7 +60,7 @@ def heading(text: str) -> None:
 
 def complain(text: str) -> None:
     """Print a line on stderr."""
-    with _alone():
+    with _alone(), suppress(OSError):  # nobody reads it: the work goes on
         click.echo(printable(text), err=True)
         _now["said"] = time.monotonic()
 

@@ -25,6 +25,7 @@ from armflex.measured.points import PointExport
 from armflex.parameters import numbered
 from armflex.result import plain
 from armflex.show.report import write_report
+from armflex.storage.whole_file import together
 from armflex.trace import trace
 from armflex.trace.findings import Found, FoundFamily, Trace, write_traced
 
@@ -99,9 +100,9 @@ class Outputs:
     json: Path | None
 
     def write(self, found: Trace) -> None:
-        """Write all of them, each whole or not at all.
+        """Write all of them or none.
 
-        A search that goes on is not ended by a full disk: it says so. At the end what can be written is, first.
+        A search that goes on is not ended by a full disk: it says so.
 
         Raises:
             FileError: A file of the finished account cannot be written.
@@ -111,18 +112,15 @@ class Outputs:
             (self.json, lambda path: options.write_json(as_json(found), path)),
             (self.report, lambda path: write_report(found, path)),
         ]
-        failed: list[Exception] = []
-        for path, write in writers:
-            if path is None or (found.unfinished and path.exists() and not path.is_file()):
-                continue  # a pipe gets one account
-            try:
-                write(path)
-            except Exception as error:
-                failed.append(error)
-                if found.unfinished:
-                    warn(f"{error}; the search goes on")
-        if failed and not found.unfinished:
-            raise failed[0]
+        try:
+            with together():
+                for path, write in writers:
+                    if path is not None and not (found.unfinished and path.exists() and not path.is_file()):
+                        write(path)  # a pipe gets one account
+        except Exception as error:
+            if not found.unfinished:
+                raise
+            warn(f"{error}; the search goes on")
 
 
 def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | None:

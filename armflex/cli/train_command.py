@@ -23,6 +23,7 @@ from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
 from armflex.plotting import check_ending
 from armflex.result import plain
+from armflex.storage.whole_file import together
 
 
 def learning_options(command: Callable) -> Callable:
@@ -97,13 +98,14 @@ def command(
         )
     with progress("learning") as tick:
         result = train(data, model, structure, how, tick)
-    print_training(result)
-    save_law(result.trained, output)
-    if picture is not None:
-        from armflex.show.view.training_picture import draw_training  # draws
+    with together():
+        save_law(result.trained, output)
+        if picture is not None:
+            from armflex.show.view.training_picture import draw_training  # draws
 
-        draw_training(result, data, picture)
-    options.conclude(lambda: as_json(result), result.flags)
+            draw_training(result, data, picture)
+        options.conclude(lambda: as_json(result), result.flags)
+    print_training(result)
     say(f'Written to {output}. In an arm.toml: model = "{result.trained.model}", file = "{output.name}"')
 
 

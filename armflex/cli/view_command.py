@@ -13,6 +13,7 @@ from armflex.cli.terminal import progress, say, show_flags
 from armflex.errors import InputError
 from armflex.measured.forces import Unnamed
 from armflex.show.view.arm_scene import view
+from armflex.storage.whole_file import together
 from armflex.tasks.check import check
 from armflex.trajectory import read_trajectory
 
@@ -43,18 +44,20 @@ def command(
     if trajectory_path is not None and positions:
         raise InputError("--traj brings its own positions: leave --q out")
     path, covariates = shown["path"], shown["covariates"]
-    if trajectory_path is None:
-        pulled = () if unnamed.force is None else (unnamed.force,)
-        q, arm = options.parse_positions(positions, arm) if positions else (None, arm)
-        view(arm, q, unnamed.payload, wrenches=pulled, **shown)
-    else:
-        trajectory = read_trajectory(trajectory_path, arm, unnamed)
-        report = None
-        if tolerance is not None:
-            with progress("checking") as tick:
-                report = check(arm, trajectory, tolerance, progress=tick, covariates=covariates)
-        with progress("drawing") as tick:
-            view(arm, trajectory=trajectory, report=report, progress=tick, **shown)
-        show_flags(trajectory.with_constants(arm, covariates).derived_directions(arm))
-    options.write_json({"format": "armflex-view-1", "page": str(path), "base": arm.robot.base, "tip": arm.robot.tip})
+    with together():
+        if trajectory_path is None:
+            pulled = () if unnamed.force is None else (unnamed.force,)
+            q, arm = options.parse_positions(positions, arm) if positions else (None, arm)
+            view(arm, q, unnamed.payload, wrenches=pulled, **shown)
+        else:
+            trajectory = read_trajectory(trajectory_path, arm, unnamed)
+            report = None
+            if tolerance is not None:
+                with progress("checking") as tick:
+                    report = check(arm, trajectory, tolerance, progress=tick, covariates=covariates)
+            with progress("drawing") as tick:
+                view(arm, trajectory=trajectory, report=report, progress=tick, **shown)
+            show_flags(trajectory.with_constants(arm, covariates).derived_directions(arm))
+        named = {"page": str(path), "base": arm.robot.base, "tip": arm.robot.tip}
+        options.write_json({"format": "armflex-view-1", **named})
     say(f"Written to {path}; open it in a browser.")

@@ -51,7 +51,7 @@ from armflex.mechanics.loaded import Payload
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
-from armflex.storage.whole_file import remove, write_whole
+from armflex.storage.whole_file import remove, together, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 """Suffixes of files that hold a robot and no arm."""
@@ -405,14 +405,13 @@ def write_arm(
         document.append("effect", tomlkit.aot())
     for effect in effects:
         document["effect"].append(_inline(effect))
-    calibration = with_covariance(calibration_table(arm, campaign, unfinished), path)
-    document.append("calibration", tomlkit.item(calibration))
-    passing = _passing(path)
-    written = write_whole(path, tomlkit.dumps(document).encode())
-    for file in passing:
-        if file.name != calibration.get("covariance_file"):
-            remove(file)
-    return written
+    with together():
+        calibration = with_covariance(calibration_table(arm, campaign, unfinished), path)
+        document.append("calibration", tomlkit.item(calibration))
+        for file in _passing(path):
+            if file.name != calibration.get("covariance_file"):
+                remove(file)
+        return write_whole(path, tomlkit.dumps(document).encode())
 
 
 def _passing(path: Path) -> list[Path]:

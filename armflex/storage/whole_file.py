@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, also when the writer is interrupted."""
+"""Files that are there whole or not at all, also when the writer is interrupted; several of them all, or none."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ import stat
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
@@ -25,6 +27,22 @@ LONGEST = 40
 """Letters of a file's name that a temporary one beside it repeats: the whole of it could be too long with more."""
 
 
+@dataclass
+class _Staged:
+    """What was written and is not yet in its place.
+
+    Attributes:
+        files: Temporary file and place of each; None for the temporary one where a file is to be removed.
+        streams: Path of each pipe, device or own stream, the number of an own one, and what goes there.
+    """
+
+    files: list[tuple[Path | None, Path]] = field(default_factory=list)
+    streams: list[tuple[Path, int | None, IO[bytes]]] = field(default_factory=list)
+
+
+_staged: ContextVar[_Staged | None] = ContextVar("staged", default=None)
+
+
 def write_whole(path: Path, data: bytes) -> Path:
     """Write a file as `writing` does; return the path."""
     with writing(path) as file:
@@ -33,32 +51,73 @@ def write_whole(path: Path, data: bytes) -> Path:
 
 
 @contextmanager
+def together() -> Iterator[None]:
+    """Put all files that are written inside in their places once the block ends well, and none where it does not.
+
+    Until then each stands beside its place, on the disk. Pipes and devices are served before any file is replaced. A
+    file that cannot be replaced puts those back that were. A block inside another one is a part of it.
+
+    Raises:
+        FileError: As `writing`.
+    """
+    if _staged.get() is not None:
+        yield
+        return
+    staged = _Staged()
+    begun = _staged.set(staged)
+    try:
+        try:
+            yield
+        finally:
+            _staged.reset(begun)
+        for path, number, content in staged.streams:
+            with _naming(path):
+                _send(path, number, content)
+        _replace(staged.files)
+    finally:
+        for temporary, _ in staged.files:
+            if temporary is not None:
+                temporary.unlink(missing_ok=True)
+        for _, _, content in staged.streams:
+            content.close()
+
+
+@contextmanager
 def writing(path: Path) -> Iterator[IO[bytes]]:
     """Yield a stream whose bytes are the file once the block ends well, and nowhere where it ends in an error.
 
-    They go through a temporary file beside it. A file that is replaced leaves its mode to the new one, a new one has
-    the mode of any file that this process creates. Links are followed. What is no file is written to as it is, when the
-    block has ended: a pipe, a device, and also this process's own output and error stream, whatever they have been sent
-    to, by whichever name.
+    They go through a temporary file beside it; inside `together` it takes its place with all others. A file that is
+    replaced leaves its mode to the new one, a new one has the mode of any file that this process creates. Links are
+    followed. What is no file is written to as it is, when the block has ended: a pipe, a device, and also the process's
+    own output and error stream, whatever they have been sent to, by whichever name.
 
     Raises:
         FileError: The path is a folder or a write-protected file, or its folder does not exist or cannot be written.
     """
-    try:
-        there = _status(path)
-        stream = _replacing(Path(os.path.realpath(path)), there) if is_replaced(path) else _into(path, there)
-        with stream as file:
-            yield file
-    except OSError as error:
-        raise FileError(Place(path), f"cannot be written: {error.strerror or error}") from None
+    with together(), _naming(path):
+        there, staged = _status(path), _staged.get()
+        assert staged is not None
+        if is_replaced(path):
+            with _beside(Path(os.path.realpath(path)), there, staged) as file:
+                yield file
+        else:
+            with ExitStack() as closed_after_an_error:
+                whole = closed_after_an_error.enter_context(tempfile.SpooledTemporaryFile(KEPT))
+                yield whole
+                staged.streams.append((path, None if there is None else _own_stream(there), whole))
+                closed_after_an_error.pop_all()
 
 
 def remove(path: Path) -> None:
-    """Remove a file that nobody needs any more; raise `FileError` where that is not possible."""
-    try:
-        path.unlink(missing_ok=True)
-    except OSError as error:
-        raise FileError(Place(path), f"cannot be removed: {error.strerror or error}") from None
+    """Remove a file that nobody needs any more, inside `together` with what is written there.
+
+    Raises:
+        FileError: That is not possible.
+    """
+    with together():
+        staged = _staged.get()
+        assert staged is not None
+        staged.files.append((None, path))
 
 
 def is_replaced(path: Path) -> bool:
@@ -87,34 +146,72 @@ def _own_stream(there: os.stat_result) -> int | None:
 
 
 @contextmanager
-def _into(path: Path, there: os.stat_result | None) -> Iterator[IO[bytes]]:
-    number = None if there is None else _own_stream(there)
-    with tempfile.SpooledTemporaryFile(KEPT) as whole:
-        yield whole
-        if number is not None:
-            for stream in (sys.stdout, sys.stderr):
-                if stream is not None:
-                    stream.flush()  # what was said before comes first
-        whole.seek(0)
-        # A stream opened anew by its name would be written over from its beginning where it is a file.
-        with open(path if number is None else number, "wb", closefd=number is None) as file:
-            shutil.copyfileobj(whole, file)
+def _naming(path: Path, done: str = "written") -> Iterator[None]:
+    """Raise what the system refuses inside as a `FileError` about a path."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError(Place(path), f"cannot be {done}: {error.strerror or error}") from None
+
+
+def _send(path: Path, number: int | None, content: IO[bytes]) -> None:
+    """Write to a pipe or a device, or to this process's own stream of a number."""
+    if number is not None:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()  # what was said before comes first
+    content.seek(0)
+    # A stream opened anew by its name would be written over from its beginning where it is a file.
+    with open(path if number is None else number, "wb", closefd=number is None) as file:
+        shutil.copyfileobj(content, file)
 
 
 @contextmanager
-def _replacing(path: Path, there: os.stat_result | None) -> Iterator[IO[bytes]]:
+def _beside(path: Path, there: os.stat_result | None, staged: _Staged) -> Iterator[IO[bytes]]:
+    """Yield a stream into a temporary file beside a path, which is staged once the block ends well."""
     if there is not None and not os.access(path, os.W_OK):
         raise PermissionError(0, "it is write-protected")
     mode = ANYBODY if there is None else stat.S_IMODE(there.st_mode) & 0o777
-    temporary = path.with_name(f".{path.name[:LONGEST]}.{secrets.token_hex(4)}")
+    temporary = _temporary(path)
     # Never readable by more than the file itself, not even while it is empty.
     handle = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), mode)
     try:
         with os.fdopen(handle, "wb") as file:
             yield file
+            file.flush()
+            os.fsync(handle)  # a disk may find out only now that it is full
         if there is not None:
             os.chmod(temporary, mode)
-        os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)
         raise
+    staged.files.append((temporary, path))
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".{path.name[:LONGEST]}.{secrets.token_hex(4)}")
+
+
+def _replace(files: list[tuple[Path | None, Path]]) -> None:
+    """Put every temporary file in its place, or leave all places as they were."""
+    kept: dict[Path, Path] = {}
+    done: list[Path] = []
+    try:
+        for temporary, path in [pair for pair in files if pair[1].exists()] if len(files) > 1 else ():
+            kept[path] = _temporary(path)
+            with _naming(path, "written" if temporary else "removed"):
+                try:
+                    os.link(path, kept[path])
+                except OSError:  # a file system without links
+                    shutil.copy2(path, kept[path])
+        for temporary, path in files:
+            with _naming(path, "written" if temporary else "removed"):
+                os.replace(temporary, path) if temporary else path.unlink(missing_ok=True)
+            done.append(path)
+    except BaseException:
+        for path in done:
+            os.replace(kept[path], path) if path in kept else path.unlink(missing_ok=True)
+        raise
+    finally:
+        for path in kept.values():
+            path.unlink(missing_ok=True)

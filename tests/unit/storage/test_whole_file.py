@@ -15,7 +15,7 @@ from support.small_arms import ROBOTS
 
 import armflex
 from armflex.errors import FileError
-from armflex.storage.whole_file import write_whole
+from armflex.storage.whole_file import remove, together, write_whole, writing
 
 PACKAGE = Path(armflex.__file__).parent
 WRITERS = {"write_text", "write_bytes", "save_file", "tofile", "to_csv", "to_parquet", "dump", "ZipFile", "hardlink_to"}
@@ -69,6 +69,60 @@ def test_what_fails_leaves_the_old_file_alone(tmp_path: Path, monkeypatch: pytes
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
 
+def test_several_files_are_all_there_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is there before the end, nor after an error in the work, on the disk, or as they take their places."""
+    (tmp_path / "old").write_text("old")
+    (tmp_path / "gone").write_text("gone")
+    before = {path.name: path.read_text() for path in tmp_path.iterdir()}
+
+    def there() -> dict[str, str]:
+        return {path.name: path.read_text() for path in tmp_path.iterdir() if not path.name.startswith(".")}
+
+    def write(fail: bool = False) -> None:
+        with together():
+            write_whole(tmp_path / "new", b"1")
+            with together():
+                write_whole(tmp_path / "old", b"2")
+            remove(tmp_path / "gone")
+            with writing(tmp_path / "last") as file:
+                file.write(b"3")
+            assert there() == before
+            if fail:
+                raise ValueError("of the work")
+
+    with pytest.raises(ValueError, match="of the work"):
+        write(fail=True)
+    assert there() == before and len(list(tmp_path.iterdir())) == 2
+
+    def refuse(*_: object) -> None:
+        raise OSError("disk full")
+
+    for function in ("fsync", "chmod", "replace", "link"):
+        with monkeypatch.context() as patch:
+            patch.setattr(os, function, refuse)
+            if function == "link":  # a file system without links, and without room for a copy
+                patch.setattr("shutil.copy2", refuse)
+            with pytest.raises(FileError, match="cannot be written: disk full"):
+                write()
+        assert there() == before and len(list(tmp_path.iterdir())) == 2
+    with pytest.raises(FileError, match="folder: cannot be removed"), together():
+        (tmp_path / "folder").mkdir()
+        write_whole(tmp_path / "old", b"2")
+        remove(tmp_path / "folder")
+    (tmp_path / "folder").rmdir()
+    assert there() == before and len(list(tmp_path.iterdir())) == 2
+    write()
+    assert there() == {"new": "1", "old": "2", "last": "3"} and len(list(tmp_path.iterdir())) == 3
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_device_that_takes_nothing_leaves_all_files_as_they_were(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="/dev/full: cannot be written: No space left"), together():
+        write_whole(tmp_path / "new", b"1")
+        write_whole(Path("/dev/full"), b"2")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_link_is_followed_wherever_it_leads(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     real, link, far = tmp_path / "folder" / "real", tmp_path / "link", tmp_path / "far"
@@ -112,7 +166,7 @@ def test_a_folder_that_may_not_be_written(tmp_path: Path) -> None:
 @pytest.mark.skipif(not Path("/dev/stdout").exists(), reason="no /dev/stdout")
 @pytest.mark.parametrize("name", ["/dev/stdout", "out.txt"])
 def test_our_own_output_is_not_replaced(tmp_path: Path, name: str) -> None:
-    """What was said before stands before, what is said later behind: also where both go to a file."""
+    """Files come before what is said: also where both go to one file."""
     code = "from armflex.cli.main import main; main()"
     command = [sys.executable, "-c", code, "deflect", ROBOTS / "heavy_six" / "arm.toml", "--json", name]
     with (tmp_path / "out.txt").open("wb") as out:
@@ -120,7 +174,7 @@ def test_our_own_output_is_not_replaced(tmp_path: Path, name: str) -> None:
             command, cwd=tmp_path, stdout=out, check=True, env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)}
         )
     text = (tmp_path / "out.txt").read_text()
-    assert text.startswith("base ") and text.index("The tip moves") < text.index('"format": "armflex-deflect-1"')
+    assert text.startswith("{") and text.index('"format": "armflex-deflect-1"') < text.index("The tip moves")
     assert [path.name for path in tmp_path.iterdir()] == ["out.txt"]
 
 
