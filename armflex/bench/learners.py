@@ -131,7 +131,7 @@ def learner(model: str, options: Options) -> Learner:
             from armflex.bench.fit_torch import fit_torch
 
             if options.module is None:
-                raise InputError("a torch model needs its module: FILE.py:CLASS, or package.module:CLASS")
+                raise InputError("a torch model needs its module: FILE.py:CLASS")
             source = module_source(options.module)
             return lambda loads, deflections, seed: fit_torch(loads, deflections, source, options.starts, seed)
     raise UnknownNameError("joint deformation model to train", model, MODELS)

@@ -156,8 +156,8 @@ def train(
             module: Any = fitted.law
             fitted = replace(fitted, law=replace(module, noise=held.rms))
             source = f"the Python code of {fitted.parameters['module']}, which must stay as and where it is"
-            trust = "take such laws from people you trust alone. A control loop takes about a millisecond for it"
-            text = f"to load this law runs {source}; {trust}"
+            trust = "elsewhere than in this process only once `armflex trust` has that file"
+            text = f"to load this law runs {source}, {trust}. A control loop takes about a millisecond for it"
             flags = (*flags, Flag("runs_code", text))
         compared = compare(plain, data, seed, step=step)
     errors = (data.deflections - predicted(fitted.law, data.loads)) / data.factors

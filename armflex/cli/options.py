@@ -125,6 +125,7 @@ class Command(click.Command):
         given = {one: path for one, path in paths.items() if isinstance(path, Path)}
         outputs = [(one.opts[0], path) for one, path in given.items() if isinstance(one.type, OutputPath)]
         inputs = [path for one, path in given.items() if not isinstance(one.type, OutputPath)]
+        inputs += [path for one, several in paths.items() if one.nargs == -1 for path in several or ()]
         read = [file for path in inputs for file in named_files(path)]
         for option, path in outputs:
             if any(same_file(path, file) for file in read):

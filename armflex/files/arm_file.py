@@ -51,6 +51,7 @@ from armflex.mechanics.loaded import Payload
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
+from armflex.storage.trust import trusting
 from armflex.storage.whole_file import remove, together, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -70,7 +71,14 @@ LEVEL = 1e-3
 
 
 @checked_kinds
-def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = None, strict: bool = True) -> Arm:
+def load_arm(
+    path: str | Path,
+    *,
+    preset: str | None = None,
+    tip: str | None = None,
+    strict: bool = True,
+    trust: Sequence[str | Path] | str | Path = (),
+) -> Arm:
     """Read an arm.toml and the URDF it names.
 
     Args:
@@ -78,10 +86,13 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
         tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
         strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
+        trust: Files that may run as programs, or their digests, beside those that `armflex trust` keeps: the Python
+            file of a torch law, and a xacro file that reads beyond its folder or the environment.
 
     Raises:
         ArmFileError: The file is not valid TOML, misses a key, has an unknown one, or its numbers are not physical.
         UrdfError: The URDF is no robot that can be computed with.
+        UntrustedError: A file that the arm names may not run.
         UnknownNameError: There is no such preset.
     """
     path = Path(path)
@@ -90,11 +101,12 @@ def load_arm(path: str | Path, *, preset: str | None = None, tip: str | None = N
         raise InputError(f"{path} names its own tip, to which its payloads are fixed; tip is for a bare URDF")
     if is_urdf and preset is not None:
         raise UnknownNameError("preset", preset, ())
-    if is_urdf:
-        robot = load_robot(path, tip, strict=strict)
-        arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
-    else:
-        arm = _read(read_toml(path), preset, strict)
+    with trusting(trust):
+        if is_urdf:
+            robot = load_robot(path, tip, strict=strict)
+            arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
+        else:
+            arm = _read(read_toml(path), preset, strict)
     warn(arm.flags)
     return arm
 

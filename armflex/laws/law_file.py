@@ -1,12 +1,12 @@
 """A trained law in a file, see `storage.array_file`.
 
 Arrays are SI; the units of the data they came from are kept in the metadata. Only a law of the model "torch" needs
-torch to load: its file names a Python file of the user's own, and to load it runs that; see `joint.module_source`.
+torch to load: its file names a Python file of the user's own, which is run where it is trusted; see `storage.trust`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -14,11 +14,12 @@ from typing import Any, Literal, NamedTuple
 
 from armflex.arguments import checked_kinds
 from armflex.conventions import Array
-from armflex.errors import InputError, LawError, ModelFileError, Place, UnknownNameError
+from armflex.errors import InputError, LawError, ModelFileError, Place, UnknownNameError, UntrustedError
 from armflex.laws.joint import linear, network, polynomial, structural, torch_law
 from armflex.laws.law import Law
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
+from armflex.storage.trust import trusting
 
 
 @dataclass(frozen=True)
@@ -52,19 +53,28 @@ def save_law(trained: TrainedLaw, path: str | Path) -> Path:
 
 
 @checked_kinds
-def load_law(path: str | Path) -> TrainedLaw:
-    """Read a trained law. One of the model "torch" runs the Python code that its file names, see `joint.module_source`.
+def load_law(path: str | Path, *, trust: Sequence[str | Path] | str | Path = ()) -> TrainedLaw:
+    """Read a trained law.
+
+    Args:
+        path: The file. A law of the model "torch" names a Python file, which is run.
+        trust: Files that may run, or their digests, beside those that `armflex trust` keeps and those whose class this
+            process has trained.
 
     Raises:
         ModelFileError: Missing, too large, damaged, not a law of armflex, or of a model this version does not know; or
             the code of its module is missing, has changed since, or fails, or torch is not installed.
+        UntrustedError: The code of its module may not run.
     """
     path = Path(path)
     about, arrays, _ = read_arrays(path, LAYOUT)
     form, metadata = FORMS[about["model"]], about["metadata"]
     try:
-        law = form.from_tensors(arrays, metadata, path.parent) if form.runs_code else form.from_tensors(arrays)
+        with trusting(trust):
+            law = form.from_tensors(arrays, metadata, path.parent) if form.runs_code else form.from_tensors(arrays)
         return TrainedLaw(law, about["model"], metadata)
+    except UntrustedError:
+        raise
     except LawError as error:
         problem = f"does not hold {LAYOUT.what}: {error}; {LAYOUT.anew}"
         raise ModelFileError(Place(path), problem) from None

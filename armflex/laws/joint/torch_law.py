@@ -314,17 +314,17 @@ def from_tensors(tensors: Mapping[str, Array], metadata: Mapping[str, Any], fold
     """Return the law that a file in a folder holds; runs the Python code that the file names.
 
     Raises:
-        InputError: The code is not there, has changed, or fails; or weights do not fit what it makes.
+        InputError: The code is not there, has changed, is not trusted, or fails; or weights do not fit what it makes.
     """
     said = metadata["module"]
-    key = "file" if "file" in said else "package"
     try:
-        typed({key: str, "class": str, "sha256": str, "weights": Any}, said, "metadata.module")
+        typed({"file": str, "class": str, "sha256": str, "weights": Any}, said, "metadata.module")
         check_arrays(tensors, arrays_of(metadata), SIZES)
     except ValueError as error:
         raise LawError(str(error)) from None
-    code = (folder / said["file"]).resolve() if key == "file" else said["package"]
-    return _again(ModuleSource(code, said["class"], said["sha256"]), tensors)
+    source = ModuleSource((folder / said["file"]).resolve(), said["class"], said["sha256"])
+    source.check()
+    return _again(source, tensors)
 
 
 def _again(source: ModuleSource, tensors: Mapping[str, Array]) -> TorchLaw:
