@@ -7,7 +7,11 @@ child's origin, as it is in a URDF, a link without mass stands between.
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
+from contextlib import suppress
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +20,8 @@ import pinocchio as pin
 from lxml import etree
 
 from armflex.conventions import LARGEST, NUMBER, Array
-from armflex.errors import Flag, Place, UrdfError, did_you_mean, listing
+from armflex.errors import Flag, Place, UntrustedError, UrdfError, did_you_mean, listing
+from armflex.robot import xacro_process
 from armflex.robot.urdf import (
     MAX_LINKS,
     MOVING,
@@ -30,6 +35,7 @@ from armflex.robot.urdf import (
     parse_xml,
     read_urdf,
 )
+from armflex.storage.trust import is_trusted, sha256_of
 
 UNLIMITED = 1e15
 """Limits beyond this are how SDF says that there are none [rad or m]."""
@@ -49,6 +55,7 @@ def read_other(path: Path, root: etree._Element, strict: bool = True) -> Urdf:
 
     Raises:
         UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
+        UntrustedError: A xacro file asks for the environment, or for a file elsewhere.
     """
     if path.suffix.lower() == ".xacro":
         return read_urdf(path, strict, parse_xml(path, _expanded(path)), translated=True)
@@ -56,21 +63,23 @@ def read_other(path: Path, root: etree._Element, strict: bool = True) -> Urdf:
 
 
 def _expanded(path: Path) -> bytes:
-    """Return the URDF that a xacro file stands for; arguments have their defaults."""
-    for name in ("xacrodoc", "xacro"):
-        try:
-            library: Any = import_module(name)
-        except ImportError:
-            continue
-        try:
-            if name == "xacro":
-                return library.process_file(str(path)).toxml().encode()
-            return library.XacroDoc.from_file(str(path)).to_urdf_string().encode()
-        except Exception as error:  # every fault of the file, of whatever kind
-            told = " ".join(str(error).split())
-            raise UrdfError(Place(path), f"{name} cannot expand it: {type(error).__name__}: {told}") from None
-    text = "is a xacro file, which needs a library to be expanded: pip install xacrodoc (or xacro)"
-    raise UrdfError(Place(path), f"{text}; or expand it yourself, xacro {path.name} > robot.urdf")
+    """Return the URDF that a xacro file stands for, its arguments at their defaults; `xacro_process` has the limits."""
+    if not any(find_spec(name) for name in xacro_process.LIBRARIES):
+        text = "is a xacro file, which needs a library to be expanded: pip install xacrodoc (or xacro)"
+        raise UrdfError(Place(path), f"{text}; or expand it yourself, xacro {path.name} > robot.urdf")
+    digest = sha256_of(path)
+    command = [sys.executable, "-P", xacro_process.__file__, path.name, "trusted" if is_trusted(digest) else ""]
+    ended, limit = None, xacro_process.PATIENCE
+    with suppress(subprocess.TimeoutExpired):
+        ended = subprocess.run(command, cwd=path.parent, stdin=subprocess.DEVNULL, capture_output=True, timeout=limit)
+    if ended is not None and ended.returncode == 0:
+        return ended.stdout
+    said = "" if ended is None else ended.stdout.decode("utf-8", "replace")
+    if ended is not None and ended.returncode == xacro_process.REFUSED:
+        raise UntrustedError(Place(path), f"is xacro that {said}", digest)
+    if not said:
+        said = f"cannot be expanded within {xacro_process.SECONDS} s and {xacro_process.MEMORY >> 20} MB"
+    raise UrdfError(Place(path), said)
 
 
 class _Tree:

@@ -6,7 +6,6 @@ import re
 import sys
 from importlib.util import find_spec
 from pathlib import Path
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -18,7 +17,7 @@ from support.small_arms import ROBOTS, line_of, write
 from support.two_links import GOOD, Q, declared
 
 from armflex import Arm, load_arm, make_arm
-from armflex.errors import ArmflexWarning, UnsupportedError, UrdfError
+from armflex.errors import ArmflexWarning, UnsupportedError, UntrustedError, UrdfError
 from armflex.export.urdf_file import export
 from armflex.robot import load_robot
 
@@ -403,24 +402,15 @@ XACRO = XACRO.replace('xyz="1.0 0 0"', 'xyz="${reach} 0 0"')
 
 
 def test_without_a_library_xacro_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("xacro", "xacrodoc"):
-        monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.setattr("armflex.robot.formats.find_spec", lambda name: None)
     with pytest.raises(UrdfError, match=r"robot\.urdf\.xacro: is a xacro file.*pip install xacrodoc \(or xacro\)"):
         load_robot(write(tmp_path, XACRO, "robot.urdf.xacro"))
 
 
-def test_what_a_library_makes_of_xacro_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = GOOD
-    document = SimpleNamespace(from_file=lambda path: SimpleNamespace(to_urdf_string=lambda: made))
-    monkeypatch.setitem(sys.modules, "xacrodoc", SimpleNamespace(XacroDoc=document))
-    robot = load_robot(write(tmp_path, XACRO, "robot.urdf.xacro"))
-    assert robot.joint_names == ("shoulder", "elbow")
-    made = GOOD.replace('<mass value="20"/>', '<mass value="2o"/>')
-    with pytest.raises(UrdfError, match=r"robot\.urdf\.xacro: .*'2o' is not a finite decimal number"):
-        load_robot(tmp_path / "robot.urdf.xacro")
+with_xacro = pytest.mark.skipif(not (find_spec("xacro") or find_spec("xacrodoc")), reason="no xacro is installed")
 
 
-@pytest.mark.skipif(not (find_spec("xacro") or find_spec("xacrodoc")), reason="neither xacro nor xacrodoc is installed")
+@with_xacro
 def test_xacro_is_expanded(tmp_path: Path) -> None:
     other = load_arm(declared(tmp_path))
     path = declared(tmp_path, ('"robot.urdf"', '"robot.urdf.xacro"'))
@@ -429,8 +419,89 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
     np.testing.assert_array_equal(arm.deflection(Q).displacement, other.deflection(Q).displacement)
     assert "xacro" not in export(arm).text
     write(tmp_path, XACRO.replace("${reach}", "${raech}"), "robot.urdf.xacro")
-    with pytest.raises(UrdfError, match=r"robot\.urdf\.xacro: xacro(doc)? cannot expand it: .*raech"):
+    with pytest.raises(UrdfError, match=r"robot\.urdf\.xacro: xacro(doc)? cannot expand it: NameError: .*raech"):
         load_arm(path)
+    write(tmp_path, XACRO.replace('<mass value="20"/>', '<mass value="2o"/>'), "robot.urdf.xacro")
+    with pytest.raises(UrdfError, match=r"robot\.urdf\.xacro: .*'2o' is not a finite decimal number"):
+        load_arm(path)
+
+
+BELOW = {
+    "a file of its folder": ("${k}", '<xacro:include filename="inside/k.xacro"/>'),
+    "numbers of its folder": ("${xacro.load_yaml('inside/k.yaml')['k']}", ""),
+    "a package that it names": ("${k}", '<xacro:include filename="$(find armtest)/k.xacro"/>'),
+}
+REFUSED = {
+    "a file elsewhere": (
+        "${k}",
+        '<xacro:include filename="../k.xacro"/>',
+        r"opens .*\.\./k\.xacro, which is not",
+    ),
+    "an optional one": ("1", '<xacro:include filename="/etc/passwd" optional="true"/>', "opens /etc/passwd, which is"),
+    "a link to elsewhere": (
+        "${k}",
+        '<xacro:include filename="link.xacro"/>',
+        r"opens .*link\.xacro, which is not",
+    ),
+    "numbers elsewhere": ("${xacro.load_yaml('../k.yaml')['k']}", "", r"opens .*\.\./k\.yaml, which is not below"),
+    "the environment": ("${len('$(env HOME)')}", "", "reads the environment variable 'HOME'"),
+    "it, where it is there": ("$(optenv HOME 1)", "", "reads the environment variable 'HOME'"),
+    "all of Python": ("$(eval 1+1)", "", r"evaluates \$\(1\+1\)"),
+    "no package": ("1", '<xacro:include filename="$(find ..)/k.xacro"/>', r"names a package '\.\.'"),
+    "a class": ("${().__class__}", "", "'__class__' leads into Python itself"),
+    "a class in a function": ("${(lambda: ().__class__.__base__)()}", "", "leads into Python itself"),
+    "a frame": ("${(x for x in [1]).gi_frame}", "", "'gi_frame' leads into Python itself"),
+}
+WRONG = {
+    "much memory": ("${len('a'*10**11)}", "", "cannot expand it: MemoryError"),
+    "itself for ever": ("1", '<xacro:macro name="m"><xacro:m/></xacro:macro><xacro:m/>', "RecursionError"),
+    "long": ("${9**9**9}", "", "cannot be expanded within 1 s and 1024 MB"),
+}
+
+
+def asking(folder: Path, reach: str, head: str) -> Path:
+    """Return a xacro file in the folder of a package, with files of one number about it."""
+    number = f'{OPEN}<xacro:property name="k" value="1.0"/></robot>'
+    write(folder, "<package><name>armtest</name></package>", "package.xml")
+    (folder / "urdf" / "inside").mkdir(parents=True)
+    for place in (folder, folder / "urdf" / "inside"):
+        write(place, number, "k.xacro")
+        write(place, "k: 1.0\n", "k.yaml")
+    (folder / "urdf" / "link.xacro").symlink_to(folder / "k.xacro")
+    text = GOOD.replace('<robot name="two_link">', OPEN + head).replace('xyz="1.0 0 0"', f'xyz="{reach} 0 0"')
+    return write(folder / "urdf", text, "robot.xacro")
+
+
+@with_xacro
+@pytest.mark.parametrize(("reach", "head"), BELOW.values(), ids=BELOW)
+def test_xacro_reads_what_lies_below_its_folder_or_a_package(tmp_path: Path, reach: str, head: str) -> None:
+    assert load_robot(asking(tmp_path, reach, head)).reach == load_robot(write(tmp_path, GOOD)).reach
+
+
+@with_xacro
+@pytest.mark.parametrize(("reach", "head", "match"), REFUSED.values(), ids=REFUSED)
+def test_xacro_reaches_no_further_unless_it_is_trusted(tmp_path: Path, reach: str, head: str, match: str) -> None:
+    path = asking(tmp_path, reach, head)
+    with pytest.raises(UntrustedError, match=rf"robot\.xacro: is xacro that .*{match}.*armflex trust .*robot\.xacro"):
+        load_arm(path)
+
+
+@with_xacro
+def test_a_trusted_xacro_reads_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = asking(tmp_path, "$(env REACH)", "")
+    monkeypatch.setenv("REACH", "1.0")
+    assert load_arm(path, trust=path).robot.reach == load_robot(write(tmp_path, GOOD)).reach
+
+
+@with_xacro
+@pytest.mark.parametrize(("reach", "head", "match"), WRONG.values(), ids=WRONG)
+def test_xacro_has_so_much_time_and_memory(
+    tmp_path: Path, reach: str, head: str, match: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("armflex.robot.xacro_process.SECONDS", 1)
+    monkeypatch.setattr("armflex.robot.xacro_process.PATIENCE", 1 if "9**9" in reach else 60)
+    with pytest.raises(UrdfError, match=match):
+        load_arm(asking(tmp_path, reach, head))
 
 
 def test_a_slide_without_limits_is_no_urdf(tmp_path: Path) -> None:
