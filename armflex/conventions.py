@@ -78,6 +78,14 @@ Its digits can be read in one way only: a long cell that is no number costs no m
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)\s*")
 
 
+def no_unit(name: str, kind: str) -> str:
+    """Return what is said of a name that is no unit of a kind of quantity: `mn` is rather mm than m."""
+    letters, known = name.strip("0123456789. "), UNITS[kind]
+    alike = [unit for unit in known if len(unit) == len(letters) and unit[0].lower() == letters[0].lower()]
+    hint = did_you_mean(letters, alike) or did_you_mean(letters, known)
+    return f"{name!r} is no unit of {kind}{hint} ({', '.join(known)})"
+
+
 def parse_quantity(text: str, kind: str) -> float:
     """Return a quantity such as '5mm' in SI; raise `UnitError` where the unit is missing or of another kind."""
     match = _QUANTITY.fullmatch(text)
@@ -87,8 +95,7 @@ def parse_quantity(text: str, kind: str) -> float:
         article = "an" if kind[0] in "aeiou" else "a"
         raise UnitError(f"{text!r}: expected {article} {kind} with its unit, such as {example} ({', '.join(known)})")
     if match[2] not in known:
-        hint = did_you_mean(match[2], known)
-        raise UnitError(f"{text!r}: {match[2]!r} is no unit of {kind}{hint} ({', '.join(known)})")
+        raise UnitError(f"{text!r}: {no_unit(match[2], kind)}")
     if not np.isfinite(value := float(match[1])):
         raise UnitError(f"{text!r} is not a finite {kind}")
     return value * known[match[2]]

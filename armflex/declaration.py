@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from armflex.conventions import LARGEST, UNITS, Array, unprintable
+from armflex.conventions import LARGEST, UNITS, Array, no_unit, unprintable
 from armflex.errors import ArmFileError, Place, did_you_mean, listing, shown
 
 _TOKEN = re.compile(
@@ -23,6 +23,9 @@ _TOKEN = re.compile(
     re.DOTALL,
 )
 """Strings and comments whole, so that no bracket or sign in them counts; then line ends, marks, and words."""
+
+_DECIMAL_COMMA = re.compile(r"[=\[,\s]([-+]?[0-9]+),([0-9]+)\s*(?=[],}#]|$)")
+"""Two numbers without a blank between them, which may have been meant as one."""
 
 MAX_BYTES = 64_000_000
 MAX_DEPTH = 32
@@ -194,8 +197,7 @@ class Declaration:
             raise self.fail(given[1], f"stands beside {given[0]!r}: give one of them")
         unit = given[0].removeprefix(key).removeprefix("_")
         if unit and unit not in UNITS[kind]:
-            hint = did_you_mean(unit, UNITS[kind])
-            raise self.fail(given[0], f"{unit!r} is no unit of {kind}{hint} ({', '.join(UNITS[kind])})")
+            raise self.fail(given[0], no_unit(unit, kind))
         return UNITS[kind].get(unit, 1.0) * self.number(given[0])
 
     def std(self, key: str, default: float | None = None) -> float:
@@ -229,7 +231,10 @@ class Declaration:
         except ValueError:
             raise self.fail(key, f"rows of different length, expected {expected}") from None
         if array.dtype.kind not in "fiu" or array.shape not in shapes or _has_bool(value):
-            raise self.fail(key, f"expected {expected}, got {shown(value)}")
+            line = self.place(key).line
+            comma = _DECIMAL_COMMA.search(self.source.text.split("\n")[line - 1]) if line and array.ndim else None
+            hint = "" if comma is None else f": a decimal comma? TOML has points, {comma[1]}.{comma[2]}"
+            raise self.fail(key, f"expected {expected}, got {shown(value)}{hint}")
         array = array.astype(float)
         if not np.isfinite(array).all():
             raise self.fail(key, f"not finite: {shown(value)}")
@@ -287,13 +292,16 @@ def read_toml(path: Path) -> Declaration:
     except OSError as error:
         raise ArmFileError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
-        raise ArmFileError(Place(path), "is not UTF-8 text") from None
+        raise ArmFileError(Place(path), "is not UTF-8 text: save it as UTF-8") from None
     source = Source(path, text)
     try:
         root = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        line = re.search(r"line (\d+)", str(error))
-        raise ArmFileError(Place(path, int(line[1]) if line else 0), f"not valid TOML: {error}") from None
+        found = re.search(r"line (\d+)", str(error))
+        line = int(found[1]) if found else 0
+        comma = _DECIMAL_COMMA.search(text.split("\n")[line - 1]) if line else None
+        hint = "" if comma is None else f": a decimal comma? TOML has points, {comma[1]}.{comma[2]}"
+        raise ArmFileError(Place(path, line), f"not valid TOML: {error}{hint}") from None
     except RecursionError:
         raise ArmFileError(Place(path), f"nested deeper than {MAX_DEPTH} tables or lists") from None
     except ValueError:  # Python's own limit on the digits of an integer

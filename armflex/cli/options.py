@@ -19,7 +19,7 @@ from armflex.arm import Arm, warn
 from armflex.cli.terminal import show_flags, telling
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
-from armflex.files.arm_file import load_arm
+from armflex.files.arm_file import ROBOTS, load_arm
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.points import read_points
 from armflex.result import plain
@@ -85,6 +85,9 @@ class OutputPath(click.Path):
         return path
 
 
+TABLES = (".csv", ".parquet", ".pq", ".xlsx", ".xlsm")
+"""Suffixes that no arm has."""
+
 FILES = {
     "ARM": "An arm.toml: URDF, where it gives, payloads; or a URDF alone, which does not give.",
     "TRAJ.csv": "A path: time, q_<joint>; optional payload, via (a name where it counts), v_<joint>, a_<joint>, "
@@ -134,8 +137,23 @@ class Command(click.Command):
             if same_file(first, second):
                 raise InputError(f"{one} and {other} are the same file {second}; name another one")
         context.meta[__name__] = context.params.pop("json_path")
+        self._check_kinds({one.metavar: path for one, path in given.items() if one.metavar in FILES})
         with telling("reading"):
             return super().invoke(context)
+
+    def _check_kinds(self, given: dict[str | None, Path]) -> None:
+        """Raise `InputError` where a table is given as the arm, or an arm as a table, as when they are exchanged."""
+        wrong = {
+            name: path
+            for name, path in given.items()
+            if path.suffix.lower() in (TABLES if name == "ARM" else (".toml", *ROBOTS))
+        }
+        if not wrong:
+            return
+        said = ", ".join(f"{path} is no {'arm' if name == 'ARM' else 'table'} ({name})" for name, path in wrong.items())
+        order = " ".join(str(one.metavar) for one in self.params if isinstance(one, click.Argument))
+        hint = "are they exchanged" if len(wrong) > 1 else "is another file meant"
+        raise InputError(f"{said}: {hint}? armflex {click.get_current_context().info_name} {order}")
 
 
 def json_path() -> Path | None:

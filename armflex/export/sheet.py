@@ -12,8 +12,6 @@ nearly parallel axes that puts the common normal far away, so Hayati and Mirmira
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -38,6 +36,7 @@ from armflex.export.rigid import (
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act
 from armflex.measured.measurements import read_measurements
+from armflex.measured.table import csv_text
 from armflex.parameters import ParameterKind, fitted_group
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
@@ -255,14 +254,12 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
 
 def _table(values: Mapping[Key, float], std: Mapping[Key, float]) -> str:
     """Return the sheet as CSV; a cell of what is not known is empty."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow((*Key._fields[:3], "value", "std", "unit", "value_deg", "std_deg", "note"))
+    rows: list[tuple[str, ...]] = [(*Key._fields[:3], "value", "std", "unit", "value_deg", "std_deg", "note")]
     for key, value in values.items():
         cells = [repr(value), repr(std[key]) if key in std else ""]
         degrees = [repr(float(np.degrees(float(cell)))) if cell and key.unit == "rad" else "" for cell in cells]
-        writer.writerow((*key[:3], *cells, key.unit, *degrees, NOTES[key.section]))
-    return out.getvalue()
+        rows.append((*key[:3], *cells, key.unit, *degrees, NOTES[key.section]))
+    return csv_text(rows)
 
 
 def _page(arm: Arm, values: Mapping[Key, float], std: Mapping[Key, float]) -> str:

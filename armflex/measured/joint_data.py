@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from armflex.arguments import checked_kinds
-from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array
+from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array, no_unit
 from armflex.errors import Frame, NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
 from armflex.measured.table import Table, Tabular, read_table
 from armflex.result import Result
@@ -146,7 +146,7 @@ def _unit(table: Table, name: str, read_as: Mapping[str, str]) -> str:
         raise UnitError(f"{Place(table.path, 1)}: {problem}")
     unit = read_as.get(column.unit, column.unit)
     if unit not in known:
-        raise UnitError(f"{unit!r} is no unit of {KINDS[name]}{did_you_mean(unit, known)} ({', '.join(known)})")
+        raise UnitError(no_unit(unit, KINDS[name]))
     return unit
 
 

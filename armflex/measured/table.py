@@ -1,7 +1,13 @@
-"""Tables from CSV or Parquet: read whole or refused with file, line and column; units are converted once."""
+"""Tables from CSV, Excel or Parquet: read whole or refused with file, line and column; units are converted once.
+
+CSV comes as programs of all countries write it: with commas, semicolons or tabs, decimal commas where the cells are not
+separated by commas, in UTF-8, UTF-16 or Windows-1252. It is written with commas and points, in UTF-8, and so that a
+spreadsheet takes no text for a formula.
+"""
 
 from __future__ import annotations
 
+import codecs
 import csv
 import hashlib
 import io
@@ -9,15 +15,16 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from armflex.conventions import LARGEST, NUMBER, UNITS, Array, unprintable
-from armflex.errors import Frame, Place, TableError, UnknownNameError, did_you_mean, listing, shown
-from armflex.measured.parquet import SUFFIXES, parquet_rows
+from armflex.arm import warn
+from armflex.conventions import LARGEST, NUMBER, UNITS, Array, no_unit, unprintable
+from armflex.errors import Flag, Frame, Place, TableError, UnknownNameError, did_you_mean, listing, shown
+from armflex.measured import parquet, spreadsheet
 from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:
@@ -34,6 +41,13 @@ BLOCK = 1 << 20
 
 IN_BRACKETS = re.compile(r"(.*\S)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]")
 """A header that gives its unit as others do: `L [mm]`."""
+
+DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
+"""A number as it is written where cells are not separated by commas."""
+
+FORMULA = re.compile("'*[-=+@\t\r]")
+"""What a text begins with that a spreadsheet may take for a formula, and run; an apostrophe before it says that it is a
+text."""
 
 PLAIN = "0123456789+-.eE "
 """Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
@@ -87,6 +101,7 @@ class Table:
                 kind = beyond if np.isfinite(number) else "not a finite number"
                 what = f"is {shown(cell)}, {kind}" if cell.strip() else "is empty"
                 what += hint if cell.strip().lower() in NOTHING else ""
+                what += ": a decimal comma? Numbers have points" if DECIMAL_COMMA.fullmatch(cell.strip()) else ""
                 raise TableError(Place(self.path, line), f"column {column.header!r} {what}")
         return np.array([float(cell) for cell in column.cells]) * column.factor
 
@@ -128,15 +143,15 @@ class Table:
 
 
 def read_table(path: Tabular, kinds: Mapping[str, str]) -> Table:
-    """Read a CSV file with a header row, a Parquet file (`.parquet`) or a data frame, whose nulls are empty cells.
+    """Read a CSV file with a header row, one of Parquet or Excel, or a data frame, whose nulls are empty cells.
 
     Args:
-        path: The file, CSV is UTF-8, comma separated; or a pandas data frame, whose columns are named as the file's.
+        path: The file; or a pandas data frame, whose columns are named as the file's.
         kinds: Kind of quantity ('length', 'angle', ...; see `UNITS`) of each column that may carry a unit suffix.
 
     Raises:
-        TableError: Missing, empty, too large, not UTF-8, not comma separated, without header, a duplicate column, a
-            row of the wrong length, a unit of the wrong kind, or Parquet where pyarrow is not installed.
+        TableError: Missing, empty, too large, no text, without header, a duplicate column, a row of the wrong length, a
+            unit of the wrong kind, or Parquet or Excel where pyarrow or openpyxl is not installed.
     """
     if not isinstance(path, str | Path):
         frame, found = _frame_rows(path)
@@ -205,41 +220,101 @@ def _tables(
 
 def _rows(path: Path, most: int | None) -> Iterator[tuple[int, list[str]]]:
     """Yield the line and the cells of every row that is not blank, header first."""
-    if path.suffix.lower() in SUFFIXES:
-        yield from parquet_rows(path, most)
+    if path.suffix.lower() in parquet.SUFFIXES:
+        yield from parquet.parquet_rows(path, most)
         return
-    reader = csv.reader(text_lines(path), strict=True)
+    if path.suffix.lower() in spreadsheet.SUFFIXES:
+        yield from spreadsheet.sheet_rows(path)
+        return
+    lines, first, before, marked = text_lines(path), "", 0, False
+    while not first.strip() and (line := next(lines, None)) is not None:
+        first, before = line, before + 1
+        if first.strip().lower() in ("sep=,", "sep=;"):  # what Excel says to itself
+            first = ""
+    bare = re.sub(r'"[^"]*"', "", first)
+    separator = max(",;\t", key=bare.count)
+
+    def watched() -> Iterator[str]:
+        nonlocal marked
+        for line in chain((first,), lines):
+            marked = marked or "'" in line
+            yield line
+
+    reader, mark = csv.reader(watched(), strict=True, delimiter=separator), ""
     try:
         for cells in reader:
-            if any(map(str.strip, cells)):
-                yield reader.line_num, cells
+            if not any(map(str.strip, cells)):
+                continue
+            line = reader.line_num + before - 1
+            if marked:
+                cells = [cell[1:] if cell[:1] == "'" and FORMULA.match(cell) else cell for cell in cells]
+                marked = False
+            if separator != ",":
+                cells, mark = _with_points(path, line, cells, mark)
+            yield line, cells
     except csv.Error as error:
-        raise TableError(Place(path, reader.line_num), f"is not CSV: {error}") from None
+        raise TableError(Place(path, reader.line_num + before - 1), f"is not CSV: {error}") from None
+
+
+def _with_points(path: Path, line: int, cells: list[str], mark: str) -> tuple[list[str], str]:
+    """Return cells whose decimal commas are points, and the mark of the file: that before them, or theirs.
+
+    Raises:
+        TableError: A number has a point where others have a comma.
+    """
+    for i, cell in enumerate(cells):
+        comma = bool(DECIMAL_COMMA.fullmatch(cell.strip()))
+        own = "," if comma else "." if "." in cell and NUMBER.fullmatch(cell.strip()) else mark
+        if mark and own != mark:
+            kinds = ("comma", "point") if comma else ("point", "comma")
+            text = "holds {} with a decimal {} where numbers before it have a {}".format(shown(cell, 40), *kinds)
+            raise TableError(Place(path, line), text)
+        cells[i], mark = (cell.replace(",", ".") if comma else cell), own
+    return cells, mark
 
 
 def text_lines(path: Path) -> Iterator[str]:
     """Yield the lines of a file, the end of each included; raise where it is no text that can be shown."""
-    line = 1
+    line, encoding, wide = 1, "utf-8-sig", False
     try:
         if path.stat().st_size > MAX_BYTES:
             raise TableError(Place(path), f"is larger than the {MAX_BYTES} bytes allowed")
-        with open(path, encoding="utf-8-sig", newline="\n") as file:
-            while some := file.readlines(BLOCK):
+        with open(path, "rb") as file:
+            source: Any = file
+            if file.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+                source = io.TextIOWrapper(file, encoding="utf-16", newline="\n")
+            while some := source.readlines(BLOCK):
+                if source is file:
+                    text = b"".join(some)
+                    if encoding != "cp1252" and not _is_utf8(text):
+                        if wide or not text.decode("utf-8", "ignore").isascii():
+                            raise TableError(Place(path), "is UTF-8 text in part only: save it anew as UTF-8")
+                        encoding = "cp1252"
+                        text.decode(encoding)
+                        warn([Flag("encoding", f"{path} is not UTF-8: its letters are taken as those of Windows-1252")])
+                    wide = wide or not text.removeprefix(codecs.BOM_UTF8).isascii()
+                    some = [one.decode(encoding) for one in some]
+                    encoding = "utf-8" if encoding == "utf-8-sig" else encoding
                 if found := unprintable(text := "".join(some)):
                     raise TableError(Place(path, line + text.count("\n", 0, found[0])), found[1])
                 line += len(some)
                 yield from some
     except OSError as error:
         raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
+    except UnicodeError:
+        raise TableError(Place(path), "is not UTF-8 text, nor UTF-16 or Windows-1252") from None
+
+
+def _is_utf8(text: bytes) -> bool:
+    try:
+        text.decode("utf-8")
     except UnicodeDecodeError:
-        raise TableError(Place(path), "is not UTF-8 text") from None
+        return False
+    return True
 
 
 def _check_header(path: Path | Frame, header: list[str], expected: Iterable[str]) -> None:
     wanted = f"expected columns such as {listing(expected)}; found: {listing(header)}"
-    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
-        if len(header) == 1 and mark in header[0]:
-            raise TableError(Place(path, 1), f"is separated by {name}, not by commas ({wanted})")
     numbers = sum(bool(NUMBER.fullmatch(cell.strip())) for cell in header)
     if 2 * numbers >= len(header):
         raise TableError(Place(path, 1), f"has no header row: {numbers} cells of the first row are numbers ({wanted})")
@@ -258,13 +333,33 @@ def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tu
         return name, "", 1.0
     units = UNITS[kinds[base]]
     if unit not in units:
-        hint = f"{did_you_mean(unit, units)} ({', '.join(units)})"
-        raise TableError(Place(path, 1), f"column {name!r}: {unit!r} is no unit of {kinds[base]}{hint}")
+        raise TableError(Place(path, 1), f"column {name!r}: {no_unit(unit, kinds[base])}")
     return base, unit, units[unit]
 
 
+def csv_text(rows: Iterable[Iterable[object]]) -> str:
+    """Return rows as CSV. Floats keep every digit; a text that a spreadsheet could run has an apostrophe before it."""
+    lines = _Lines()
+    csv.writer(lines, lineterminator="\r\n").writerows([_written(cell) for cell in row] for row in rows)
+    return "".join(lines)
+
+
+class _Lines(list[str]):
+    """Lines that end as ours do. The module quotes only what its own line ends hold, and a text may hold either."""
+
+    def write(self, line: str) -> None:
+        self.append(f"{line[:-2]}\n")
+
+
+def _written(cell: object) -> object:
+    if isinstance(cell, float):
+        return float(cell)
+    runs = isinstance(cell, str) and FORMULA.match(cell) and not NUMBER.fullmatch(cell.strip())
+    return f"'{cell}" if runs else cell
+
+
 def write_table(path: str | Path, columns: Mapping[str, Sequence[object]]) -> Path:
-    """Write columns as CSV, whole or not at all; floats keep every digit."""
+    """Write columns as CSV, whole or not at all; see `csv_text`."""
     with writing_table(path) as write:
         write(columns)
     return Path(path)
@@ -281,13 +376,9 @@ def writing_table(path: str | Path) -> Iterator[Callable[[Mapping[str, Sequence[
 
         def write(columns: Mapping[str, Sequence[object]]) -> None:
             nonlocal named
-            text = io.StringIO()
-            writer = csv.writer(text, lineterminator="\n")
-            writer.writerows([] if named else [columns])
-            named = True
             rows = zip(*columns.values(), strict=True)
-            writer.writerows([float(cell) if isinstance(cell, float) else cell for cell in row] for row in rows)
-            file.write(text.getvalue().encode())
+            file.write(csv_text(rows if named else [[*columns], *rows]).encode())
+            named = True
 
         yield write
 

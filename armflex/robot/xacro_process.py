@@ -50,7 +50,7 @@ def main() -> None:
     code, library = 0, LIBRARIES[0]
     try:
         try:
-            found = import_module(library)
+            found: Any = import_module(library)
         except ImportError:
             found = import_module(library := LIBRARIES[1])
         if not trusted:
@@ -72,8 +72,9 @@ def main() -> None:
 
 def confine(folder: Path) -> None:
     """Refuse from now on what no robot needs: files elsewhere than below a folder and named packages, and more."""
-    xacro, substitutions = import_module("xacro"), import_module("xacro.substitution_args")
-    roots, looking = [os.path.realpath(folder)], []
+    xacro: Any = import_module("xacro")
+    substitutions: Any = import_module("xacro.substitution_args")
+    roots, looking = [os.path.realpath(folder)], list[str]()
     own = [os.path.realpath(path) for path in sys.path if path]  # modules that are imported only now
 
     def named(find: Callable[[str], str]) -> Callable[[str], str]:

@@ -257,7 +257,7 @@ BAD = {
     "missing arm": (["deflect", "none.toml"], "none.toml: cannot be read: No such file"),
     "folder as arm": (["deflect", TARM], "tarm_like: cannot be read: Is a directory"),
     "missing URDF": (["deflect", "none.urdf"], "none.urdf: cannot be read"),
-    "an arm that is no TOML": (["deflect", T], "trajectory.csv:1: not valid TOML"),
+    "an arm that is no TOML": (["deflect", T], "trajectory.csv is no arm (ARM)"),
     "missing trajectory": (["check", A, "none.csv", "--tolerance", "5mm"], "none.csv: cannot be read"),
     "another arm's trajectory": (
         ["check", A, HEAVY / "trajectory.csv", "--tolerance", "5mm"],

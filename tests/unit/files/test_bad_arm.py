@@ -264,9 +264,21 @@ def test_a_urdf_in_capitals_is_one(tmp_path):
 
 
 def test_tables_separated_by_tabs(tmp_path):
-    table = write(tmp_path, "fx_N\tdx_mm\n1,5\t2\n", "a.csv")
-    with pytest.raises(TableError, match="separated by tabs"):
+    table = write(tmp_path, "fx_N\tfy_N\tdx_mm\n1,5\t2\n", "a.csv")
+    with pytest.raises(TableError, match=r"a\.csv:2: has 2 cells, the header has 3"):
         read_joint_data(table)
+
+
+@pytest.mark.parametrize(("key", "value"), [("mass", "3,5"), ("com", "[0,2, 0, 0]")])
+def test_decimal_commas_in_toml_are_named(tmp_path, key, value):
+    old = {"mass": "mass = 3.5", "com": "com = [0.2, 0, 0]"}[key]
+    text = '[robot]\nurdf = "robot.urdf"\ntip = "tool"\n[payload.p]\nmass = 3.5\ncom = [0.2, 0, 0]\n'
+    path = write(tmp_path, text.replace(old, f"{key} = {value}"), "comma.toml")
+    write(tmp_path, GOOD)
+    line = {"mass": 5, "com": 6}[key]
+    point = {"mass": "3.5", "com": "0.2"}[key]
+    with pytest.raises(ArmFileError, match=rf"comma.toml:{line}: .*a decimal comma\? TOML has points, {point}"):
+        load_arm(path)
 
 
 JOINT_HEADER = "fx_N,fy_N,fz_N,dx_mm,dy_mm,dz_mm"

