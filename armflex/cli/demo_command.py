@@ -127,9 +127,9 @@ def _paper_joint(folder: Path) -> dict[str, float]:
     heading("4. A4 as in Table I of the source paper, in two readings of its unit")
     for unit in ("mm", "um"):
         result = train(read_joint_data(folder / "a4_table_1.csv", {"mm": unit}), "linear")
+        save_law(result.trained, folder / f"paper_A4_{unit}.safetensors")
         if unit == "mm":
             print_training(result)
-        save_law(result.trained, folder / f"paper_A4_{unit}.safetensors")
     rows, shifts, extrapolating = [], {}, []
     for preset, text in PRESETS.items():
         with warnings.catch_warnings():

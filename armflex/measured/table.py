@@ -285,14 +285,15 @@ def text_lines(path: Path) -> Iterator[str]:
                 source = io.TextIOWrapper(file, encoding="utf-16", newline="\n")
             while some := source.readlines(BLOCK):
                 if source is file:
-                    text = b"".join(some)
-                    if encoding != "cp1252" and not _is_utf8(text):
-                        if wide or not text.decode("utf-8", "ignore").isascii():
+                    block = b"".join(some)
+                    letters = block.decode("utf-8", "ignore")
+                    if encoding != "cp1252" and len(letters.encode()) < len(block):
+                        if wide or not letters.isascii():
                             raise TableError(Place(path), "is UTF-8 text in part only: save it anew as UTF-8")
                         encoding = "cp1252"
-                        text.decode(encoding)
+                        block.decode(encoding)
                         warn([Flag("encoding", f"{path} is not UTF-8: its letters are taken as those of Windows-1252")])
-                    wide = wide or not text.removeprefix(codecs.BOM_UTF8).isascii()
+                    wide = wide or not letters.isascii()
                     some = [one.decode(encoding) for one in some]
                     encoding = "utf-8" if encoding == "utf-8-sig" else encoding
                 if found := unprintable(text := "".join(some)):
@@ -303,14 +304,6 @@ def text_lines(path: Path) -> Iterator[str]:
         raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeError:
         raise TableError(Place(path), "is not UTF-8 text, nor UTF-16 or Windows-1252") from None
-
-
-def _is_utf8(text: bytes) -> bool:
-    try:
-        text.decode("utf-8")
-    except UnicodeDecodeError:
-        return False
-    return True
 
 
 def _check_header(path: Path | Frame, header: list[str], expected: Iterable[str]) -> None:

@@ -39,6 +39,7 @@ def main() -> None:
     """Write the robot that a xacro file stands for to the standard output, or what is wrong."""
     name, trusted = sys.argv[1], sys.argv[2] == "trusted"
     out, sys.stdout = sys.stdout, sys.stderr  # which is the libraries' own
+    sys.dont_write_bytecode = True
     try:
         import resource
 
@@ -120,8 +121,8 @@ def confine(folder: Path) -> None:
 
     def watch(event: str, given: tuple[Any, ...]) -> None:
         if event == "open" and isinstance(given[0], str | bytes) and not looking:
-            path, mode = os.path.realpath(os.fsdecode(given[0])), given[1] or ""
-            if set(mode) & set("wax+") or not any(Path(path).is_relative_to(root) for root in (*roots, *own)):
+            path, writes = os.path.realpath(os.fsdecode(given[0])), given[2] & (os.O_WRONLY | os.O_RDWR)
+            if writes or not any(Path(path).is_relative_to(root) for root in (*roots, *own)):
                 raise Refused(f"opens {os.fsdecode(given[0])}, which is not below its folder or a package it names")
         elif event.startswith(REACHING) and event not in ("os.listdir", "os.scandir"):
             raise Refused(f"asks the system for {event}")

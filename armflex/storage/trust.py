@@ -16,7 +16,7 @@ from pathlib import Path
 
 import platformdirs
 
-from armflex.errors import FileError, Place, UntrustedError
+from armflex.errors import FileError, Place
 from armflex.storage.whole_file import write_whole
 
 DIGEST = re.compile("[0-9a-f]{64}")
@@ -89,9 +89,3 @@ def take_as_own(digest: str) -> None:
 def is_trusted(digest: str) -> bool:
     """Return whether code of a digest may run."""
     return digest in _own or digest in _named.get() or digest in trusted_files()
-
-
-def check_trusted(path: Path, digest: str, what: str) -> None:
-    """Raise `UntrustedError` where a file of a digest, which is `what`, has not been trusted."""
-    if not is_trusted(digest):
-        raise UntrustedError(Place(path), what, digest)

@@ -17,8 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from armflex.errors import ArmflexError, InputError, Place, UnknownNameError
-from armflex.storage.trust import check_trusted, sha256_of, take_as_own
+from armflex.errors import ArmflexError, InputError, Place, UnknownNameError, UntrustedError
+from armflex.storage.trust import is_trusted, sha256_of, take_as_own
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,8 @@ class ModuleSource:
         if found != self.sha256:
             text = f"{self.code} has changed since the law was trained: its SHA-256 is {found[:12]}.., was"
             raise InputError(f"{text} {self.sha256[:12]}..; put it back as it was, or train the law anew")
-        check_trusted(self.code, found, "is Python code that a law runs")
+        if not is_trusted(found):
+            raise UntrustedError(Place(self.code), "is Python code that a law runs", found)
 
     def made(self) -> Any:
         """Return what the class gives when it is called; runs its code.
