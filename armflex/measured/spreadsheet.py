@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from zipfile import BadZipFile, ZipFile
+from zipfile import ZipFile
 
 from armflex.conventions import unprintable
 from armflex.errors import Place, TableError, listing
@@ -25,7 +25,6 @@ def sheet_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """
     try:
         from openpyxl import load_workbook
-        from openpyxl.utils.exceptions import InvalidFileException
     except ImportError:
         text = "is an Excel workbook, which needs openpyxl: pip install 'armflex[excel]'; or save it as CSV UTF-8"
         raise TableError(Place(path), text) from None
@@ -60,5 +59,6 @@ def sheet_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise TableError(Place(path), f"cannot be read: {error.strerror or error}") from None
     except TableError:
         raise
-    except (BadZipFile, InvalidFileException, KeyError, ValueError) as error:
-        raise TableError(Place(path), f"cannot be read as an Excel workbook: {error}") from None
+    except Exception as error:  # of a damaged file, from whatever depth: zlib, XML, a style without a colour
+        problem = " ".join(str(error).split()) or type(error).__name__
+        raise TableError(Place(path), f"cannot be read as an Excel workbook: {problem}") from None

@@ -333,7 +333,8 @@ def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tu
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
     """Return rows as CSV. Floats keep every digit; a text that a spreadsheet could run has an apostrophe before it."""
     lines = _Lines()
-    csv.writer(lines, lineterminator="\r\n").writerows([_written(cell) for cell in row] for row in rows)
+    plain = ([float(cell) if isinstance(cell, float) else _harmless(cell) for cell in row] for row in rows)
+    csv.writer(lines, lineterminator="\r\n").writerows(plain)
     return "".join(lines)
 
 
@@ -344,9 +345,7 @@ class _Lines(list[str]):
         self.append(f"{line[:-2]}\n")
 
 
-def _written(cell: object) -> object:
-    if isinstance(cell, float):
-        return float(cell)
+def _harmless(cell: object) -> object:
     runs = isinstance(cell, str) and FORMULA.match(cell) and not NUMBER.fullmatch(cell.strip())
     return f"'{cell}" if runs else cell
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+import io
 from collections.abc import Mapping
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -103,6 +105,37 @@ def followed(path: Trajectory) -> Mapping[str, Any]:
 def test_a_trajectory(text: bytes) -> None:
     path = written("path.csv", text)
     judge(lambda: read_trajectory(path, arm()), path, followed)
+
+
+PLAIN = "".join(",".join(map(str, row)) + "\n" for row in (PATH_HEADER, *PATH))
+COMMAS = PLAIN.replace(",", ";").replace(".", ",")
+FORMS = (COMMAS.encode(), COMMAS.replace(";", "\t").encode("utf-16"), PLAIN.replace("p", "ä").encode("cp1252"))
+
+
+@cases(150)
+@given(st.one_of(*map(mutated_bytes, FORMS)))
+def test_a_trajectory_of_another_country(text: bytes) -> None:
+    path = written("path.csv", text)
+    judge(lambda: read_trajectory(path, arm()), path, followed)
+
+
+@pytest.mark.skipif(not find_spec("openpyxl"), reason="no openpyxl is installed")
+@cases(100)
+@given(st.deferred(lambda: mutated_bytes(_workbook())))
+def test_a_workbook(text: bytes) -> None:
+    path = written("path.xlsx", text)
+    judge(lambda: read_trajectory(path, arm()), path, followed)
+
+
+@functools.cache
+def _workbook() -> bytes:
+    from openpyxl import Workbook
+
+    book, file = Workbook(), io.BytesIO()
+    for row in (PATH_HEADER, *PATH):
+        book.worksheets[0].append([*row])
+    book.save(file)
+    return file.getvalue()
 
 
 def linear(data: JointData) -> Mapping[str, Any]:
