@@ -1,0 +1,176 @@
+"""All hypotheses of a campaign in the linear problem of a fit, whose columns are made once and multiplied when asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.fit import Fit
+from armflex.laws.effects.context import Context
+from armflex.trace.candidates import Bank, candidate_regressors
+from armflex.trace.polish import sensible, unusual
+from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.posterior.selection import Evidence, Group
+from armflex.trace.projection import Projection
+
+MOVED = 1e-3
+"""By how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
+
+IMPOSSIBLE = 8.0
+"""Prior: log odds against what a machine cannot have; while another effect is missing, one that is there may look so."""
+
+
+def unit_of(fit: Fit) -> float:
+    """Return the square of a whitened column that moves the target by `MOVED`, RMS over the rows."""
+    sigma = fit.view.sigma[:, fit.view.foremost]
+    return len(fit.view.rows) * MOVED**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
+
+
+class Screen(Evidence):
+    """The evidence of all hypotheses at a fit.
+
+    Attributes:
+        fit, context: Where columns are made.
+        projection: Of what is fitted anyway.
+    """
+
+    def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection) -> None:
+        self.bank, self.projection = columns, projection
+        self.fit, self.context = columns.fit, columns.context
+        self.objective, self.count = projection.objective, projection.count
+        self._unit, self._first = unit_of(columns.fit), int(columns.starts[-1])
+        products = columns.products(np.column_stack([projection.shared, projection.residual]))
+        self._seen, self.scores = products[:, :-1] @ projection.fitted.root, products[:, -1]
+        taken = () if projection.apart is None else columns.squares_through(projection.apart.each)
+        self._insides: dict[int, tuple[list[np.ndarray], list[Array]]] = {}
+        scale = np.empty(self._first)
+        for number, (groups, whole) in enumerate(columns.squares):
+            places = columns.starts[groups][:, None] + np.arange(whole.shape[1])
+            seen = self._seen[places]
+            inside = whole - seen @ seen.transpose(0, 2, 1) - (taken[number][1] if taken else 0.0)
+            scale[places] = self._scaled(np.einsum("gkk->gk", whole))
+            self._insides[whole.shape[1]] = ([groups], [inside])
+        starts = columns.starts.tolist()
+        self.groups = [
+            Group(one, np.arange(a, b), scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)
+        ]
+        self._further = np.zeros((len(projection.residual), 0))
+        self._rows: dict[int, tuple[Array, Array]] = {}
+        self._charges: dict[tuple, float] = {}
+
+    def _scaled(self, squares: Array) -> Array:
+        moves = np.isfinite(squares) & (squares > 0.0)
+        return np.where(moves, np.sqrt(self._unit / np.where(moves, squares, 1.0)), 0.0)
+
+    def extend(self, more: Iterable[Hypothesis]) -> None:
+        """Add hypotheses."""
+        made = []
+        for one in more:
+            columns = np.hstack([candidate_regressors(member, self.fit, self.context) for member in one.members])
+            if np.isfinite(columns).all() and columns.any():
+                made.append((one, columns))
+        if not made:
+            return
+        whole = np.hstack([columns for _, columns in made])
+        cleared = self.projection.cleared(whole)
+        seen = whole.T @ self.projection.shared @ self.projection.fitted.root
+        for place, (own, row) in list(self._rows.items()):
+            more_of_row = whole.T @ own - seen @ self._seen[place]
+            self._rows[place] = own, np.append(row, more_of_row)
+        first = len(self.scores)
+        self._seen = np.vstack([self._seen, seen])
+        self.scores = np.append(self.scores, whole.T @ self.projection.residual)
+        self._further = np.hstack([self._further, whole])
+        for one, columns in made:
+            size, squares = columns.shape[1], (columns**2).sum(axis=0)
+            own = slice(first - self._first - (self._further.shape[1] - whole.shape[1]), None)
+            at = np.arange(first, first + size)
+            local = at - (len(self.scores) - whole.shape[1])
+            inside = columns.T @ cleared[:, local] - seen[local] @ seen[local].T
+            if one.unit is None:
+                scale = self._scaled(squares)
+            else:  # members are alike as they are, not by what they move
+                scale = one.unit * np.sqrt(self._unit / max(float((squares * one.unit**2).mean()), 1e-300))
+            numbers, insides = self._insides.setdefault(size, ([], []))
+            numbers.append(np.array([len(self.groups)]))
+            insides.append(inside[None])
+            self.groups.append(Group(one, at, scale))
+            first += size
+        self.grown()
+
+    def insides(self) -> list[tuple[np.ndarray, Array]]:
+        return [(np.concatenate(numbers), np.concatenate(insides)) for numbers, insides in self._insides.values()]
+
+    def columns(self, places: np.ndarray) -> Array:
+        """Return the (n, k) columns at some places."""
+        found = np.empty((len(self.projection.residual), len(places)))
+        for i, place in enumerate(places.tolist()):
+            if place >= self._first:
+                found[:, i] = self._further[:, place - self._first]
+            else:
+                group = int(np.searchsorted(self.bank.starts, place, side="right")) - 1
+                found[:, i] = self.bank.group(group)[:, place - self.bank.starts[group]]
+        return found
+
+    def cleared(self, places: np.ndarray) -> Array:
+        """Return the same, cleared of the parameters apart."""
+        self.gram(places)
+        return np.stack([self._rows[p][0] for p in places.tolist()], axis=1) if len(places) else self._further[:, :0]
+
+    def seen(self, places: np.ndarray) -> Array:
+        """Return the (k, r) products of some columns with the `half` of the projection."""
+        return self._seen[places]
+
+    def gram(self, places: np.ndarray) -> Array:
+        missing = np.array([place for place in places.tolist() if place not in self._rows], dtype=int)
+        if len(missing):
+            own = self.projection.cleared(self.columns(missing))
+            found = np.vstack([self.bank.products(own), self._further.T @ own]) - self._seen @ self._seen[missing].T
+            for i, place in enumerate(missing.tolist()):
+                self._rows[place] = own[:, i].copy(), found[:, i].copy()
+        if not len(places):
+            return np.zeros((len(self.scores), 0))
+        return np.stack([self._rows[place][1] for place in places.tolist()], axis=1)
+
+    def charge(self, number: int, amplitudes: Array) -> float:
+        sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())
+        key = (number, sizes)
+        if key not in self._charges:
+            one = self.groups[number].hypothesis
+            cost = 0.0
+            if not one.family:
+                cost = 0.5 * unusual(one.one, amplitudes, self.fit.view, self.context)
+                cost += IMPOSSIBLE * (not sensible(one.one, amplitudes, self.fit, self.context))
+            self._charges[key] = cost
+        return self._charges[key]
+
+
+class Dense(Evidence):
+    """The evidence of a few hypotheses from some of the rows: all products of their columns are known.
+
+    Attributes:
+        whole: (K, K) G.
+    """
+
+    def __init__(
+        self, groups: list[Group], whole: Array, scores: Array, objective: float, count: int, charges: Array
+    ) -> None:
+        self.groups, self.whole, self.scores = groups, whole, scores
+        self.objective, self.count, self._charges = objective, count, charges
+
+    def gram(self, places: np.ndarray) -> Array:
+        return self.whole[:, places]
+
+    def insides(self) -> list[tuple[np.ndarray, Array]]:
+        sizes = np.array([len(one.places) for one in self.groups], dtype=int)
+        found = []
+        for size in np.unique(sizes).tolist():
+            numbers = np.flatnonzero(sizes == size)
+            places = np.array([self.groups[i].places for i in numbers.tolist()])
+            found.append((numbers, self.whole[places[:, :, None], places[:, None, :]]))
+        return found
+
+    def charge(self, number: int, amplitudes: Array) -> float:
+        return float(self._charges[number])
