@@ -15,7 +15,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Inner, Values
-from armflex.trace.candidates import Candidate, candidate_regressors
+from armflex.trace.candidates import candidate_regressors
 from armflex.trace.posterior.hypotheses import Hypothesis
 from armflex.trace.posterior.screen import Screen
 from armflex.trace.posterior.selection import SCALES, Beside, Rival, log_likelihood

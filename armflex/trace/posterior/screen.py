@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
-from armflex.laws.effects.context import Context
+from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Bank, candidate_regressors
 from armflex.trace.polish import sensible, unusual
 from armflex.trace.posterior.hypotheses import Hypothesis
@@ -17,6 +18,9 @@ from armflex.trace.projection import Projection
 
 MOVED = 1e-3
 """By how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
+
+STILL = 1e-12
+"""Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 
 IMPOSSIBLE = 8.0
 """Prior: log odds against what a machine cannot have; while another effect is missing, one that is there may look so."""
@@ -45,12 +49,13 @@ class Screen(Evidence):
         self._seen, self.scores = products[:, :-1] @ projection.fitted.root, products[:, -1]
         taken = () if projection.apart is None else columns.squares_through(projection.apart.each)
         self._insides: dict[int, tuple[list[np.ndarray], list[Array]]] = {}
-        scale = np.empty(self._first)
+        scale, self._squares = np.empty(self._first), np.empty(self._first)
         for number, (groups, whole) in enumerate(columns.squares):
             places = columns.starts[groups][:, None] + np.arange(whole.shape[1])
             seen = self._seen[places]
             inside = whole - seen @ seen.transpose(0, 2, 1) - (taken[number][1] if taken else 0.0)
-            scale[places] = self._scaled(np.einsum("gkk->gk", whole))
+            self._squares[places] = np.einsum("gkk->gk", whole)
+            scale[places] = self._scaled(self._squares[places])
             self._insides[whole.shape[1]] = ([groups], [inside])
         starts = columns.starts.tolist()
         self.groups = [
@@ -103,6 +108,24 @@ class Screen(Evidence):
     def insides(self) -> list[tuple[np.ndarray, Array]]:
         return [(np.concatenate(numbers), np.concatenate(insides)) for numbers, insides in self._insides.values()]
 
+    def single(self) -> dict[int, tuple[float, float]]:
+        """Return of every hypothesis of the catalogue with one column its square, and what the projection leaves of it.
+
+        Both are zero where a column is only rounding: an axis through the target moves it by 1e-17, not by nothing.
+        """
+        numbers, insides = self._insides.get(1, ([], []))
+        if not numbers:
+            return {}
+        first, left, most = numbers[0], insides[0][:, 0, 0], dict[tuple, float]()
+        whole = self._squares[self.bank.starts[first]]
+        some = [self.groups[i].hypothesis.one for i in first.tolist()]
+        kinds = [(one.law.name, one.location.turns, one.location.terms) for one in some]  # of a unit
+        for kind, square in zip(kinds, whole.tolist(), strict=True):
+            most[kind] = max(square, most.get(kind, 0.0))
+        moves = whole > STILL**2 * np.array([most[kind] for kind in kinds])
+        pairs = zip(np.where(moves, whole, 0.0).tolist(), np.where(moves, left, 0.0).tolist(), strict=True)
+        return dict(zip(first.tolist(), pairs, strict=True))
+
     def columns(self, places: np.ndarray) -> Array:
         """Return the (n, k) columns at some places."""
         found = np.empty((len(self.projection.residual), len(places)))
@@ -133,6 +156,40 @@ class Screen(Evidence):
         if not len(places):
             return np.zeros((len(self.scores), 0))
         return np.stack([self._rows[place][1] for place in places.tolist()], axis=1)
+
+    def scores_of(self, residuals: Array) -> Array:
+        """Return the (K, F) products X'M of all columns with (n, F) residuals."""
+        projection = self.projection
+        cleared = projection.cleared(residuals)
+        found = np.empty((len(self.scores), residuals.shape[1]))
+        for part in self.bank.parts:
+            found[part.places] = part.products(np.ascontiguousarray(cleared.T))
+        found[self._first :] = self._further.T @ cleared
+        return found - self._seen @ (projection.half @ residuals)
+
+    def dense(self, numbers: Sequence[int], charges: Sequence[float], mask: np.ndarray | None = None) -> Dense:
+        """Return the evidence of some hypotheses alone, from some of the readings.
+
+        Args:
+            numbers: Which hypotheses.
+            charges: What the size of each counts against it [nats].
+            mask: (n,) which readings; all where not given.
+        """
+        projection, kept = self.projection, slice(None) if mask is None else mask
+        known = [self.groups[i] for i in numbers]
+        places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in known)])
+        ends = np.cumsum([0, *(len(one.places) for one in known)]).tolist()
+        groups = [
+            Group(one.hypothesis, np.arange(*pair), one.scale) for one, pair in zip(known, pairwise(ends), strict=True)
+        ]
+        columns = np.hstack([self.columns(places), projection.data[:, None]])[kept]
+        cleared = projection.cleared(np.hstack([self.columns(places), projection.data[:, None]]))[kept]
+        own, shared = projection.regressors[kept], projection.shared[kept]
+        root = LinearGaussian(own.T @ shared + np.diag(projection.precision)).root
+        seen = columns.T @ shared @ root
+        whole = columns.T @ cleared - seen @ seen.T
+        count = self.count if mask is None else round(self.count * float(np.mean(mask)))
+        return Dense(groups, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]), count, np.asarray(charges))
 
     def charge(self, number: int, amplitudes: Array) -> float:
         sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())

@@ -14,7 +14,6 @@ from itertools import permutations
 
 import numpy as np
 
-from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
@@ -122,14 +121,14 @@ def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:
     return place.ratio + prior if place.plausible else -np.inf
 
 
-def search(state: State, passing: Callable[[Standing], None] = lambda here: None) -> Standing:
+def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: None) -> Standing:
     """Return the state that is most probable, with its linear problem.
 
     Args:
-        state: Where to begin.
+        begun: Where to begin.
         passing: Called after every state that is accepted.
     """
-    here = _settled(_begun(standing(state)), passing)
+    here = _settled(_begun(begun), passing)
     for _ in range(ROUNDS):
         after = _rethought(here, passing)
         if after is None:
@@ -224,7 +223,7 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
 
     Where the fit does not come out as the linear problem promised, each hypothesis that is new is left out in turn.
     """
-    trial = _refitted(here, model)
+    trial = refitted(here, model)
     if trial is not None and (trial.value > here.value + BETTER or len(trial.state.rows) != len(here.state.rows)):
         return trial
     known = spots(here.screen, here.model)
@@ -232,13 +231,14 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
     for i, one in enumerate(model):
         rest = (*model[:i], *model[i + 1 :])
         if here.screen.groups[one.number].hypothesis.spot not in known and spots(here.screen, rest) != known:
-            other = _refitted(here, rest)
+            other = refitted(here, rest)
             tried += [] if other is None else [other]
     best = max(tried, key=lambda one: one.value, default=None)
     return best if best is not None and best.value > here.value + BETTER else None
 
 
-def _refitted(here: Standing, model: Model) -> Standing | None:
+def refitted(here: Standing, model: Model) -> Standing | None:
+    """Return the state fitted with a model, None where the arm with it does not come to rest."""
     screen, state = here.screen, here.state
     beside, added = screen.beside(model), list[Added]()
     for one, amplitudes in zip(model, beside.amplitudes, strict=True):
@@ -296,7 +296,7 @@ def _set_aside(here: Standing, passing: Callable[[Standing], None]) -> Standing 
         found.append((here.value + _odds(place, here.places), standing(_with_twist(state, place, here.places))))
     if here.model:
         with contextlib.suppress(ArmflexError):
-            bare = _refitted(here, ())
+            bare = refitted(here, ())
             if bare is not None and bare.unrecorded is not None:
                 own = bare.unrecorded
                 alone = standing(_with_twist(bare.state, own, bare.places))

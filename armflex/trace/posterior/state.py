@@ -21,8 +21,8 @@ from armflex.laws.effects.in_arm import without_direction
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbers_of
 from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.state import context_at, lost_beams
 from armflex.trace.projection import Projection, project, projected, ridge_for
+from armflex.trace.state import context_at, lost_beams
 from armflex.trace.telling import Report, Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
 
