@@ -159,7 +159,7 @@ class _Search:
         return between[max(0, middle - reach) : middle + reach + 1].tolist()
 
     def _cell(self, inner: Inner, value: float) -> float:
-        """Return half the distance between two values of the grid, of logarithms where only positive ones make sense."""
+        """Return half the distance between two values of the grid, or of their logarithms where all are positive."""
         if inner.spread is not None:
             return inner.spread
         values = {float(one) for one in inner.grid(self.hypothesis.one.location, self.screen.context)}

@@ -1,4 +1,4 @@
-"""All hypotheses of a campaign in the linear problem of a fit, whose columns are made once and multiplied when asked."""
+"""All hypotheses of a campaign in the linear problem of a fit: columns are made once, and multiplied when asked."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STILL = 1e-12
 """Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 
 IMPOSSIBLE = 8.0
-"""Prior: log odds against what a machine cannot have; while another effect is missing, one that is there may look so."""
+"""Prior: log odds against what no machine has: while one effect is missing, another may look as if it were that."""
 
 
 def unit_of(fit: Fit) -> float:

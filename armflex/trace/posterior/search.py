@@ -30,7 +30,7 @@ ROUNDS = 12
 """Tolerance: fits of the arm with what was found at most."""
 
 AT_ONCE = 4
-"""Tolerance: hypotheses that are added before the arm is fitted anew: a linear problem is wrong where much is missing."""
+"""Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing."""
 
 FEW = 2
 """Tolerance: effects with which a random twist is compared at first; more may imitate one."""

@@ -42,7 +42,7 @@ BETTER = 1e-2
 """Tolerance: rise of the log posterior below which a model is not changed."""
 
 LINEAR = 0.02
-"""Tolerance: share of what a climb has gained that the linear problem may be wrong by: what adds less waits for a fit."""
+"""Tolerance: share of what a climb has gained by which the linear problem may be wrong; what adds less is not added."""
 
 
 def log_likelihood(squares: Array | float, count: int) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -90,7 +91,7 @@ class State:
     def units(self) -> tuple[tuple[int, ...], ...]:
         """Places of the effects of every hypothesis."""
         ends = np.cumsum([0, *(len(one.members) for one in self.known)]).tolist()
-        return tuple(tuple(range(a, b)) for a, b in zip(ends, ends[1:], strict=False))
+        return tuple(tuple(range(a, b)) for a, b in pairwise(ends))
 
     @property
     def sessions(self) -> tuple[str, ...]:
