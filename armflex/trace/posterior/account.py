@@ -242,7 +242,7 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
     That is the size at which the log odds of the effect beside what was found are 0, at the scale that it is drawn at.
     """
     screen, found = here.screen, dict[str, list[float]]()
-    noise = screen.beside(here.model).noise
+    noise = screen.beside(here.model).noise  # beyond the scatter that columns are whitened by
     for number, (whole, inside) in screen.single().items():
         hypothesis, group = screen.groups[number].hypothesis, screen.groups[number]
         if inside <= ALMOST * whole or not hypothesis.one.law.physical:

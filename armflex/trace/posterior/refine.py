@@ -15,7 +15,6 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Inner, Values
-from armflex.trace.candidates import candidate_regressors
 from armflex.trace.posterior.hypotheses import Hypothesis
 from armflex.trace.posterior.screen import Screen
 from armflex.trace.posterior.selection import SCALES, Beside, Rival, log_likelihood
@@ -86,11 +85,7 @@ class _Search:
         self.known, self.known_seen = screen.cleared(places) * scale, screen.seen(places) * scale[:, None]
 
     def columns(self, inner: Values) -> Array:
-        screen = self.screen
-        return np.hstack([
-            candidate_regressors(replace(one, inner=inner), screen.fit, screen.context)
-            for one in self.hypothesis.members
-        ])  # fmt: skip
+        return self.screen.made([replace(one, inner=inner) for one in self.hypothesis.members])
 
     def reduced(self, columns: Array) -> tuple[Array, Array]:
         """Return information and score of (n, k) columns beside the model."""

@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
-from armflex.trace.candidates import Bank, candidate_regressors
+from armflex.trace.candidates import Bank, Candidate, candidate_regressors
 from armflex.trace.polish import sensible, unusual
 from armflex.trace.posterior.hypotheses import Hypothesis
 from armflex.trace.posterior.selection import Evidence, Group
@@ -38,22 +38,24 @@ class Screen(Evidence):
     Attributes:
         fit, context: Where columns are made.
         projection: Of what is fitted anyway.
+        quiet: Standard deviation of the readings by which they are whitened, over that stated.
     """
 
-    def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection) -> None:
-        self.bank, self.projection = columns, projection
+    def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection, quiet: float = 1.0) -> None:
+        self.bank, self.projection, self.quiet = columns, projection, quiet
         self.fit, self.context = columns.fit, columns.context
         self.objective, self.count = projection.objective, projection.count
-        self._unit, self._first = unit_of(columns.fit), int(columns.starts[-1])
-        products = columns.products(np.column_stack([projection.shared, projection.residual]))
+        self._unit, self._first = unit_of(columns.fit) / quiet**2, int(columns.starts[-1])
+        products = columns.products(np.column_stack([projection.shared, projection.residual])) / quiet
         self._seen, self.scores = products[:, :-1] @ projection.fitted.root, products[:, -1]
         taken = () if projection.apart is None else columns.squares_through(projection.apart.each)
         self._insides: dict[int, tuple[list[np.ndarray], list[Array]]] = {}
         scale, self._squares = np.empty(self._first), np.empty(self._first)
-        for number, (groups, whole) in enumerate(columns.squares):
+        for number, (groups, stated) in enumerate(columns.squares):
+            whole = stated / quiet**2
             places = columns.starts[groups][:, None] + np.arange(whole.shape[1])
             seen = self._seen[places]
-            inside = whole - seen @ seen.transpose(0, 2, 1) - (taken[number][1] if taken else 0.0)
+            inside = whole - seen @ seen.transpose(0, 2, 1) - (taken[number][1] / quiet**2 if taken else 0.0)
             self._squares[places] = np.einsum("gkk->gk", whole)
             scale[places] = self._scaled(self._squares[places])
             self._insides[whole.shape[1]] = ([groups], [inside])
@@ -73,7 +75,7 @@ class Screen(Evidence):
         """Add hypotheses."""
         made = []
         for one in more:
-            columns = np.hstack([candidate_regressors(member, self.fit, self.context) for member in one.members])
+            columns = self.made(one.members)
             if np.isfinite(columns).all() and columns.any():
                 made.append((one, columns))
         if not made:
@@ -105,6 +107,10 @@ class Screen(Evidence):
             first += size
         self.grown()
 
+    def made(self, members: Sequence[Candidate]) -> Array:
+        """Return the (n, k) columns of some candidates, by the scatter of the readings."""
+        return np.hstack([candidate_regressors(one, self.fit, self.context) for one in members]) / self.quiet
+
     def insides(self) -> list[tuple[np.ndarray, Array]]:
         return [(np.concatenate(numbers), np.concatenate(insides)) for numbers, insides in self._insides.values()]
 
@@ -134,7 +140,7 @@ class Screen(Evidence):
                 found[:, i] = self._further[:, place - self._first]
             else:
                 group = int(np.searchsorted(self.bank.starts, place, side="right")) - 1
-                found[:, i] = self.bank.group(group)[:, place - self.bank.starts[group]]
+                found[:, i] = self.bank.group(group)[:, place - self.bank.starts[group]] / self.quiet
         return found
 
     def cleared(self, places: np.ndarray) -> Array:
@@ -150,7 +156,10 @@ class Screen(Evidence):
         missing = np.array([place for place in places.tolist() if place not in self._rows], dtype=int)
         if len(missing):
             own = self.projection.cleared(self.columns(missing))
-            found = np.vstack([self.bank.products(own), self._further.T @ own]) - self._seen @ self._seen[missing].T
+            found = (
+                np.vstack([self.bank.products(own) / self.quiet, self._further.T @ own])
+                - self._seen @ self._seen[missing].T
+            )
             for i, place in enumerate(missing.tolist()):
                 self._rows[place] = own[:, i].copy(), found[:, i].copy()
         if not len(places):
@@ -163,7 +172,7 @@ class Screen(Evidence):
         cleared = projection.cleared(residuals)
         found = np.empty((len(self.scores), residuals.shape[1]))
         for part in self.bank.parts:
-            found[part.places] = part.products(np.ascontiguousarray(cleared.T))
+            found[part.places] = part.products(np.ascontiguousarray(cleared.T)) / self.quiet
         found[self._first :] = self._further.T @ cleared
         return found - self._seen @ (projection.half @ residuals)
 

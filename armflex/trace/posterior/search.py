@@ -71,7 +71,7 @@ def standing(state: State) -> Standing:
     state.say(f"screening what {len(state.rows)} rows still show")
     known = hypotheses(state.context)
     columns = bank((one.one for one in known), state.fit, state.context, state.tell)
-    screen = Screen(known, columns, state.bare)
+    screen = Screen(known, columns, state.bare, state.quiet)
     screen.extend(families(state.fit.view, state.context))
     model = own_model(screen, state.hypotheses)
     return Standing(state, screen, model, random_places(state, screen, model))
@@ -97,7 +97,9 @@ def spots(screen: Screen, model: Model) -> frozenset:
 
 def random_places(state: State, screen: Screen, model: Model) -> tuple[RandomTwist, ...]:
     """Return where a random twist from pose to pose would explain what a model leaves, the likeliest first."""
-    return localise(state.fit, state.context, _fitted_beside(screen, model), state.groups)
+    left = _fitted_beside(screen, model)
+    left = replace(left, residual=left.residual * screen.quiet)  # by what was stated, as the fit has it
+    return localise(state.fit, state.context, left, state.groups)
 
 
 def _fitted_beside(screen: Screen, model: Model):
@@ -243,7 +245,7 @@ def refitted(here: Standing, model: Model) -> Standing | None:
     beside, added = screen.beside(model), list[Added]()
     for one, amplitudes in zip(model, beside.amplitudes, strict=True):
         group = screen.groups[one.number]
-        std = np.where(group.scale > 0.0, SCALES[one.scale] * group.scale / beside.noise, 1e-12)
+        std = np.where(group.scale > 0.0, SCALES[one.scale] * group.scale / (beside.noise * screen.quiet), 1e-12)
         added.append(Added(group.hypothesis, amplitudes, std))
     places = np.concatenate([np.zeros(0, dtype=int), *(screen.groups[one.number].places for one in model)])
     explained = screen.columns(places) @ np.concatenate([np.zeros(0), *beside.amplitudes])

@@ -22,7 +22,7 @@ from armflex.laws.effects.in_arm import without_direction
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbers_of
 from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.projection import Projection, project, projected, ridge_for
+from armflex.trace.projection import Projection, projected, ridge_for
 from armflex.trace.state import context_at, lost_beams
 from armflex.trace.telling import Report, Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
@@ -125,19 +125,29 @@ class State:
             found.append(replace(one, members=members))
         return tuple(found)
 
+    @property
+    def quiet(self) -> float:
+        """Standard deviation of the readings over that stated where they scatter less, else 1.
+
+        What is still missing is in it: they scatter no more than that. Priors are held against it.
+        """
+        return min(self.fit.noise, 1.0)
+
     @cached_property
     def bare(self) -> Projection:
-        """The projection of all that is fitted but the added effects, on the readings as they would be without them."""
-        own = [self.fit.places(block) for block in self.effects]
-        if not own:
-            return project(self.fit)
-        amplitudes = [at[: len(block.effect.location.terms)] for at, block in zip(own, self.effects, strict=True)]
-        rest, acting = np.setdiff1d(np.arange(len(self.fit.values)), np.concatenate(own)), np.concatenate(amplitudes)
-        fitted = self.fit
+        """The projection of all that is fitted but the added effects, on the readings as they would be without them.
+
+        By the scatter of the readings where that is less than was stated; see `quiet`.
+        """
+        fitted, own = self.fit, [self.fit.places(block) for block in self.effects]
+        acting = [at[: len(block.effect.location.terms)] for at, block in zip(own, self.effects, strict=True)]
+        none = np.zeros(0, dtype=int)
+        rest = np.setdiff1d(np.arange(len(fitted.values)), np.concatenate([none, *own]))
+        some = np.sort(np.concatenate([rest, *acting]))
         # Linear in the amplitudes, so exact for them.
-        data = fitted.residual + fitted.regressors[:, acting] @ fitted.values[acting]
-        data = data + fitted.regressors[:, rest] @ fitted.values[rest]
-        return projected(fitted.regressors[:, rest], fitted.precision[rest], data, ridge_for(fitted), fitted.view.count)
+        data = fitted.residual + fitted.regressors[:, some] @ fitted.values[some]
+        regressors, precision = fitted.regressors[:, rest] / self.quiet, fitted.precision[rest]
+        return projected(regressors, precision, data / self.quiet, ridge_for(fitted), fitted.view.count)
 
 
 def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -> State:

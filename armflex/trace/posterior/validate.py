@@ -60,7 +60,7 @@ class Folds:
             values = known.solve(shared.T @ data[learned])
             left[~learned] = (data - projection.regressors @ values)[~learned]
         judged = judged_by(self.here.state.calibrated, fit)
-        return fit.view.readings.where(judged).row_squares(errors_of(fit, left))
+        return fit.view.readings.where(judged).row_squares(errors_of(fit, screen.quiet * left))
 
     @property
     def judged(self) -> np.ndarray:
