@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 import numpy as np
@@ -44,6 +44,12 @@ MOST_ADVICE = 3
     is_flag=True,
     help="Go on from the last accepted effect of the same command, which was interrupted, killed or ended by an error.",
 )
+@click.option(
+    "--method",
+    type=click.Choice(["steps", "posterior"]),
+    default="steps",
+    help="How effects are chosen: in steps, or by the posterior over sets of effects, which gives probabilities.",
+)
 @options.campaign
 def command(
     arm_path: Path,
@@ -51,6 +57,7 @@ def command(
     output: Path,
     report_path: Path | None,
     resume: bool,
+    method: Literal["steps", "posterior"],
     keep: bool,
     anyway: bool,
     points: PointExport | None,
@@ -77,7 +84,7 @@ def command(
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, kept, resume, account, doing, anyway)
+            trace(arm, measurements, None, tell, keep, kept, resume, account, doing, anyway, method)
     except BaseException as error:
         if kept is not None and kept.exists() and not (isinstance(error, FileError) and error.place.file == kept):
             complain(f"What was accepted is kept in {kept}: the same command with --resume goes on.")
@@ -213,7 +220,10 @@ def _remarks(found: Trace) -> Iterator[str]:
                 "held-out rows are not predicted clearly better."
             )
         hypotheses = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
-        if hypotheses:
+        if one.probability is not None:
+            others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
+            yield f"Probability: {one.probability:.0%} {title}{others}."
+        elif hypotheses:
             more = f", and {len(hypotheses) - 3} more" if len(hypotheses) > 3 else ""
             yield f"These data do not tell {title} from {', '.join(hypotheses[:3])}{more}."
     readings = found.state.measurements.readings
@@ -261,6 +271,7 @@ def as_json(found: Trace) -> dict[str, Any]:
     in_unit = {"unit": unit, "noise_rms": found.noise_rms, "rms": stages, "held_out_rms": held_out}
     told = {
         "format": "armflex-trace-1",
+        **({} if found.nothing is None else {"nothing": found.nothing}),
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
         "rows": len(found.rows),
@@ -326,6 +337,17 @@ def _effect_json(found: Found) -> dict[str, Any]:
         "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
         "equivalent": [_place_json(hypothesis) for hypothesis, _ in found.equivalent],
         "held_out_sessions_rms_mm": {name: None if rms is None else rms * 1e3 for name, rms in sessions.items()},
+        **(
+            {}
+            if found.probability is None
+            else {
+                "probability": found.probability,
+                "credible": [
+                    {**_place_json(effect), "probability": chance}
+                    for effect, chance in ((found.effect, found.probability), *found.credible)
+                ],
+            }
+        ),
         "evidence": found.evidence,
         "chance": proof.null,
         "believed": found.believed,

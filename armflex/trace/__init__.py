@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -31,6 +31,7 @@ def trace(
     account: Callable[[Trace], None] | None = None,
     progress: Callable[[Doing], None] | None = None,
     anyway: bool = False,
+    method: Literal["steps", "posterior"] = "steps",
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
@@ -51,6 +52,8 @@ def trace(
             the finished one; the checkpoint is removed once it has returned.
         progress: Called with how far the search has come within a stage, thousands of times.
         anyway: Take the campaign as it is, also where it is plausible only in another convention.
+        method: How effects are chosen: in steps, or by the posterior over sets of effects, with probabilities; the
+            latter keeps no checkpoint.
 
     Raises:
         ConventionError: The campaign is implausible for this arm, and plausible in another convention.
@@ -63,6 +66,12 @@ def trace(
     measurements = as_measurements(measurements, arm)
     if resume and checkpoint is None:
         raise InputError("resume needs the checkpoint to go on from")
+    if method == "posterior":
+        from armflex.trace.posterior.run import trace as by_posterior
+
+        if checkpoint is not None and resume:
+            raise InputError("a search by the posterior keeps no checkpoint to go on from")
+        return by_posterior(arm, measurements, rows, report, keep, account, progress, anyway)
     from armflex.trace.rounds import trace as run
 
     path = None if checkpoint is None else Path(checkpoint)

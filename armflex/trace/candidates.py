@@ -55,6 +55,12 @@ class Candidate:
         pairs = zip(self.law.inner, self.inner, strict=True)
         return tuple(i for i, (inner, value) in enumerate(pairs) if _is_searched(inner, value))
 
+    @cached_property
+    def fitted(self) -> tuple[int, ...]:
+        """Inner parameters that a fit moves: those that the law is smooth in, and those that only a prior holds."""
+        loose = [i for i, inner in enumerate(self.law.inner) if inner.spread is not None]
+        return tuple(sorted([*(i for i in self.searched if self.law.inner[i].smooth), *loose]))
+
     def effect(self, amplitudes: Array) -> Effect:
         """Return the effect with amplitudes of the acting terms."""
         return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)

@@ -71,6 +71,8 @@ class Found:
         family: Number of the family with which it was added, whose proof it is; None where it stands alone.
         survives: Share of the folds of the poses without which the same law at the same place is chosen again; None
             where that was not asked.
+        probability: Of it, law and place; None where no posterior was worked out.
+        credible: Other candidates that with it make up the 95 % credible set, with the probability of each.
     """
 
     effect: Effect
@@ -83,6 +85,8 @@ class Found:
     index: int = 0
     family: int | None = None
     survives: float | None = None
+    probability: float | None = None
+    credible: tuple[tuple[Effect, float], ...] = ()
 
     @property
     def believed(self) -> str:
@@ -225,6 +229,7 @@ class Trace(Result):
             measure next is not worked out yet.
         stopped_at: How many effects the search had accepted where that many are its limit, None where it ended because
             nothing was left to be found.
+        nothing: Probability that no effect is missing at all; None where no posterior was worked out.
     """
 
     TOLD = (
@@ -253,6 +258,7 @@ class Trace(Result):
     undecided: Undecided | None = None
     unfinished: bool = False
     stopped_at: int | None = None
+    nothing: float | None = None
 
     @property
     def effects(self) -> list[dict[str, Any]]:

@@ -32,7 +32,7 @@ from support.scoring import Score, score
 
 EVERY = (*KINDS, *LAGGED, *OUTSIDE, *NULLS, "two")
 ARMS = ("boom", "six")
-LISTS = ("truth", "found", "equivalents", "unexplained", "named")
+LISTS = ("truth", "found", "equivalents", "unexplained", "named", "stated")
 COLUMNS = [field.name for field in fields(Score)]
 RIGHT, IN_CLASS = ("exact", "exact+"), ("exact", "exact+", "class")
 Job = tuple[str, int, str, float]
@@ -78,12 +78,14 @@ def append(path: Path, result: Score) -> None:
         writer.writerow(row)
 
 
-def run(wanted: Sequence[Job], path: Path, workers: int) -> list[Score]:
+def run(wanted: Sequence[Job], path: Path, workers: int, method: str = "steps") -> list[Score]:
     """Make every draw that the file does not hold, and return all that were wanted."""
     known = {_job(one): one for one in read_scores(path)}
     missing = [job for job in wanted if job not in known]
     start = time.time()
-    finished = Parallel(n_jobs=workers, return_as="generator_unordered")(delayed(score)(*job) for job in missing)
+    finished = Parallel(n_jobs=workers, return_as="generator_unordered")(
+        delayed(score)(*job, method) for job in missing
+    )
     for count, one in enumerate(finished, start=1):
         append(path, one)
         known[_job(one)] = one
@@ -230,6 +232,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--effects", help="how many at once, 2-6: those kinds alone")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("-o", "--output", type=Path, default=Path("study.csv"))
+    parser.add_argument("--method", default="steps", help="of `armflex.trace`")
     parser.add_argument("--page", type=Path, help="Markdown of the same tables, for the documentation")
     given = parser.parse_args(arguments)
     kinds = [name.strip() for name in given.kinds.split(",")]
@@ -239,7 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     unknown = sorted(set(kinds) - {*EVERY, *SEVERAL})
     if unknown:
         parser.error(f"unknown kinds: {', '.join(unknown)}; known: {', '.join(EVERY)}")
-    scores = run(jobs(given.draws, kinds, given.seed, given.size), given.output, given.jobs)
+    scores = run(jobs(given.draws, kinds, given.seed, given.size), given.output, given.jobs, given.method)
     print(f"\n{table(scores)}\n\n{summary(scores)}\n\n{confusions(scores)}")
     if given.page:
         given.page.write_text(page(scores, f"--draws {given.draws} --seed {given.seed} --size {given.size:g}"))

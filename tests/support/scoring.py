@@ -16,7 +16,6 @@ import armflex
 from armflex.laws.effects import Effect
 from armflex.trace.accept import ENOUGH
 from armflex.trace.findings import Found, Trace
-from armflex.trace.rounds import trace
 from support.absorbed import visible, visible_each
 from support.campaigns import SEVERAL, Drawn, TrueEffect, draw
 
@@ -58,6 +57,7 @@ class Score:
         false: Names found that are none of theirs, nor have one among their equivalents.
         before, after, floor: RMS on the held-out rows with calibration, with the trace, and of the noise itself [mm].
         shown, strain: What calibration leaves of the effects [mm], and how far they move it.
+        stated: Of each name found, the probability stated of it and whether it is a hidden one; 0 where none is stated.
         checked, covered: Parameters with a true value, and those within 1.96 standard deviations of it.
         seconds: Of the processor.
         log: What the search said it was doing; or the error.
@@ -76,6 +76,7 @@ class Score:
     equivalents: list = field(default_factory=list)
     unexplained: list = field(default_factory=list)
     named: list = field(default_factory=list)
+    stated: list = field(default_factory=list)
     false: int = 0
     before: float = np.nan
     after: float = np.nan
@@ -102,24 +103,24 @@ class Score:
         return asdict(self)
 
 
-def score(kind: str, seed: int, arm: str, size: float) -> Score:
+def score(kind: str, seed: int, arm: str, size: float, method: str = "steps") -> Score:
     """Draw, write, read, trace and judge one campaign; an exception is a verdict, too."""
     result = Score(kind, seed, arm, size)
     try:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             drawn = draw(kind, seed, arm=arm, size=size)
-            _judge(result, drawn, Path(folder))
+            _judge(result, drawn, Path(folder), method)
     except Exception:
         result.log = f"{result.log}; {traceback.format_exc()[-800:]}"
     return result
 
 
-def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
+def _judge(result: Score, drawn: Drawn, folder: Path, method: str) -> None:
     truth = drawn.write(folder)
     arm = armflex.load_arm(truth.arm)
     start = time.process_time()
-    account = trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear)
+    account = armflex.trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear, method=method)
     result.seconds = time.process_time() - start
     rows = armflex.read_measurements(truth.test, arm)
     believed = rows.measured & ~truth.lost
@@ -132,6 +133,7 @@ def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
     result.found = [described(one.effect, one.evidence) for one in account.found]
     result.equivalents = [[described(other) for other, _ in one.equivalent] for one in account.found]
     result.unexplained = _unexplained(account)
+    result.stated = [(one.probability or 0.0, any(_is(e, one.effect) for e in truth.effects)) for one in account.found]
     result.verdict = verdict(truth.effects, account)
     result.first, result.axis, result.rank = first_found(truth.effects, account)
     result.checked, result.covered = coverage(truth.effects, account.found)
@@ -200,11 +202,8 @@ def verdict(truth: Sequence[TrueEffect], account: Trace) -> str:
 def names(truth: Sequence[TrueEffect], found: Sequence[Found]) -> tuple[list[str], int]:
     """Return of each hidden effect whether it is named exactly, in a class or not, and how many names are of none."""
 
-    def right(e: TrueEffect, effect: Effect) -> bool:
-        return mark(e.name, e.site) == mark_of(effect) and same_axis(e, effect)
-
-    exact = [any(right(e, one.effect) for one in found) for e in truth]
-    others = [one for one in found if not any(right(e, one.effect) for e in truth)]
+    exact = [any(_is(e, one.effect) for one in found) for e in truth]
+    others = [one for one in found if not any(_is(e, one.effect) for e in truth)]
     like = [
         [mark(e.name, e.site) in {mark_of(o) for o in (one.effect, *dict(one.equivalent))} for e in truth]
         for one in others
@@ -213,6 +212,11 @@ def names(truth: Sequence[TrueEffect], found: Sequence[Found]) -> tuple[list[str
         "exact" if known else "class" if any(one[i] for one in like) else "missed" for i, known in enumerate(exact)
     ]
     return words, sum(not any(one) for one in like)
+
+
+def _is(truth: TrueEffect, effect: Effect) -> bool:
+    """Return whether an effect is a hidden one, by name, site and axis."""
+    return mark(truth.name, truth.site) == mark_of(effect) and same_axis(truth, effect)
 
 
 def _random_verdict(wanted: set[Mark], found: list[Mark], account: Trace) -> str:

@@ -1,0 +1,254 @@
+"""The account of a search: probabilities, what else an effect may be, errors on poses held out, what could be shown."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.errors import ArmflexError
+from armflex.estimate.fit import THOROUGH
+from armflex.estimate.held_out import held_out, judged_by, pose_folds
+from armflex.estimate.learn import with_posteriors
+from armflex.estimate.posterior import certainty_of
+from armflex.laws.effects.effect import Effect
+from armflex.parameters import ArmParameter
+from armflex.trace.accept import Kin, sessions_held_out
+from armflex.trace.findings import (
+    ALMOST,
+    LARGER,
+    Found,
+    FoundFamily,
+    Smallest,
+    Trace,
+    Undecided,
+    Unidentifiable,
+    unexplained,
+)
+from armflex.trace.next_measurement import lacking, next_rows
+from armflex.trace.polish import Polished
+from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.posterior.probabilities import Credible, competing, sampled
+from armflex.trace.posterior.screen import MOVED
+from armflex.trace.posterior.search import Standing, refitted, standing
+from armflex.trace.posterior.selection import SCALES
+from armflex.trace.posterior.state import State, refit, sorted_out
+from armflex.trace.posterior.validate import Validated, chance, validated, weakest
+from armflex.trace.unrecorded import RandomTwist
+from armflex.trace.withdraw import Compared, Withdrawn
+
+ALONE = 0.5
+"""Confidence: probability from which a member of a family is said to show by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A state with what is known of its hypotheses.
+
+    Attributes:
+        here: The state.
+        credible: What each hypothesis may be, and last what may be missing.
+        validated: How it predicts poses held out; None where nothing was found.
+        chance: Best log odds of any hypothesis under random signs of the residual.
+    """
+
+    here: Standing
+    credible: tuple[Credible, ...]
+    validated: Validated | None
+    chance: float
+
+
+def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
+    """Return a state with probabilities and guards, without what makes held-out poses worse, and what that was."""
+    withdrawn = list[Withdrawn]()
+    while True:
+        here.state.say("weighing what else the effects may be")
+        evidence, own, numbers = competing(here.screen, here.model)
+        model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
+        found, null = tuple(sampled(evidence, model)), chance(here)
+        if not model:
+            return Weighed(here, found, None, null), tuple(withdrawn)
+        here.state.say("predicting held-out poses, with what is chosen and fitted without them")
+        charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
+        seen = validated(here, tuple(numbers), model, charges, null)
+        if not seen.worse:
+            return Weighed(here, found, seen, null), tuple(withdrawn)
+        last = weakest(model, evidence)
+        unit = here.state.units[last]
+        effect, compared = here.state.fitted[unit[0]], _compared(seen, here.state)
+        withdrawn.append(Withdrawn(effect, None, compared, len(unit) > 1))
+        here.state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
+        rest = tuple(one for i, one in enumerate(here.model) if i != last)
+        after = refitted(here, rest)
+        if after is None:
+            return Weighed(here, found, seen, null), tuple(withdrawn)
+        here = after
+
+
+def _compared(seen: Validated, state: State) -> Compared:
+    return Compared(seen.before, seen.after, seen.linear_before, seen.linear_after)
+
+
+def settled_exactly(state: State) -> State:
+    """Return the state fitted to the end."""
+    try:
+        return refit(state, state.effects, state.random, state.fit.values, THOROUGH)
+    except ArmflexError:  # what was reached stands
+        return state
+
+
+def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
+    """Return the account of a search that has come to its end.
+
+    Args:
+        here: The state.
+        places: Where a random twist would have explained what was left at first.
+    """
+    here.state.say("fitting to the end")
+    exact = settled_exactly(sorted_out(here.state))
+    here = standing(exact) if exact is not here.state else here
+    known, withdrawn = weighed(here)
+    here, state = known.here, known.here.state
+    found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
+    left = unexplained(state, here.places)  # pyright: ignore[reportArgumentType] - a state of either search
+    hypotheses = [[] for _ in state.effects]
+    for one in found:
+        hypotheses[one.index] = [effect for effect, _ in one.equivalent]
+    seen = known.validated
+    return Trace(
+        **_errors(state),
+        found=found,
+        families=tuple(_family(known, i) for i, one in enumerate(state.known) if one.family),
+        unexplained=left,
+        places=places,
+        undecided=None if state.effects or left is not None or withdrawn else _undecided(known),
+        not_identifiable=not_identifiable(here),
+        smallest=smallest(here),
+        next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),  # pyright: ignore[reportArgumentType]
+        compared=None if seen is None else _compared(seen, state),
+        withdrawn=withdrawn,
+        nothing=known.credible[-1].nothing if not state.known else 0.0,
+    )
+
+
+def so_far(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
+    """Return the account of a search that goes on: what was accepted, without comparing it."""
+    left = unexplained(here.state, here.places)  # pyright: ignore[reportArgumentType] - a state of either search
+    return Trace(**_errors(here.state), found=(), unexplained=left, places=places, unfinished=True)
+
+
+def _errors(state: State) -> dict:
+    """Return the parts of an account that every state has."""
+    fit, calibration = state.fit, state.calibration
+    folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
+    arm, instrument = with_posteriors(fit.setup.arm, fit), fit.setup.instrument
+    # A random twist stays behind, because nobody can foresee it.
+    effects = (*calibration.arm.effects, *state.fitted)
+    return {
+        "arm": replace(arm, effects=effects, instrument=instrument, certainty=certainty_of(fit)),
+        "calibration": calibration,
+        "before": state.calibrated,
+        "state": state,
+        "noise": fit.noise,
+        "held_out_before": held_out(state.calibrated, folds, judged=judged).rms,
+        "held_out_after": held_out(fit, folds, judged=judged).rms,
+        "held_out_sessions": sessions_held_out(state.calibrated, fit, state.effects, state.sessions),
+    }
+
+
+def _found(known: Weighed, number: int) -> Found:
+    state, credible, seen = known.here.state, known.credible[number], known.validated
+    assert seen is not None
+    index = state.units[number][0]
+    block = state.effects[index]
+    std = block.std(state.values_of(block), state.stds_of(block))
+    others = tuple((_effect(known, one), chance) for one, chance in credible.others if not one.family)
+    best = credible.ranking[0][1]
+    ranking = tuple(_ranked(known, one, odds) for one, odds in credible.ranking if not one.family)
+    equivalent = tuple(
+        (effect, 2.0 * float(np.log(max(credible.probability, 1e-9) / chance))) for effect, chance in others
+    )
+    return Found(
+        effect=state.fitted[index],
+        std=std,
+        evidence=2.0 * best,
+        proof=seen.proofs[number],
+        equivalent=equivalent,
+        ranking=ranking,
+        witness=False,
+        index=index,
+        survives=seen.names[number],
+        probability=credible.probability,
+        credible=others,
+    )
+
+
+def _effect(known: Weighed, one: Hypothesis) -> Effect:
+    return one.one.effect(np.zeros(len(one.one.location.terms)))
+
+
+def _ranked(known: Weighed, one: Hypothesis, odds: float) -> Polished:
+    return Polished(one.one, 2.0 * odds, 2.0 * odds, np.zeros(len(one.one.location.terms)), ())
+
+
+def _family(known: Weighed, number: int) -> FoundFamily:
+    state, seen = known.here.state, known.validated
+    assert seen is not None
+    unit, one = state.units[number], state.known[number]
+    blocks = [state.effects[i] for i in unit]
+    stds = [block.std(state.values_of(block), state.stds_of(block)) for block in blocks]
+    members = tuple(zip((state.fitted[i] for i in unit), stds, strict=True))
+    assert one.unit is not None
+    values = np.concatenate([state.fitted[i].acting for i in unit]) / one.unit
+    kin = Kin(number + 1, float(np.sqrt((values**2).mean())), 2.0 * known.credible[number].ranking[0][1])
+    return FoundFamily(kin, members, seen.proofs[number])
+
+
+def _undecided(known: Weighed) -> Undecided | None:
+    """Return what is left where it is much and the best hypothesis is no better than chance, None elsewhere."""
+    state, fit = known.here.state, known.here.state.fit
+    if fit.noise**2 < LARGER:
+        return None
+    best = max((odds for _, odds in known.credible[-1].ranking), default=-np.inf)
+    poses, stated = int(state.groups.max()) + 1, fit.view.rms(fit.view.sigma)
+    return Undecided(fit.rms, stated, poses, 2.0 * best, 2.0 * known.chance, fit.view.readings.unit)
+
+
+def not_identifiable(here: Standing) -> tuple[Unidentifiable, ...]:
+    """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
+    regressors, fit = here.state.fit.regressors, here.state.fit
+    sizes = np.maximum(np.sqrt((regressors**2).sum(axis=0)), 1e-300)
+    added = {(effect.law.name, effect.location) for effect in here.state.fitted}
+    found: dict[tuple[str, str], Unidentifiable] = {}
+    for number, (whole, inside) in here.screen.single().items():
+        candidate = here.screen.groups[number].hypothesis.one
+        key = (candidate.law.name, candidate.location.place)
+        if key in found or (candidate.law.name, candidate.location) in added or not candidate.law.physical:
+            continue
+        if whole > 0.0 and inside > ALMOST * whole:
+            continue
+        partner: ArmParameter | None = None
+        if whole > 0.0:  # the parameter whose column is most like its own
+            own = here.screen.columns(here.screen.groups[number].places)[:, 0]
+            likeness = np.abs(regressors.T @ own) / (sizes * float(np.linalg.norm(own)))
+            partner = fit.parameters[int(likeness.argmax())]
+        found[key] = Unidentifiable(*key, partner)
+    return tuple(found.values())
+
+
+def smallest(here: Standing) -> tuple[Smallest, ...]:
+    """Return for every law the range over its places of the tip motion (RMS) from which an effect is probable.
+
+    That is the size at which the log odds of the effect beside what was found are 0, at the scale that it is drawn at.
+    """
+    screen, found = here.screen, dict[str, list[float]]()
+    noise = screen.beside(here.model).noise  # beyond the scatter that columns are whitened by
+    for number, (whole, inside) in screen.single().items():
+        hypothesis, group = screen.groups[number].hypothesis, screen.groups[number]
+        if inside <= ALMOST * whole or not hypothesis.one.law.physical:
+            continue
+        information = inside * float(group.scale[0]) ** 2
+        needed = np.log1p(SCALES**2 * information) - 2.0 * (hypothesis.prior - np.log(len(SCALES)))
+        size = MOVED * noise * float(np.sqrt((needed / information * (1.0 + 1.0 / (SCALES**2 * information))).min()))
+        found.setdefault(hypothesis.one.law.name, []).append(size)
+    return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())

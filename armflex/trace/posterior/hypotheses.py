@@ -1,0 +1,166 @@
+"""What an arm may lack, and how probable each of it is before anything was read.
+
+A machine is expected to lack `EFFECTS` effects. Each law of the catalogue is as likely as another but for `PLAIN`; its
+places share its probability, at a place the choices of acting terms share that, and values inside the law that are not
+linear share what is left: to have chosen among many costs what it should. Shapes without a name have `NAMELESS` of all,
+one law at every drive `FAMILIAL`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws.effects.backlash import BACKLASH
+from armflex.laws.effects.catalogue import EVERY
+from armflex.laws.effects.compliance import COMPLIANCE
+from armflex.laws.effects.context import Context
+from armflex.laws.effects.effect import EffectLaw, Solved
+from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
+from armflex.laws.effects.encoder_scale import ENCODER_SCALE
+from armflex.laws.effects.friction_windup import FRICTION_WINDUP
+from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
+from armflex.laws.effects.location import LINK, Location, drive_axis
+from armflex.laws.effects.unnamed import candidate_columns, shaped_places
+from armflex.trace.candidates import Candidate, candidates_of, grid
+
+EFFECTS = 2.0
+"""Prior: effects that an arm is expected to lack."""
+
+NAMELESS = 0.05
+"""Prior: share of them that are shapes without a name."""
+
+FAMILIAL = 0.1
+"""Prior: share of them that all drives have in common."""
+
+PLAIN = 0.002
+"""Prior: a law is less likely than the one before it in the catalogue by this share, and a link by it than a joint."""
+
+FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)
+"""Laws that every drive of a machine may have."""
+
+LEAST, FEWEST = 0.1, 2
+"""Tolerance: share of the largest shape of a law at any drive below which another's is left out of a family, since no
+load shows no compliance; and drives that make one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """A law at a place, or at every drive, that an arm may lack.
+
+    Attributes:
+        members: A candidate; or the same law at several drives, whose amplitudes come from one distribution.
+        prior: Log of the number of such effects that is expected of a machine.
+        unit: (k,) amplitudes of all members that count as alike; none where a hypothesis has one member.
+    """
+
+    members: tuple[Candidate, ...]
+    prior: float
+    unit: Array | None = None
+
+    @property
+    def one(self) -> Candidate:
+        """The only member, or the first."""
+        return self.members[0]
+
+    @property
+    def family(self) -> bool:
+        """Whether it is of every drive."""
+        return self.unit is not None
+
+    @cached_property
+    def spot(self) -> tuple:
+        """Law and place, whatever is inside the law."""
+        places = tuple(one.location for one in self.members)
+        return (self.one.law.name, self.family, places)
+
+    @cached_property
+    def positive(self) -> bool:
+        """Whether its only amplitude must be positive."""
+        terms = self.one.location.terms
+        return not self.family and len(terms) == 1 and self.one.law.amplitudes[terms[0]].positive
+
+
+def hypotheses(context: Context) -> list[Hypothesis]:
+    """Return every law at every place of a campaign, and every free shape that is not only sought where it may be."""
+    known = list(candidates_of((law for law in EVERY.values() if not law.sought), context))
+    spots: dict[str, set] = {}
+    terms: dict[tuple, set] = {}
+    values: Counter = Counter()
+    for one in known:
+        spot = _spot(one)
+        spots.setdefault(one.law.name, set()).add(spot)
+        terms.setdefault(spot, set()).add(one.location.terms)
+        values[spot, one.location.terms] += 1
+    return [
+        Hypothesis((one,), _of_law(one.law) - _share(one, len(spots[one.law.name]))
+                   - float(np.log(len(terms[_spot(one)]) * values[_spot(one), one.location.terms])))
+        for one in known
+    ]  # fmt: skip
+
+
+def _spot(one: Candidate) -> tuple:
+    return (one.law.name, one.location.site, one.location.axis, one.location.covariates, one.location.partner)
+
+
+def _share(one: Candidate, places: int) -> float:
+    return float(np.log(places)) + PLAIN * one.location.site.startswith(LINK)
+
+
+def _of_law(law: EffectLaw) -> float:
+    """Return the log of how many effects of a law are expected."""
+    alike = [one for one in EVERY.values() if one.physical == law.physical]
+    share = (1.0 - NAMELESS - FAMILIAL) if law.physical else NAMELESS
+    return float(np.log(EFFECTS * share / len(alike))) - PLAIN * alike.index(law)
+
+
+def sought(law: EffectLaw, locations: Sequence[Location], context: Context) -> Iterator[Hypothesis]:
+    """Yield a shape at some places, with every value inside it, as probable as if it had been tried at all."""
+    columns = len(candidate_columns(context.records))
+    places = len(shaped_places(context.records)) * (columns if law.columns == 1 else columns * (columns - 1))
+    for location in locations:
+        inners = list(grid(law, location, context))
+        acting = replace(location, terms=tuple(range(len(law.amplitudes))))
+        for inner in inners:
+            yield Hypothesis((Candidate(law, acting, inner),), _of_law(law) - float(np.log(places * len(inners))))
+
+
+def families(view: Solved, context: Context) -> list[Hypothesis]:
+    """Return one law at every drive: turning and sliding drives apart, one wave number for all gears.
+
+    Their amplitudes are alike as twists, RMS over the rows.
+    """
+    joints = {joint.name: joint for joint in context.robot.moving}
+    grouped: dict[tuple, list[tuple[Candidate, Array]]] = {}
+    for law in FAMILIES:
+        places = [one for one in law.places(context.records) if one.site in joints]
+        places = [one for one in places if one.axis == drive_axis(joints[one.site])]
+        # Of the orders of gears those of the drive that goes farthest, the finest: poses may not show others' aliases.
+        inners = [(one, values) for one in places if (values := list(grid(law, one, context)))]
+        inners.sort(key=lambda one: -float(np.ptp(context.row.position(one[0].place))))
+        for location in places:
+            for inner in next((values for one, values in inners if one.turns == location.turns), []):
+                twists = law.features(location, inner, view, context)
+                size = np.sqrt((twists**2).sum(axis=2).mean(axis=0))
+                kind = (law.name, location.turns, location.terms, inner)
+                grouped.setdefault(kind, []).append((Candidate(law, location, inner), size))
+    kinds = Counter(kind[0] for kind in grouped)
+    found = []
+    for kind, members in grouped.items():
+        most = np.max([size for _, size in members], axis=0)
+        kept = [(one, size) for one, size in members if (size > LEAST * most).all()]
+        if len(kept) >= FEWEST:
+            prior = float(np.log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]]))
+            units = np.concatenate([1.0 / size for _, size in kept])
+            found.append(Hypothesis(tuple(one for one, _ in kept), prior, units))
+    return found
+
+
+def priors_of(known: Iterable[Hypothesis]) -> dict[tuple, float]:
+    """Return the prior of every law and place."""
+    return {one.spot: one.prior for one in known}

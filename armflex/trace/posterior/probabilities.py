@@ -1,0 +1,122 @@
+"""How probable each effect is, and what else it may be: Gibbs' sampler over the hypotheses that compete.
+
+One hypothesis of a model after the other is taken out and drawn anew beside the others. What is drawn from is its exact
+conditional distribution over all hypotheses, all scales, and nothing; the average of those over the sweeps is the
+posterior (Rao and Blackwell), one distribution for each effect that was found and one for what may still be missing.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import logsumexp
+
+from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.posterior.refine import Refiner
+from armflex.trace.posterior.screen import Dense, Screen
+from armflex.trace.posterior.selection import Chosen, Model, rivals
+
+SWEEPS = 60
+"""Tolerance: sweeps of the sampler."""
+
+COMPETING, AT_MOST = 10.0, 40
+"""Tolerance: log odds below the best at which a hypothesis still competes for a place, and how many do at most."""
+
+NEGLIGIBLE = 1e-6
+"""Tolerance: probability that is not added up."""
+
+CREDIBLE = 0.95
+"""Confidence: probability of a credible set."""
+
+
+@dataclass(frozen=True, eq=False)
+class Credible:
+    """What one effect of a model may be.
+
+    Attributes:
+        probability: Of the effect itself: its law and place, whatever is inside the law.
+        nothing: Probability that there is no effect in its place.
+        others: The hypotheses beside it that make up the credible set, with the probability of each, the likeliest
+            first.
+        ranking: All hypotheses that compete with their log odds beside the other effects, the best first.
+    """
+
+    probability: float
+    nothing: float
+    others: tuple[tuple[Hypothesis, float], ...]
+    ranking: tuple[tuple[Hypothesis, float], ...]
+
+
+def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dict[int, int]]:
+    """Return the evidence of what competes for any place in a model, its own hypotheses there, and their numbers.
+
+    The last is of every hypothesis of the screen that competes, its number among those that do.
+    """
+    refiner, found = Refiner(screen), dict[int, float]()
+    for i in range(len(model) + 1):
+        rest = tuple(one for j, one in enumerate(model) if j != i)
+        for one in rivals(screen.beside(rest), refiner, within=COMPETING, most=AT_MOST):
+            odds = float(screen.beside(rest).odds[one.chosen.number].max())
+            found[one.chosen.number] = min(max(odds - one.odds, 0.0), found.get(one.chosen.number, np.inf))
+    beside = screen.beside(model)
+    for one, amplitudes in zip(model, beside.amplitudes, strict=True):
+        found[one.number] = screen.charge(one.number, amplitudes)
+    numbers = {number: i for i, number in enumerate(found)}
+    return screen.dense(tuple(found), tuple(found.values())), tuple(numbers[one.number] for one in model), numbers
+
+
+def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
+    """Return what every hypothesis of a model may be, and last what may be missing beside them.
+
+    Args:
+        evidence: The hypotheses that compete.
+        own: The model in it.
+        seed: Of the draws.
+    """
+    rng, slots = np.random.default_rng(seed), list[Chosen | None](own)
+    charges = np.array([evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))])
+    spots = [group.hypothesis.spot for group in evidence.groups]
+    chances: list[Counter] = [Counter() for _ in range(len(own) + 1)]
+    empty, counted = np.zeros(len(own) + 1), np.zeros(len(own) + 1)
+    for _ in range(SWEEPS):
+        for i in range(len(own) + 1):
+            if i == len(own) and None in slots:
+                continue  # what is drawn beside a model that lacks one is that one
+            beside = evidence.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
+            logs = beside.odds - charges[:, None]
+            whole = float(np.logaddexp(0.0, logsumexp(logs)))
+            weights = np.exp(logs - whole)
+            empty[i], counted[i] = empty[i] + np.exp(-whole), counted[i] + 1.0
+            for number, weight in enumerate(weights.sum(axis=1).tolist()):
+                if weight > NEGLIGIBLE:
+                    chances[i][spots[number]] += weight
+            if i < len(own):
+                drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
+                slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
+    counted = np.maximum(counted, 1.0)
+    empty = empty / counted
+    chances = [Counter({spot: p / n for spot, p in one.items()}) for one, n in zip(chances, counted, strict=True)]
+    found = []
+    for i, chance in enumerate(chances):
+        rest = tuple(one for j, one in enumerate(own) if j != i)
+        odds = evidence.beside(rest).odds.max(axis=1) - charges
+        best: dict[tuple, Hypothesis] = {}
+        ranking = []
+        for number in np.argsort(-odds).tolist():
+            if spots[number] not in best:
+                best[spots[number]] = evidence.groups[number].hypothesis
+                ranking.append((evidence.groups[number].hypothesis, float(odds[number])))
+        itself = spots[own[i].number] if i < len(own) else None
+        others, reached = [], chance.get(itself, 0.0) + empty[i]
+        for spot, probability in chance.most_common():
+            if spot != itself and (reached < CREDIBLE or i == len(own)):
+                others.append((best[spot], float(probability)))
+                reached += probability
+        found.append(Credible(float(chance.get(itself, 0.0)), float(empty[i]), tuple(others), tuple(ranking)))
+    return found
+
+
+def _normal(weights: np.ndarray) -> np.ndarray:
+    return weights / weights.sum()

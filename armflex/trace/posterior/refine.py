@@ -1,0 +1,222 @@
+"""Values inside laws that are not linear, refined beside a model: a hypothesis competes at its best.
+
+Levenberg and Marquardt in what is smooth, amplitudes eliminated in every trial (variable projection, Golub and Pereyra
+1973); every moment between two rows for what steps; every choice for what is chosen. A refined value is worth more
+than the value of a grid that it began from, and costs the logarithm of how much narrower than the grid it is known
+(Laplace's approximation).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws.effects.effect import Inner, Values
+from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.posterior.screen import Screen
+from armflex.trace.posterior.selection import SCALES, Beside, Rival, log_likelihood
+
+STEPS, TRIALS, FLAT = 12, 6, 0.02
+"""Tolerance: steps, dampings of one, and rise of the log evidence that ends them."""
+
+FINE = 1e-3
+"""Tolerance: step of numerical derivatives, of a cell of the grid."""
+
+FIRST = 3
+"""Tolerance: the best of some hypotheses, which are refined beside others than they were refined beside before."""
+
+STARTS = 4
+"""Tolerance: places in space from which one that a law pulls towards is sought."""
+
+MOMENTS = 12
+"""Tolerance: every moment is tried within this part of all of them to either side of the grid's best."""
+
+
+class Refiner:
+    """Refines hypotheses on a screen; what was refined beside the same others is not refined again."""
+
+    def __init__(self, screen: Screen) -> None:
+        self._screen = screen
+        self._known: dict[tuple, set[frozenset]] = {}
+
+    def __call__(self, beside: Beside, rivals: Sequence[Rival]) -> None:
+        """Add refined ones of some hypotheses beside a model."""
+        screen = self._screen
+        others = frozenset(screen.groups[one.number].hypothesis.spot for one in beside.model)
+        found, odds = list[Hypothesis](), beside.odds.max(axis=1)
+        for place, rival in enumerate(rivals):
+            hypothesis = screen.groups[rival.chosen.number].hypothesis
+            before = self._known.setdefault(hypothesis.spot, set())
+            if others in before or (before and place >= FIRST):
+                continue
+            before.add(others)
+            starts = [hypothesis]
+            if hypothesis.one.law.spatial:
+                like = [i for i, one in enumerate(screen.groups) if one.hypothesis.spot == hypothesis.spot]
+                starts = [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:STARTS]]
+            tried = [_Search(screen, beside, one, SCALES[rival.chosen.scale]).best() for one in starts]
+            values = [one for one in tried if one is not None]
+            if values:
+                found.append(max(values, key=lambda one: one[1])[0])
+        screen.extend(found)
+
+
+@dataclass(frozen=True)
+class _At:
+    """A hypothesis with other inner values: log evidence, amplitudes and columns."""
+
+    inner: Values
+    value: float
+    amplitudes: Array
+    columns: Array
+
+
+class _Search:
+    """The search for one hypothesis's inner values."""
+
+    def __init__(self, screen: Screen, beside: Beside, hypothesis: Hypothesis, tau: float) -> None:
+        self.screen, self.beside, self.hypothesis, self.tau = screen, beside, hypothesis, tau
+        self.law, self.start = hypothesis.one.law, hypothesis.one.inner
+        places = np.concatenate([np.zeros(0, int), *(screen.groups[one.number].places for one in beside.model)])
+        scale = np.concatenate([np.zeros(0), *(screen.groups[one.number].scale for one in beside.model)])
+        self.known, self.known_seen = screen.cleared(places) * scale, screen.seen(places) * scale[:, None]
+
+    def columns(self, inner: Values) -> Array:
+        return self.screen.made([replace(one, inner=inner) for one in self.hypothesis.members])
+
+    def reduced(self, columns: Array) -> tuple[Array, Array]:
+        """Return information and score of (n, k) columns beside the model."""
+        projection = self.screen.projection
+        seen = columns.T @ projection.shared @ projection.fitted.root
+        score = columns.T @ projection.residual
+        information = columns.T @ projection.cleared(columns) - seen @ seen.T
+        if self.known.shape[1]:
+            across = np.linalg.solve(self.beside.root, self.known.T @ columns - self.known_seen @ seen.T).T
+            score, information = score - across @ self.beside.pull, information - across @ across.T
+        return information, score
+
+    def held(self, columns: Array) -> Array:
+        """Return the (k,) prior precisions of amplitudes of columns."""
+        unit = self.hypothesis.unit
+        scale = (
+            self.screen._scaled((columns**2).sum(axis=0))
+            if unit is None
+            else unit * np.sqrt(self.screen._unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), 1e-300))
+        )
+        return 1.0 / (self.tau * np.where(scale > 0.0, scale, 1e-12)) ** 2
+
+    def at(self, inner: Values) -> _At | None:
+        columns = self.columns(inner)
+        if not (np.isfinite(columns).all() and columns.any()):
+            return None
+        information, score = self.reduced(columns)
+        held = self.held(columns)
+        whole = information + np.diag(held)
+        amplitudes = np.linalg.solve(whole, score)
+        left = max(self.beside.left - float(score @ amplitudes), 1e-9 * self.beside.left)
+        value = float(log_likelihood(left, self.screen.count))
+        value -= 0.5 * float(np.linalg.slogdet(whole / np.sqrt(np.outer(held, held)))[1])
+        for one, here in zip(self.law.inner, inner, strict=True):
+            if one.spread is not None and one.default is not None:
+                value -= 0.5 * ((here - one.default) / one.spread) ** 2
+        return _At(inner, value, amplitudes, columns)
+
+    def best(self) -> tuple[Hypothesis, float] | None:
+        """Return the hypothesis at its best inner values, and its log evidence there; None where it has those."""
+        here = self.at(self.start)
+        if here is None:
+            return None
+        for i, inner in enumerate(self.law.inner):
+            for value in (*inner.tried, *self._moments(inner, here.inner[i])):
+                trial = self.at(_with(here.inner, i, value))
+                if trial is not None and trial.value > here.value:
+                    here = trial
+        one = replace(self.hypothesis.one, inner=here.inner)
+        free = [i for i in one.searched if self.law.inner[i].smooth]
+        free += [i for i, inner in enumerate(self.law.inner) if inner.spread is not None]
+        here, cost = self._climbed(here, free) if free else (here, 0.0)
+        if here.inner == self.start:
+            return None
+        members = tuple(replace(one, inner=here.inner) for one in self.hypothesis.members)
+        chosen = sum(float(np.log(1.0 + len(inner.tried))) for inner in self.law.inner if inner.tried)
+        return replace(self.hypothesis, members=members, prior=self.hypothesis.prior - cost - chosen), here.value - cost
+
+    def _moments(self, inner: Inner, value: float) -> list[float]:
+        """Return the moments near a value at which something may have stepped."""
+        if inner.smooth or not inner.polished or not np.isfinite(value):
+            return []
+        time = np.unique(self.screen.context.column("time"))
+        between = 0.5 * (time[1:] + time[:-1])
+        reach, middle = max(1, len(between) // MOMENTS), int(np.searchsorted(between, value))
+        return between[max(0, middle - reach) : middle + reach + 1].tolist()
+
+    def _cell(self, inner: Inner, value: float) -> float:
+        """Return half the distance between two values of the grid, or of their logarithms where all are positive."""
+        if inner.spread is not None:
+            return inner.spread
+        values = {float(one) for one in inner.grid(self.hypothesis.one.location, self.screen.context)}
+        raw = np.array(sorted(one for one in values if one > 0.0 or not inner.positive))
+        raw = np.log(raw) if inner.positive else raw
+        alone = 0.3 if inner.positive else max(abs(value), 1.0) * 0.3
+        return 0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone
+
+    def _climbed(self, here: _At, free: list[int]) -> tuple[_At, float]:
+        """Return the best values near some, and the log of how much less their posterior is than a cell of the grid."""
+        inners = [self.law.inner[i] for i in free]
+        cells = [self._cell(one, here.inner[i]) for one, i in zip(inners, free, strict=True)]
+
+        def moved(inner: Values, steps: Array) -> Values:
+            for one, i, cell, step in zip(inners, free, cells, steps.tolist(), strict=True):
+                inner = _with(inner, i, one.moved(inner[i], cell * step))
+            return inner
+
+        damping = 1e-2
+        # What a prior holds is pulled back to its default.
+        holding = np.array([0.0 if one.spread is None else (cell / one.spread) ** 2
+                            for one, cell in zip(inners, cells, strict=True)])  # fmt: skip
+        count, slopes = len(here.amplitudes), np.zeros((len(here.columns), 0))
+        for _ in range(STEPS):
+            slopes = np.stack([
+                (self.columns(moved(here.inner, step)) - self.columns(moved(here.inner, -step))) @ here.amplitudes
+                / (2.0 * FINE)
+                for step in FINE * np.eye(len(free))
+            ], axis=1)  # fmt: skip
+            if not np.isfinite(slopes).all():
+                break
+            information, score = self.reduced(np.hstack([here.columns, slopes]))
+            away = np.array([0.0 if one.spread is None else (here.inner[i] - (one.default or 0.0)) / cell
+                             for one, i, cell in zip(inners, free, cells, strict=True)])  # fmt: skip
+            score[count:] -= holding * away
+            held = np.concatenate([self.held(here.columns), holding + 1e-9 * np.diag(information)[count:]])
+            trial = None
+            for _ in range(TRIALS):
+                whole = information + np.diag(held + damping * np.diag(information) + 1e-300)
+                step = np.clip(np.linalg.solve(whole, score)[count:], -2.0, 2.0)
+                trial = self.at(moved(here.inner, step))
+                if trial is not None and trial.value > here.value:
+                    break
+                trial, damping = None, max(5.0 * damping, 1e-3)
+            if trial is None:
+                break
+            gain, here, damping = trial.value - here.value, trial, damping / 5.0
+            if gain < FLAT:
+                break
+        return here, self._occam(here, slopes, holding)
+
+    def _occam(self, here: _At, slopes: Array, holding: Array) -> float:
+        if not slopes.shape[1] or not np.isfinite(slopes).all():
+            return 0.0
+        information, _ = self.reduced(np.hstack([here.columns, slopes]))
+        count = len(here.amplitudes)
+        own = information[:count, :count] + np.diag(self.held(here.columns))
+        across = information[count:, :count]
+        inside = information[count:, count:] - across @ np.linalg.solve(own, across.T)
+        noise = max(self.beside.left / self.screen.count, 1.0)
+        return 0.5 * float(np.linalg.slogdet(np.eye(len(inside)) + inside / noise)[1])
+
+
+def _with(inner: Values, place: int, value: float) -> Values:
+    return (*inner[:place], value, *inner[place + 1 :])

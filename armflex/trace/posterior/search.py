@@ -1,0 +1,331 @@
+"""The search for what an arm lacks: the most probable model of the linear problem, the arm refitted with it, and again.
+
+A climb finds the model that no addition, deletion, exchange or pair improves. The arm is then fitted exactly with all
+of it, and the linear problem is made anew there, with the effects taken out. A state is worth the log posterior of its
+own hypotheses in its own linear problem, and only a state that is worth more replaces one: so the search ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+
+from armflex.errors import ArmflexError
+from armflex.laws.effects.location import Location
+from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
+from armflex.rows.rows import POSE
+from armflex.trace.candidates import bank
+from armflex.trace.posterior.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
+from armflex.trace.posterior.refine import Refiner
+from armflex.trace.posterior.screen import Screen
+from armflex.trace.posterior.selection import BETTER, MOST, ROUGH, SCALES, Chosen, Model, climbed, rivals
+from armflex.trace.posterior.state import Added, State, sorted_out, with_hypotheses, with_random
+from armflex.trace.unrecorded import PoseBlock, RandomTwist, as_likely, localise
+
+ROUNDS = 12
+"""Tolerance: fits of the arm with what was found at most."""
+
+AT_ONCE = 4
+"""Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing."""
+
+FEW = 2
+"""Tolerance: effects with which a random twist is compared at first; more may imitate one."""
+
+SHAPED, LIKELY = 10, 4
+"""Tolerance: places of free shapes at which waves and bumps are sought, and of random twists at which products are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A state with its linear problem.
+
+    Attributes:
+        state: The arm so far.
+        screen: All hypotheses at its fit, its own effects taken out.
+        model: Its own hypotheses there.
+        places: Where a random twist would explain what its model leaves, the likeliest first.
+    """
+
+    state: State
+    screen: Screen
+    model: Model
+    places: tuple[RandomTwist, ...]
+
+    @property
+    def value(self) -> float:
+        """Its log posterior."""
+        return self.screen.log_posterior(self.model)
+
+    @property
+    def unrecorded(self) -> RandomTwist | None:
+        """Where a random twist is more probable than none, None where nowhere."""
+        return next((one for one in self.places[:1] if _odds(one, self.places) > 0.0), None)
+
+
+def standing(state: State) -> Standing:
+    """Return a state with its linear problem."""
+    state.say(f"screening what {len(state.rows)} rows still show")
+    known = hypotheses(state.context)
+    columns = bank((one.one for one in known), state.fit, state.context, state.tell)
+    screen = Screen(known, columns, state.bare, state.quiet)
+    screen.extend(families(state.fit.view, state.context))
+    model = own_model(screen, state.hypotheses)
+    return Standing(state, screen, model, random_places(state, screen, model))
+
+
+def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
+    """Return hypotheses as a model of a screen, each at the scale that is most probable beside the others."""
+    first = len(screen.groups)
+    screen.extend(known)
+    numbers = list(range(first, len(screen.groups)))
+    model = tuple(Chosen(number, 2) for number in numbers)
+    for i, number in enumerate(numbers):
+        rest = (*model[:i], *model[i + 1 :])
+        scale = int(screen.beside(rest).odds[number].argmax())
+        model = (*model[:i], Chosen(number, scale), *model[i + 1 :])
+    return model
+
+
+def spots(screen: Screen, model: Model) -> frozenset:
+    """Return laws and places of a model."""
+    return frozenset(screen.groups[one.number].hypothesis.spot for one in model)
+
+
+def random_places(state: State, screen: Screen, model: Model) -> tuple[RandomTwist, ...]:
+    """Return where a random twist from pose to pose would explain what a model leaves, the likeliest first."""
+    left = _fitted_beside(screen, model)
+    left = replace(left, residual=left.residual * screen.quiet)  # by what was stated, as the fit has it
+    return localise(state.fit, state.context, left, state.groups)
+
+
+def _fitted_beside(screen: Screen, model: Model):
+    """Return the projection of a screen with a model's columns fitted, too."""
+    projection = screen.projection
+    if not model:
+        return projection
+    groups = [screen.groups[one.number] for one in model]
+    columns = screen.columns(np.concatenate([one.places for one in groups])) * np.concatenate([g.scale for g in groups])
+    held = np.concatenate(
+        [np.full(len(g.places), SCALES[one.scale] ** -2.0) for g, one in zip(groups, model, strict=True)]
+    )
+    return projection.with_fitted(
+        np.hstack([projection.regressors, columns]), np.concatenate([projection.precision, held])
+    )
+
+
+def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:
+    """Return the log odds of a random twist over none."""
+    prior = float(np.log(EFFECTS * NAMELESS / max(len(places), 1)))
+    return place.ratio + prior if place.plausible else -np.inf
+
+
+def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: None) -> Standing:
+    """Return the state that is most probable, with its linear problem.
+
+    Args:
+        begun: Where to begin.
+        passing: Called after every state that is accepted.
+    """
+    here = _settled(_begun(begun), passing)
+    for _ in range(ROUNDS):
+        after = _rethought(here, passing)
+        if after is None:
+            break
+        here = after
+    return here
+
+
+def _begun(here: Standing) -> Standing:
+    """Return the state, with a random twist set aside at first where a few effects explain less than one would."""
+    place = here.unrecorded
+    if place is None or here.state.random is not None:
+        return here
+    refiner = Refiner(here.screen)
+    few = climbed(here.screen, here.model, refiner, most=FEW)
+    if here.screen.log_posterior(few) > here.value + _odds(place, here.places):
+        return here
+    with contextlib.suppress(ArmflexError):
+        return standing(_with_twist(here.state, place, here.places))
+    return here
+
+
+def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
+    """Return the state that no further model of its own linear problem improves."""
+    for _ in range(ROUNDS):
+        model = modelled(here)
+        if spots(here.screen, model) == spots(here.screen, here.model):
+            return here
+        after = _fitted(here, model)
+        if after is None:
+            return here
+        here = after
+        passing(here)
+    return here
+
+
+def modelled(here: Standing) -> Model:
+    """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
+    return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + AT_ONCE, MOST))
+
+
+def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state with waves and bumps where free shapes explain most; None where none is more probable.
+
+    One shape may stand for several effects that imitate it: they leave one by one once it is there.
+    """
+    screen, refiner = here.screen, Refiner(here.screen)
+    shaped = _shaped(screen, here.model)
+    if not shaped:
+        return None
+    here.state.say("searching waves and bumps")
+    for law in (WAVE, BUMP):
+        screen.extend(sought(law, shaped, here.state.context))
+    trials = [climbed(screen, here.model, refiner)]
+    for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
+        trials.append(climbed(screen, (*here.model, rival.chosen), refiner))
+    return _accepted(here, max(trials, key=screen.log_posterior), passing)
+
+
+def _accepted(here: Standing, model: Model, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return where a model leads to, None where it is no more probable than the state."""
+    after = None if spots(here.screen, model) == spots(here.screen, here.model) else _fitted(here, model)
+    if after is None:
+        return None
+    passing(after)
+    return _settled(after, passing)
+
+
+def _is_free(hypothesis: Hypothesis) -> bool:
+    return not hypothesis.one.law.physical
+
+
+def _shaped(screen: Screen, model: Model) -> list[Location]:
+    """Return places at which free shapes explain most of what a model leaves."""
+    found: dict[Location, None] = {}
+    whole = screen.beside(()).odds.max(axis=1)
+    for odds, least in ((screen.beside(model).odds.max(axis=1), 0.0), (whole, (1.0 - ROUGH) * whole.max())):
+        free = [
+            i
+            for i, group in enumerate(screen.groups)
+            if odds[i] > max(least, 0.0) and _is_free(group.hypothesis) and group.hypothesis.one.law is not LEVEL
+        ]
+        for i in sorted(free, key=lambda i: -odds[i])[:SHAPED]:
+            location = screen.groups[i].hypothesis.one.location
+            if len(location.covariates) == 1:
+                found.setdefault(Location(location.site, location.axis, location.covariates))
+    return list(found)
+
+
+def _fitted(here: Standing, model: Model) -> Standing | None:
+    """Return the state refitted with a model, None where that is worth no more.
+
+    Where the fit does not come out as the linear problem promised, each hypothesis that is new is left out in turn.
+    """
+    trial = refitted(here, model)
+    if trial is not None and (trial.value > here.value + BETTER or len(trial.state.rows) != len(here.state.rows)):
+        return trial
+    known = spots(here.screen, here.model)
+    tried = [trial] if trial is not None else []
+    for i, one in enumerate(model):
+        rest = (*model[:i], *model[i + 1 :])
+        if here.screen.groups[one.number].hypothesis.spot not in known and spots(here.screen, rest) != known:
+            other = refitted(here, rest)
+            tried += [] if other is None else [other]
+    best = max(tried, key=lambda one: one.value, default=None)
+    return best if best is not None and best.value > here.value + BETTER else None
+
+
+def refitted(here: Standing, model: Model) -> Standing | None:
+    """Return the state fitted with a model, None where the arm with it does not come to rest."""
+    screen, state = here.screen, here.state
+    beside, added = screen.beside(model), list[Added]()
+    for one, amplitudes in zip(model, beside.amplitudes, strict=True):
+        group = screen.groups[one.number]
+        std = np.where(group.scale > 0.0, SCALES[one.scale] * group.scale / (beside.noise * screen.quiet), 1e-12)
+        added.append(Added(group.hypothesis, amplitudes, std))
+    places = np.concatenate([np.zeros(0, dtype=int), *(screen.groups[one.number].places for one in model)])
+    explained = screen.columns(places) @ np.concatenate([np.zeros(0), *beside.amplitudes])
+    names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
+    state.say(f"refitting with {names or 'nothing'}")
+    try:
+        return standing(sorted_out(with_hypotheses(replace(state, heed=True), added, explained)))
+    except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
+        return None
+
+
+def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state after what comes last: products, a random twist, rows far off; None where nothing changes."""
+    state = here.state
+    after = _with_shapes(here, passing)
+    if after is not None:
+        return after
+    if state.random is not None:
+        return _withdrawn(here, passing)
+    if here.unrecorded is not None:
+        after = _with_products(here, passing)
+        if after is not None:
+            return after
+        return _set_aside(here, passing)
+    if state.heed:
+        left = sorted_out(replace(state, heed=False))
+        if not state.uses(left.rows):
+            return _settled(standing(left), passing)
+    return None
+
+
+def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state with a product of two columns where a random twist would explain most; None where none does."""
+    screen, context = here.screen, here.state.context
+    pairs = list(permutations(candidate_columns(context.records), 2))
+    likely = here.places[:LIKELY]
+    here.state.say("searching products of columns")
+    for law in (PRODUCT, WAVE_PRODUCT):
+        locations = [Location(place.site, place.axis, pair) for place in likely for pair in pairs]
+        screen.extend(sought(law, locations, context))
+    return _accepted(here, climbed(screen, here.model, Refiner(screen)), passing)
+
+
+def _set_aside(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state with a random twist beside its effects, or in place of them where that is more probable."""
+    place, state = here.unrecorded, here.state
+    assert place is not None
+    found: list[tuple[float, Standing]] = []
+    with contextlib.suppress(ArmflexError):
+        found.append((here.value + _odds(place, here.places), standing(_with_twist(state, place, here.places))))
+    if here.model:
+        with contextlib.suppress(ArmflexError):
+            bare = refitted(here, ())
+            if bare is not None and bare.unrecorded is not None:
+                own = bare.unrecorded
+                alone = standing(_with_twist(bare.state, own, bare.places))
+                beside = _settled(alone, lambda _: None)
+                gained = beside.value - alone.value
+                found.append((bare.value + _odds(own, bare.places) + gained, beside))
+    if not found:
+        return None
+    best = max(found, key=lambda one: one[0])[1]
+    passing(best)
+    return best
+
+
+def _withdrawn(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state without its random twist where none is probable any more, None where it stays."""
+    try:
+        bare = standing(with_random(here.state, None))
+    except ArmflexError:
+        return None
+    if bare.unrecorded is not None:
+        return None
+    here.state.say("withdrawing the random twist that was set aside")
+    passing(bare)
+    return _settled(bare, passing)
+
+
+def _with_twist(state: State, place: RandomTwist, places: tuple[RandomTwist, ...]) -> State:
+    state.say(f"setting aside a random twist at {place.site} {place.axis}")
+    groups = state.context.column(POSE).astype(int)
+    return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(places)))

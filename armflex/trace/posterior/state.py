@@ -1,0 +1,275 @@
+"""The arm so far: what is declared, what was added to it, and the fit of everything together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise
+
+import numpy as np
+
+from armflex.arm import Setup
+from armflex.conventions import Array
+from armflex.errors import ArmflexError
+from armflex.estimate.block import Block, EffectBlock, amplitude_prior
+from armflex.estimate.calibrate import Calibration
+from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
+from armflex.estimate.view import look
+from armflex.laws.effects.context import Context
+from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.in_arm import without_direction
+from armflex.measured.measurements import Measurements
+from armflex.parameters import numbers_of
+from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.projection import Projection, projected, ridge_for
+from armflex.trace.state import context_at, lost_beams
+from armflex.trace.telling import Report, Tell, silent, tell_steps
+from armflex.trace.unrecorded import PoseBlock
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A fit of the declared parameters, the effects added so far, and a random twist where a cause is unknown.
+
+    Attributes:
+        calibration: Before anything was added, lost beams and all.
+        first: The same without lost beams.
+        measurements: The campaign.
+        asked: Rows that were to be used.
+        rows: Those of them in use: all but lost beams, and rows without what an added effect depends on.
+        declared: Arm and instrument before any fit.
+        blocks: Declared blocks.
+        known: Hypotheses that were added, with values inside their laws as they were chosen.
+        effects: What they add: one effect for each member of each hypothesis, in order.
+        random: Random twist per pose, None where there is none.
+        fit: All of them together.
+        context: The campaign as the catalogue sees it, at this fit.
+        heed: Whether rows that are far off in company stay in use; see `lost_beams`.
+        tell: Called with how far a search or a fit has come.
+        say: Called with what is being done.
+    """
+
+    calibration: Calibration
+    first: Fit
+    measurements: Measurements
+    asked: np.ndarray
+    rows: np.ndarray
+    declared: Setup
+    blocks: tuple[Block, ...]
+    known: tuple[Hypothesis, ...]
+    effects: tuple[EffectBlock, ...]
+    random: PoseBlock | None
+    fit: Fit
+    context: Context
+    heed: bool = True
+    tell: Tell = silent
+    say: Report = silent
+
+    @cached_property
+    def calibrated(self) -> Fit:
+        """The calibration, fitted to the rows in use."""
+        first = self.first
+        if np.array_equal(self.rows, first.view.rows):
+            return first
+        return fit(first.declared, first.blocks, self.measurements, self.rows, first.values)
+
+    @cached_property
+    def groups(self) -> np.ndarray:
+        """(M,) pose number of every fitted row."""
+        return np.unique(self.measurements.pose_number[self.rows], return_inverse=True)[1]
+
+    @cached_property
+    def untold(self) -> np.ndarray:
+        """(A,) which of the rows asked for do not say the direction that an added effect depends on.
+
+        The search takes them as halfway, as what may be either; once the effect is there `predict` refuses such rows.
+        """
+        return without_direction([block.effect for block in self.effects], self.measurements)[self.asked]
+
+    @property
+    def units(self) -> tuple[tuple[int, ...], ...]:
+        """Places of the effects of every hypothesis."""
+        ends = np.cumsum([0, *(len(one.members) for one in self.known)]).tolist()
+        return tuple(tuple(range(a, b)) for a, b in pairwise(ends))
+
+    @property
+    def sessions(self) -> tuple[str, ...]:
+        """Session of every fitted row."""
+        return tuple(self.measurements.session[row] for row in self.rows)
+
+    def uses(self, rows: np.ndarray) -> bool:
+        """Return whether just these rows are in use."""
+        return np.array_equal(rows, self.rows)
+
+    def values_of(self, block: Block) -> Array:
+        """Return the fitted values of one block."""
+        return self.fit.values[self.fit.places(block)]
+
+    def stds_of(self, block: Block) -> Array:
+        """Return the standard uncertainties of one block's values."""
+        return self.fit.posterior.std[self.fit.places(block)]
+
+    @cached_property
+    def fitted(self) -> tuple[Effect, ...]:
+        """The added effects with the values that the fit gave them."""
+        return tuple(block.at(self.values_of(block)) for block in self.effects)
+
+    @cached_property
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """What was added, with values inside laws as they were fitted."""
+        found = []
+        for one, unit in zip(self.known, self.units, strict=True):
+            inners = [self.fitted[i].inner for i in unit]
+            members = tuple(replace(each, inner=inner) for each, inner in zip(one.members, inners, strict=True))
+            found.append(replace(one, members=members))
+        return tuple(found)
+
+    @property
+    def quiet(self) -> float:
+        """Standard deviation of the readings over that stated where they scatter less, else 1.
+
+        What is still missing is in it: they scatter no more than that. Priors are held against it.
+        """
+        return min(self.fit.noise, 1.0)
+
+    @cached_property
+    def bare(self) -> Projection:
+        """The projection of all that is fitted but the added effects, on the readings as they would be without them.
+
+        By the scatter of the readings where that is less than was stated; see `quiet`.
+        """
+        fitted, own = self.fit, [self.fit.places(block) for block in self.effects]
+        acting = [at[: len(block.effect.location.terms)] for at, block in zip(own, self.effects, strict=True)]
+        none = np.zeros(0, dtype=int)
+        rest = np.setdiff1d(np.arange(len(fitted.values)), np.concatenate([none, *own]))
+        some = np.sort(np.concatenate([rest, *acting]))
+        # Linear in the amplitudes, so exact for them.
+        data = fitted.residual + fitted.regressors[:, some] @ fitted.values[some]
+        regressors, precision = fitted.regressors[:, rest] / self.quiet, fitted.precision[rest]
+        return projected(regressors, precision, data / self.quiet, ridge_for(fitted), fitted.view.count)
+
+
+def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -> State:
+    """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
+    fitted, measurements = calibration.fit, calibration.measurements
+    state = State(
+        calibration=calibration,
+        first=fitted,
+        measurements=measurements,
+        asked=fitted.view.rows,
+        rows=fitted.view.rows,
+        declared=fitted.declared,
+        blocks=fitted.blocks,
+        known=(),
+        effects=(),
+        random=None,
+        fit=fitted,
+        context=context_at(fitted, measurements),
+        tell=tell,
+        say=say,
+    )
+    state = sorted_out(state, THOROUGH)
+    return replace(state, first=state.fit)
+
+
+def sorted_out(state: State, effort: Effort = ROUGH) -> State:
+    """Return the state with the question put anew of which rows are lost beams, refitted where the answer changed.
+
+    While an effect is missing, rows that it moves may look lost; once it is there, others stand out that did not. Rows
+    before a joint's first motion leave with the first effect that must know its direction.
+    """
+    rows = state.asked[~(lost_rows(state, state.heed) | state.untold)]
+    if state.uses(rows):
+        return state
+    return refit(replace(state, rows=rows), state.effects, state.random, state.fit.values, effort)
+
+
+def lost_rows(state: State, heed: bool) -> np.ndarray:
+    """Return which of the rows that were to be used are lost beams at a fit; see `lost_beams`."""
+    asked, measurements = state.asked, state.measurements
+    view = state.fit.view if len(state.rows) == len(asked) else look(state.fit.setup, measurements, asked)
+    return lost_beams(view, [measurements.session[row] for row in asked], measurements.pose_number[asked], heed)
+
+
+@dataclass(frozen=True, eq=False)
+class Added:
+    """A hypothesis that is to be in the arm.
+
+    Attributes:
+        hypothesis: What it says.
+        amplitudes: (k,) where its amplitudes begin, of all members [the laws' units].
+        std: (k,) their prior standard deviations.
+    """
+
+    hypothesis: Hypothesis
+    amplitudes: Array
+    std: Array
+
+
+def with_hypotheses(state: State, added: Sequence[Added], explained: Array, effort: Effort = ROUGH) -> State:
+    """Return the state with these hypotheses in place of those that it has, and everything refitted.
+
+    Args:
+        state: The arm so far.
+        added: What is to be added to the declared arm.
+        explained: (n,) what they explain of the readings of `state.bare`, whitened and weighted.
+        effort: Of the fit.
+
+    Raises:
+        ArmflexError: The arm with them does not come to rest, or no fit is found.
+    """
+    known, blocks = len(state.declared.arm.effects), list[EffectBlock]()
+    for one in added:
+        first = 0
+        for member in one.hypothesis.members:
+            count = len(member.location.terms)
+            effect = member.effect(one.amplitudes[first : first + count])
+            derived = tuple(name for name in member.location.covariates if name in state.measurements.derived)
+            effect = replace(effect, derived=derived).seen_in(state.context, state.rows)
+            free = () if one.hypothesis.family else member.fitted
+            prior = amplitude_prior(effect, free, state.fit.view, state.context)
+            prior[:count] = np.minimum(prior[:count], one.std[first : first + count])
+            blocks.append(EffectBlock(effect, free, state.context, known + len(blocks), prior))
+            first += count
+    projection, rest = state.bare, sum(len(block.parameters) for block in state.blocks)
+    absorbed, random = projection.absorbed(projection.data - explained), np.zeros(0)
+    if state.random is not None:
+        random = absorbed[rest:]
+    after = replace(state, known=tuple(one.hypothesis for one in added))
+    starts = [block.start for block in blocks]
+    last: ArmflexError | None = None
+    for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead
+        declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
+        try:
+            return refit(after, tuple(blocks), state.random, np.concatenate([declared, *starts, random]), effort)
+        except ArmflexError as error:
+            last = error
+    assert last is not None
+    raise last
+
+
+def with_random(state: State, random: PoseBlock | None) -> State:
+    """Return the state with a random twist per pose (or without one) and everything refitted."""
+    count = 0 if state.random is None else len(state.random.labels)
+    start = state.fit.values[: len(state.fit.values) - count]
+    added = np.zeros(0 if random is None else len(random.labels))
+    return refit(state, state.effects, random, np.concatenate([start, added]))
+
+
+def refit(
+    state: State,
+    effects: tuple[EffectBlock, ...],
+    random: PoseBlock | None,
+    start: Array,
+    effort: Effort = ROUGH,
+) -> State:
+    """Return the state with these effects, everything fitted together and the campaign looked at again."""
+    known = state.declared.arm.effects
+    numbers = numbers_of((*known, *(block.effect for block in effects)))[len(known) :]
+    effects = tuple(replace(block, number=number) for block, number in zip(effects, numbers, strict=True))
+    blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
+    tell = partial(tell_steps, state.tell)
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, tell, effort)
+    context = context_at(fitted, state.measurements)
+    return replace(state, effects=effects, random=random, fit=fitted, context=context)

@@ -1,0 +1,178 @@
+"""Guards of the whole: poses held out with everything chosen anew, what chance gives, and never worse than before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.estimate.held_out import errors_of, judged_by, pose_folds
+from armflex.linear_gaussian import LinearGaussian
+from armflex.trace.accept import Proof, sessions_held_out
+from armflex.trace.posterior.screen import Dense
+from armflex.trace.posterior.search import Standing
+from armflex.trace.posterior.selection import SCALES, Model, climbed, log_likelihood
+
+FLIPS = 100
+"""Tolerance: random signs of the residual that chance is read from."""
+
+
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """The linear problem of a state in parts: every fifth of the poses predicted from the others.
+
+    Attributes:
+        here: The state.
+        numbers: Hypotheses that compete, by their numbers in its screen.
+        parts: Evidence from all poses but those of a fold.
+        learned: (n,) readings that each was learned from.
+    """
+
+    here: Standing
+    numbers: tuple[int, ...]
+    parts: tuple[Dense, ...]
+    learned: tuple[np.ndarray, ...]
+
+    @staticmethod
+    def of(here: Standing, numbers: Sequence[int], charges: Sequence[float]) -> Folds:
+        """Return the folds of the poses of a state."""
+        fit = here.state.fit
+        folds = np.repeat(pose_folds(here.state.groups), fit.view.residual.shape[1])
+        learned = tuple(folds != number for number in range(int(folds.max()) + 1))
+        parts = tuple(here.screen.dense(tuple(numbers), charges, mask) for mask in learned)
+        return Folds(here, tuple(numbers), parts, learned)
+
+    def squares(self, models: Sequence[Model]) -> Array:
+        """Return the (M,) squared errors of every row [m^2], predicted from the other folds with a model for each."""
+        screen, fit = self.here.screen, self.here.state.fit
+        projection, left = screen.projection, np.empty(len(screen.projection.data))
+        for part, learned, model in zip(self.parts, self.learned, models, strict=True):
+            groups = [part.groups[one.number] for one in model]
+            own = [screen.groups[self.numbers[one.number]] for one in model]
+            places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in own)])
+            amplitudes = np.concatenate([np.zeros(0), *part.beside(model).amplitudes])
+            assert len(places) == sum(len(one.places) for one in groups)
+            data = projection.data - screen.columns(places) @ amplitudes
+            shared, regressors = projection.shared[learned], projection.regressors[learned]
+            known = LinearGaussian(regressors.T @ shared + np.diag(projection.precision))
+            values = known.solve(shared.T @ data[learned])
+            left[~learned] = (data - projection.regressors @ values)[~learned]
+        judged = judged_by(self.here.state.calibrated, fit)
+        return fit.view.readings.where(judged).row_squares(errors_of(fit, screen.quiet * left))
+
+    @property
+    def judged(self) -> np.ndarray:
+        """(M,) rows that errors are over."""
+        readings = self.here.state.fit.view.readings
+        fits = (self.here.state.calibrated, self.here.state.fit)
+        return readings.where(judged_by(*fits)).foremost_count > 0
+
+    def rms(self, squares: Array) -> float:
+        """Return the RMS of (M,) squared errors over the rows that are judged [m]."""
+        return float(np.sqrt(squares[self.judged].mean()))
+
+    def chosen_anew(self) -> list[Model]:
+        """Return the model that the other poses alone lead to, of each fold."""
+        return [climbed(part) for part in self.parts]
+
+
+@dataclass(frozen=True, eq=False)
+class Validated:
+    """How a state predicts poses that it has not seen.
+
+    Attributes:
+        before, after: RMS of the 3-D error on poses held out, of the calibrated arm and of what was found, everything
+            chosen and fitted without them [m].
+        linear_before, linear_after: The same with what was found as it is, fitted without them.
+        names: For every hypothesis found, the share of folds that lead to its law and place.
+        proofs: For every hypothesis, errors without it and with it.
+    """
+
+    before: float
+    after: float
+    linear_before: float
+    linear_after: float
+    names: tuple[float, ...]
+    proofs: tuple[Proof, ...]
+
+    @property
+    def worse(self) -> bool:
+        """Whether the calibrated arm predicts them better."""
+        return self.after > self.before or self.linear_after > self.linear_before
+
+
+def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Sequence[float], null: float) -> Validated:
+    """Return how a state predicts poses that were held out.
+
+    Args:
+        here: The state.
+        numbers: Hypotheses that compete, by their numbers in its screen.
+        own: Its model among those.
+        charges: What the size of each counts against it [nats].
+        null: What chance gives.
+    """
+    folds = Folds.of(here, numbers, charges)
+    anew, count = folds.chosen_anew(), len(folds.parts)
+    bare, whole = folds.squares([()] * count), folds.squares([own] * count)
+    chosen = folds.squares(anew)
+    names, proofs = [], []
+    for i, one in enumerate(own):
+        spot = folds.parts[0].groups[one.number].hypothesis.spot
+        led = [any(part.groups[c.number].hypothesis.spot == spot for c in model)
+               for part, model in zip(folds.parts, anew, strict=True)]  # fmt: skip
+        names.append(sum(led) / count)
+        without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
+        proofs.append(_proof(here, folds, i, without, whole, null))
+    rms = [folds.rms(one) for one in (bare, chosen, bare, whole)]
+    return Validated(*rms, tuple(names), tuple(proofs))
+
+
+def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:
+    judged, state = folds.judged, here.state
+    fall = before[judged] - after[judged]
+    apart = float(fall.mean() / (fall.std() / np.sqrt(len(fall)) + 1e-300))
+    blocks = [state.effects[i] for i in state.units[index]]
+    sessions = sessions_held_out(state.calibrated, state.fit, blocks, state.sessions) or (None, None)
+    return Proof(folds.rms(before), folds.rms(after), *sessions, apart, null)
+
+
+def chance(here: Standing, seed: int = 0) -> float:
+    """Return the best log odds of any hypothesis where the residual of every pose has a random sign.
+
+    Winkler et al. 2014 (NeuroImage 92): signs of exchangeable blocks, reduced-model residuals, maximum statistic. Over
+    `FLIPS` draws; the largest.
+    """
+    screen, state = here.screen, here.state
+    beside = screen.beside(here.model)
+    places = np.concatenate([np.zeros(0, dtype=int), *(screen.groups[one.number].places for one in here.model)])
+    amplitudes = np.concatenate([np.zeros(0), *beside.amplitudes])
+    projection = screen.projection
+    residual = projection.residual - projection.cleared(screen.columns(places) @ amplitudes)
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(state.groups.max()) + 1, FLIPS))
+    flipped = residual[:, None] * np.repeat(signs[state.groups], len(residual) // len(state.rows), axis=0)
+    scores, best = screen.scores_of(flipped), -np.inf
+    known = np.concatenate([np.zeros(0), *(screen.groups[one.number].scale for one in here.model)])
+    pulls = np.linalg.solve(beside.root, scores[places] * known[:, None])
+    scores = scores - beside.across @ pulls
+    seen = projection.half @ flipped
+    objective = (flipped * projection.cleared(flipped)).sum(axis=0) - (seen**2).sum(axis=0) - (pulls**2).sum(axis=0)
+    tight, here_value = SCALES[:, None, None] ** -2.0, log_likelihood(objective, screen.count)
+    for numbers, at, scale, inside, _ in screen.batches:
+        taken, score = beside.across[at] * scale[:, :, None], scores[at] * scale[:, :, None]
+        values, axes = np.linalg.eigh(inside - taken @ taken.transpose(0, 2, 1))
+        turned = np.einsum("gki,gkf->gif", axes, score)
+        held = np.maximum(values, 0.0)[None] + tight
+        gain = (turned[None] ** 2 / held[..., None]).sum(axis=2)
+        logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.count) - here_value
+        logs = logs - 0.5 * np.log(held / tight).sum(axis=2)[..., None] + screen.priors[numbers][None, :, None]
+        best = max(best, float(logs.max()))
+    return best
+
+
+def weakest(own: Model, evidence: Dense) -> int:
+    """Return the place of the hypothesis of a model that is least probable beside the others."""
+    whole = evidence.log_posterior(own)
+    worths = [whole - evidence.log_posterior(tuple(o for j, o in enumerate(own) if j != i)) for i in range(len(own))]
+    return int(np.argmin(worths))

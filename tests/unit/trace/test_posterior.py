@@ -1,0 +1,124 @@
+"""The evidence of sets of hypotheses: closed forms by quadrature, probabilities that hold, and whole searches."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from armflex.laws.effects.backlash import BACKLASH
+from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
+from armflex.laws.effects.location import Location
+from armflex.trace.candidates import Candidate
+from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.posterior.probabilities import sampled
+from armflex.trace.posterior.screen import Dense
+from armflex.trace.posterior.selection import SCALES, Chosen, Group, climbed, rivals
+
+ROWS = 40
+
+
+def problem(columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None = None, signed: int = -1) -> Dense:
+    """Return columns as hypotheses of one amplitude each; `signed` is the number of one that must be positive."""
+    groups = []
+    for i in range(columns.shape[1]):
+        law, term = (BASE_COMPLIANCE, 0) if i == signed else (BACKLASH, 0)
+        candidate = Candidate(law, Location(f"J{i}", "rz", (), (term,)), ())
+        prior = np.log(0.1) if priors is None else float(priors[i])
+        groups.append(Group(Hypothesis((candidate,), prior), np.array([i]), np.ones(1)))
+    objective, scores = float(readings @ readings), columns.T @ readings
+    return Dense(groups, columns.T @ columns, scores, objective, len(readings), np.zeros(len(groups)))
+
+
+def drawn(seed: int, count: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(ROWS, count))
+    columns[:, 1:] += 0.7 * columns[:, :1]
+    readings = columns @ rng.normal(0.0, 0.4, count) + rng.normal(size=ROWS)
+    return columns, readings * np.sqrt(0.9 * ROWS / (readings @ readings))  # noise as stated explains them, too
+
+
+def likelihood(columns: np.ndarray, readings: np.ndarray, *amplitudes: float) -> float:
+    """Return the likelihood over that without any amplitude, at noise as stated."""
+    left = readings - columns @ np.array(amplitudes)
+    return float(np.exp(-0.5 * (left @ left - readings @ readings)))
+
+
+@pytest.mark.parametrize("scale", [1, 2, 3])
+def test_the_odds_of_one_hypothesis_are_its_evidence_by_quadrature(scale: int) -> None:
+    columns, readings = drawn(3, 1)
+    evidence = problem(columns, readings)
+    whole, _ = quad(
+        lambda b: likelihood(columns, readings, b) * norm.pdf(b, 0.0, SCALES[scale]), -8.0, 8.0, points=(0.0, 0.5)
+    )
+    odds = evidence.beside(()).odds[0, scale] - np.log(0.1) + np.log(len(SCALES))
+    assert odds == pytest.approx(np.log(whole), abs=1e-6)
+
+
+def test_a_sign_that_is_known_makes_the_prior_half_normal() -> None:
+    columns, readings = drawn(5, 1)
+    for sign in (1.0, -1.0):
+        evidence = problem(sign * columns, readings, signed=0)
+        whole, _ = quad(
+            lambda b, sign=sign: 2.0 * likelihood(sign * columns, readings, b) * norm.pdf(b), 0.0, 8.0, points=(0.3,)
+        )
+        odds = evidence.beside(()).odds[0, 2] - np.log(0.1) + np.log(len(SCALES))
+        assert odds == pytest.approx(np.log(whole), abs=1e-6)
+
+
+def test_the_evidence_of_two_hypotheses_is_that_of_quadrature() -> None:
+    columns, readings = drawn(11)
+    evidence = problem(columns, readings)
+
+    a, b = np.linspace(-6.0, 6.0, 2401)[:, None], np.linspace(-2.0, 2.0, 801)[None, :]
+    g, pull = columns.T @ columns, columns.T @ readings
+    squares = g[0, 0] * a**2 + 2.0 * g[0, 1] * a * b + g[1, 1] * b**2 - 2.0 * (pull[0] * a + pull[1] * b)
+    density = np.exp(-0.5 * squares) * norm.pdf(a, 0.0, 1.0) * norm.pdf(b, 0.0, 0.3)
+    whole = float(density.sum() * (a[1, 0] - a[0, 0]) * (b[0, 1] - b[0, 0]))
+    model = (Chosen(0, 2), Chosen(1, 1))
+    found = evidence.log_posterior(model) - evidence.log_posterior(())
+    assert found - 2.0 * (np.log(0.1) - np.log(len(SCALES))) == pytest.approx(np.log(whole), abs=1e-4)
+    # One after the other gives the same.
+    first = evidence.beside(()).odds[0, 2]
+    assert first + evidence.beside(model[:1]).odds[1, 1] == pytest.approx(found, abs=1e-9)
+
+
+def test_a_climb_finds_what_is_there_among_many_and_nothing_in_noise() -> None:
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(200, 300))
+    columns[:, 100:] += 2.0 * columns[:, :200]  # every hypothesis has one that is much like it
+    priors = np.full(300, np.log(2.0 / 300.0))
+    noise = rng.normal(size=200)
+    assert climbed(problem(columns, noise, priors)) == ()
+    readings = noise + columns[:, [7, 150, 210]] @ np.array([1.0, -0.8, 0.6])
+    model = climbed(problem(columns, readings, priors))
+    assert {one.number for one in model} == {7, 150, 210}
+
+
+@pytest.mark.slow
+def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
+    """Over problems that are drawn from the prior itself, of hypotheses that imitate one another."""
+    rng, stated, right = np.random.default_rng(1), [], []
+    for _ in range(250):
+        columns = rng.normal(size=(ROWS, 8))
+        columns[:, 4:] = columns[:, :4] + 0.25 * rng.normal(size=(ROWS, 4))
+        present = rng.random(8) < 0.15
+        amplitudes = rng.normal(0.0, rng.choice(SCALES[:4], 8))
+        readings = columns @ np.where(present, amplitudes, 0.0) + rng.normal(size=ROWS)
+        evidence = problem(columns, 0.97 * readings, np.full(8, np.log(0.15 / 0.85)))
+        model = climbed(evidence)
+        for one, credible in zip(model, sampled(evidence, model), strict=False):
+            stated.append(credible.probability)
+            right.append(bool(present[one.number]))
+    stated_, right_ = np.array(stated), np.array(right)
+    sure = stated_ > 0.9
+    assert sure.sum() > 40 and right_[sure].mean() > 0.9
+    assert right_[~sure].mean() == pytest.approx(stated_[~sure].mean(), abs=0.12)
+
+
+def test_rivals_are_ranked_one_of_each_place() -> None:
+    columns, readings = drawn(3)
+    readings = 3.0 * columns[:, 0] + readings
+    found = rivals(problem(columns, readings).beside(()))
+    assert found[0].chosen.number == 0 and len({one.chosen.number for one in found}) == len(found)
