@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from copy import copy
 from functools import cache, cached_property
 from types import ModuleType
 from typing import NamedTuple
@@ -23,8 +24,8 @@ from armflex.mechanics.certificate import StabilityBound
 from armflex.mechanics.chain import Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
-from armflex.mechanics.pinocchio_model import Load
 from armflex.parallel import in_pieces
+from armflex.rows.wrench import Wrench, check_rows
 
 COMPILED = ("exact", "first_order")
 """Methods that the kernel has."""
@@ -103,10 +104,12 @@ class Pushes:
         links: (L, 3) element of a chain that each link is fixed to, how many flexures move it, and whether its wrench
             follows it: is in the element's axes.
         posed: Numbers of the loads that depend on their links' poses otherwise.
+        rows: How many rows they are for, None where each is the same in any.
     """
 
-    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Load] = (), sited: bool = False) -> None:
-        self._loads = loads = (*wrenches, *loaded.arm.pulls)
+    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), sited: bool = False) -> None:
+        self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
+        self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._chain = loaded.sited_chain if sited else loaded.chain
         frames = loaded.link_frames if sited else loaded.plain_link_frames
         self._frames = own = frames.some([frames.names.index(load.frame) for load in loads])
@@ -123,13 +126,27 @@ class Pushes:
             turn = np.kron(np.eye(2), own.numbers[j, :9].reshape(3, 3).T)
             self._same[:, j, 3:] = load @ turn if following[j] else load
 
+    def some(self, rows: np.ndarray) -> Pushes:
+        """Return the loads in (M,) of the rows that they are for."""
+        if self.rows is None:
+            return self
+        found, count = copy(self), len(self._wrenches)
+        found._wrenches = [one if one.rows is None else one.some(rows) for one in self._wrenches]
+        found._loads, found.rows = (*found._wrenches, *self._loads[count:]), len(rows)
+        found._same = self._same if len(self._same) == 1 else self._same[rows]
+        return found
+
     def wrenches(self, q: Array, twists: Array | None = None) -> Array:
         """Return (1 or N, L, 9) where on its element each acts [m], and the wrench [N, Nm] in base or element axes.
 
         Args:
             q: (N, nq) joint positions [rad or m].
             twists: (N, n, 6) of the flexures, zero where not given.
+
+        Raises:
+            ShapeError: The loads are for other rows.
         """
+        check_rows(self._wrenches, len(q))
         if not self.posed:
             return self._same
         poses, found = self._poses(q, twists), np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy()
@@ -196,7 +213,7 @@ def flexed(
 class RowSolver:
     """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
 
-    def __init__(self, loaded: LoadedArm, exact: bool, wrenches: Sequence[Load] = ()) -> None:
+    def __init__(self, loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench] = ()) -> None:
         self._loaded, self._exact, self._chain, self._nominal = loaded, exact, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)
@@ -303,11 +320,11 @@ class RowSolver:
             (M, 6, n, 6), not a number where the second does not prove that the arm is stable and nobody knows, and (M,)
             Frobenius norms of the tangents less the unit matrix: below 1 is a proof.
         """
-        q, twists, pushes = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some]), self.pushes
+        q, twists = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some])
         tangents = laws.tangents(found.wrenches)
         tangents = tangents if len(tangents) == 1 else tangents[some]
         by_law, distance = np.empty((len(some), 6, *twists.shape[1:])), np.empty(len(some))
-        numbers = (*self._chain.numbers, *pushes.at(q, twists), q, twists, tangents)
+        numbers = (*self._chain.numbers, *self.pushes.some(some).at(q, twists), q, twists, tangents)
         kernel().sensitivities(*numbers, np.full(len(some), stable), by_law, distance)
         return by_law, distance
 
