@@ -54,7 +54,7 @@ def command(
     say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
     moved = against is not None or trajectory.is_moved
     print_check(report, "off by" if moved else "moves")
-    names = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst")
+    names = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst")
     told = {name: getattr(report, name) for name in names} | (
         {"against": str(desired_path or trajectory_path)} if moved else {}
     )

@@ -20,7 +20,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
-from armflex.mechanics.certificate import StabilityBound
+from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.chain import Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
@@ -40,6 +40,7 @@ SETTLED = 1e-13
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
 NO_CHANGES = np.zeros((0, 0, 6, 6))
+NO_FACTORS = np.zeros(0)
 
 COMPILING = "armflex compiles its engine for this machine, once: about a minute"
 
@@ -79,18 +80,19 @@ def kernel() -> ModuleType:
 class Solution(NamedTuple):
     """Where an arm rests in N rows: (N, 6) displacement of the tip, (N, n, 6) wrenches and twists of the flexures.
 
-    Wrenches of no rows are not asked for: they follow from the twists.
+    Wrenches of no rows are not asked for: they follow from the twists. `load_factor` (N,) is as of `Equilibrium`.
     """
 
     displacement: Array
     wrenches: Array
     twists: Array
+    load_factor: Array = NO_FACTORS
 
     @classmethod
     def empty(cls, count: int, flexures: int, wrenches: bool = True) -> Solution:
         """Return room for the solution in some rows."""
         loads = np.empty((count if wrenches else 0, flexures, 6))
-        return cls(np.empty((count, 6)), loads, np.empty((count, flexures, 6)))
+        return cls(np.empty((count, 6)), loads, np.empty((count, flexures, 6)), np.full(count, np.inf))
 
     def some(self, rows: slice | np.ndarray) -> Solution:
         """Return some of the rows, as views where they are a slice."""
@@ -221,7 +223,7 @@ class RowSolver:
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
         plain = not (laws.curved or self.pushes.posed)
-        return not plain or (self._exact and (laws.bent or not (self.bound and self.bound.proven)))
+        return not plain or laws.bent or not (self.bound and self.bound.proven)
 
     @cached_property
     def bound(self) -> StabilityBound | None:
@@ -281,13 +283,13 @@ class RowSolver:
     ) -> np.ndarray:
         fine = np.empty(len(q), dtype=bool)
         known = (*self._chain.numbers, self.pushes.links, pushed, *laws.numbers, rooms, ready, q, exact)
-        kernel().solve_many(*known, *into, fine)
+        kernel().solve_many(*known, into.displacement, into.wrenches, into.twists, fine)
         return fine
 
     def proven(
         self, row: Row, laws: RowLaws, found: Solution, bound: StabilityBound | None, fine: np.ndarray
     ) -> np.ndarray:
-        """Return (N,) which of the rows that are `fine` are stable, by the bound or by the tangent itself.
+        """Return (N,) which of the rows that are `fine` are stable, by the bound or the tangent, and not near buckling.
 
         Args:
             row, laws, found: As of `solve`.
@@ -303,7 +305,7 @@ class RowSolver:
         if len(rest):
             if laws.curved:
                 laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
-            proven[rest] = self.linearise(row, laws, found, rest)[1] < 1.0
+            proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
         return proven
 
     def linearise(
@@ -420,7 +422,7 @@ def drawn_displacements(
         for number, stack in enumerate(stacks):
             laws = RowLaws(stack, row)
             fine = solver.solve(row, laws, into, rooms, ready=True)
-            if not (solver.proven(row, laws, into, bounds[number], fine) if exact else fine).all():
+            if not solver.proven(row, laws, into, bounds[number], fine).all():
                 with naming(f"draw {number}"):
                     raise UnsupportedError("the arm so drawn is too soft: it turns too far, or may not stay")
             found[number, some] = into.displacement

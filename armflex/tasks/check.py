@@ -103,11 +103,12 @@ class CheckReport(Result):
         segments: Worst point of each stretch between rows, in order.
         path_worst: Worst point anywhere on the path.
         samples: Number of configurations evaluated.
+        load_factor: Least of `Deflection.load_factor` met where it is below 2, else infinite.
         flags: Flags met on the way.
         rows: Every row, in order, via-points among them.
     """
 
-    TOLD = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst", "flags")
+    TOLD = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst", "flags")
     ROWS = "via_points"
 
     ok: bool
@@ -119,6 +120,7 @@ class CheckReport(Result):
     samples: int
     flags: tuple[Flag, ...]
     rows: tuple[Point, ...] = ()
+    load_factor: float = np.inf
 
 
 @checked_kinds
@@ -188,11 +190,11 @@ def check(
     pieces = [(between, some) for between, every in both for some in in_pieces(every, TOGETHER)]
     points: list[Point] = []
     met: dict[str, Flag] = {}
-    samples = 0
+    samples, factor = 0, np.inf
     for found, judge in in_threads(judged, pieces):
         points += found
         met |= {code: flag for code, flag in judge.flags.items() if code not in met}
-        samples += judge.samples
+        samples, factor = samples + judge.samples, min(factor, judge.load_factor)
         if progress and len(points) > count:
             progress(len(points) - count, count - 1)
     rows, segments = points[:count], points[count:]
@@ -200,7 +202,7 @@ def check(
     worst = min(points, key=lambda point: point.badness)
     ok = all(point.verdict == "ok" for point in points)
     flags = (*doubts, *held, *derived, *met.values())
-    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows))
+    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows), factor)
 
 
 def doubtful_tolerance(tolerance: float, reach: float, angle: float | None = None) -> tuple[Flag, ...]:
@@ -245,7 +247,7 @@ class _Judge:
     def __init__(self, arm: Arm, trajectory: Trajectory, tolerance: float, angle: float | None, method: str) -> None:
         self.arm, self.trajectory, self.method = arm, trajectory, method
         self.tolerance, self.angle = tolerance, angle
-        self.samples = 0
+        self.samples, self.load_factor = 0, np.inf
         self.flags: dict[str, Flag] = {}
 
     def between(self, segments: np.ndarray, fractions: Array) -> _Samples:
@@ -280,6 +282,7 @@ class _Judge:
             reason[:] = [self.trouble(points, i, name) for i, name in enumerate(names)]
             found = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
         self.keep_flags(found, points.time)
+        self.load_factor = min(self.load_factor, float(found.found_factors.min(initial=np.inf)))
         return self.judge(found, self.covariance(found, points, reason == ""), points, reason)
 
     def trouble(self, points: Points, i: int, name: str) -> str:
