@@ -515,7 +515,8 @@ warnings.filterwarnings("once", category=ArmflexWarning, append=True)
 def warn(flags: Sequence[Flag]) -> None:
     """Raise each flag as a Python warning, once in a process, for those who do not look at `flags`.
 
-    What other filters say of it goes before. It points at the line outside this package that asked, however deep the question was answered.
+    What other filters say of it goes before. It points at the line outside this package that asked, however deep the
+    question was answered.
     """
     level, frame = 1, sys._getframe()
     while flags and frame and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:

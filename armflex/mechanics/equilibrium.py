@@ -287,11 +287,11 @@ def check_small(twists: Array, names: tuple[str, ...]) -> None:
 
 
 def load_factor(tangent: Array) -> float:
-    """Return how many times its loads an arm carries before it buckles, by its (6 n, 6 n) tangent; 1 or less is too few.
+    """Return how many times its loads an arm with a (6 n, 6 n) tangent carries before it buckles; 1 or less: it does.
 
     With K = C^-1 the tangent I + C G is similar to `I + C^1/2 G C^1/2`, the energy's Hessian, and G is in proportion to
-    the loads: the arm buckles where they are `1 / (1 - smallest eigenvalue)` times as large. Where it is loaded and bent
-    as it is now, that is; so it is a linear buckling analysis about the equilibrium. What all loads stiffen has no limit.
+    the loads: the arm, bent as it is, buckles where they are `1 / (1 - smallest eigenvalue)` times as large. That is a
+    linear buckling analysis about the equilibrium. An arm that its loads stiffen does not buckle: infinite.
     """
     smallest = float(np.linalg.eigvals(tangent).real.min(initial=1.0))
     return 1.0 / (1.0 - smallest) if smallest < 1.0 else math.inf
