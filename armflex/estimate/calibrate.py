@@ -21,7 +21,7 @@ from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
-from armflex.estimate.instrument_checks import beyond_priors, moved_sensors, suspected, wrong_sigma
+from armflex.estimate.instrument_checks import moved_sensors, suspected, wrong_sigma
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, without_positions
 from armflex.estimate.placement import check_readings, placed_rigidly
@@ -30,16 +30,18 @@ from armflex.estimate.robust import huber_weights, instrument_weights
 from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
+from armflex.laws.declared import soft
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import derived_directions, without_direction
+from armflex.laws.law import anywhere
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parallel import Progress
-from armflex.parameters import FRAMES, ParameterKind
+from armflex.parameters import FRAMES, ParameterKind, beyond_priors
 from armflex.readings import Kind
 from armflex.readings.instrument import Instrument, fit_mounting
 from armflex.result import Result
@@ -253,6 +255,9 @@ def calibrate(
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(with_posteriors(found.setup.arm, found), **known)
     errors = _held_out(placed, found, measurements)
+    sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
+    fitted = zip(found.parameters, sizes, strict=True)
+    pulls = {one.label: size for one, size in fitted if one.group.kind is not ParameterKind.LAW}
     judgement: tuple[Flag, ...] = ()
     if judged:
         judgement = tuple(moved_sensors(found, measurements, about))
@@ -263,7 +268,8 @@ def calibrate(
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
         *judgement,
-        *beyond_priors(found),
+        *beyond_priors(pulls),
+        *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         *(() if about or judgement else _worse(errors, found.view.readings.unit)),
     )
