@@ -81,7 +81,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
         code,
     )
     found = strict_json(tmp_path / "c.json")
-    more = {"angle_rad", "samples", "flags", "base", "tip"}
+    more = {"angle_rad", "samples", "load_factor", "flags", "base", "tip"}
     assert set(found) == {"format", "ok", "tolerance_m", "via_points", "path_worst"} | more
     assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
     more = POINT | {"margin_rad", "payload", "reason"}
@@ -111,6 +111,7 @@ def test_compensate_writes_what_python_finds(
     np.testing.assert_allclose(written.q, expected.trajectory.q, rtol=0, atol=1e-12)
     found = strict_json(tmp_path / "c.json")
     about = {"format", "ok", "match", "between_m", "remains_m", "sigma_m", "rows", "flags", "base", "tip"}
+    about |= {"relative_sigma_m"}
     assert set(found) == about and found["sigma_m"] == max(one["sigma_m"] for one in found["rows"])
     assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
     row = {
