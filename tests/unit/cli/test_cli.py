@@ -126,6 +126,7 @@ def test_compensate_writes_what_python_finds(
         "sigma_min",
         "sigma_m",
         "sigma_rad",
+        "relative_sigma_m",
     }
     assert all(set(one) == row for one in found["rows"])
 
