@@ -80,12 +80,13 @@ class Calibration(Result):
     Attributes:
         arm: The arm with its fitted compliances and corrections, and the instrument that saw it.
         fit: The fit itself: values, covariance, residuals.
-        placed: The rows as the declared arm explains them, only the instrument's frame fitted.
+        placed: The rows as the declared arm explains them, only the instrument's frame fitted, and where the target is
+            on the tool if [prior] frees that.
         measurements: The campaign.
         flags: Flags: directions that the order of the rows stood in for, a search for learned laws that did not
             settle, an arm that predicts worse than the declared one.
-        held_out: RMS of the 3-D error on held-out poses, of the declared arm with the instrument placed and of the
-            calibrated one [m]; None where there are too few poses.
+        held_out: RMS of the 3-D error on held-out poses, of the declared arm so `placed` and of the calibrated one [m];
+            None where there are too few poses.
     """
 
     TOLD = ("declared_rms", "rms", "noise_rms", "held_out", "weighed", "scatter", "fitted", "flags")
@@ -116,8 +117,14 @@ class Calibration(Result):
 
     @property
     def declared_rms(self) -> float:
-        """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
+        """RMS of the 3-D position error of the declared arm, `placed` [m]."""
         return foremost_rms(self.placed.readings.where(self.judged), self.placed.residual)
+
+    @property
+    def placing(self) -> str:
+        """What of the declared arm was fitted for `declared_rms`, in words."""
+        target = any(block.kind is ParameterKind.TOOL for block in self.fit.blocks)
+        return "instrument and target placed" if target else "instrument placed"
 
     @property
     def noise_rms(self) -> float:
@@ -235,7 +242,7 @@ def calibrate(
     used, derived = _usable(arm, measurements, rows)
     if not anyway:
         check_conventions(arm, measurements, used, keep, searched=as_stated)
-    declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
+    declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used, keep)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     judged, about = declared.arm.sensors and not anyway, ()
     if judged:
@@ -320,10 +327,10 @@ def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
     return {} if laws is None else {name: law.seen for name, law in zip(laws.flexures, laws.laws, strict=True)}
 
 
-def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, Fit]:
-    """Return the first guess, and the rows with only the instrument's frame fitted."""
+def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool = False) -> tuple[Setup, Fit]:
+    """Return the first guess, and the rows with only the instrument's frame and, unless kept, the target fitted."""
     declared = first_guess(arm, measurements, used)
-    placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR)
+    placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR, *(() if keep else (ParameterKind.TOOL,)))
     frame = [block for block in declared_blocks(declared, measurements) if block.kind in placing]
     view = look(declared, measurements, used)
     if frame:
