@@ -410,8 +410,7 @@ class Arm:
         beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
         # The first, or the first about which there is more to say.
         joint, value = next((pair for pair in beyond if other_unit(*pair)), beyond[0])
-        text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
-        text += other_unit(joint, value)
+        text = outside_limits(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
         return checked, (Flag("outside_limits", text),)
@@ -497,6 +496,16 @@ class Setup:
         model = effect.law.change(effect, Model(arm.robot, arm.corrections, arm.payloads, self.instrument))
         parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads")}
         return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)
+
+
+def outside_limits(joint: Joint, value: float) -> str:
+    """Return what is said of a joint beyond its limits, in SI and in the unit that tables and drives have it in."""
+    slides = joint.kind == "prismatic"
+    here, there, factor = ("m", "mm", 1e-3) if slides else ("rad", "deg", TURN / 360)
+    numbers = value, joint.lower, joint.upper
+    (at, low, high), also = ([f"{number / size:.6g}" for number in numbers] for size in (1.0, factor))
+    text = f"joint {joint.name!r} at {at} is outside its limits [{low}, {high}] {here}"
+    return f"{text} ({also[0]} outside [{also[1]}, {also[2]}] {there}){other_unit(joint, value)}"
 
 
 def other_unit(joint: Joint, value: float) -> str:
