@@ -96,7 +96,7 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
     groups = [parameter.group for parameter in arm.certainty.parameters]
     counted = [one.moves or (relative and one.kind is ParameterKind.INSTRUMENT) for one in groups]
     turn = np.kron(np.eye(2), stands.pose.rotation.T)  # to base axes
-    jacobian = turn @ np.where(counted, jacobian, 0.0)
+    jacobian = np.einsum("de,nep->ndp", turn, np.where(counted, jacobian, 0.0))
     covariance = np.einsum("ndp,pq,neq->nde", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
