@@ -31,7 +31,8 @@ from armflex.errors import (
 from armflex.laws.declared import Flexure as Flexure
 from armflex.laws.effects.effect import Effect, Model
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
-from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch
+from armflex.mechanics.certificate import NEAR
+from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch, near_buckling
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import NO_PAYLOAD, LoadedArm, Names, Payload
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -63,6 +64,8 @@ if TYPE_CHECKING:
     cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
 else:
     from functools import cached_property
+
+SOME_NEAR = (Flag("near_buckling", f"in some rows {NEAR:g} times the loads would make the arm buckle; see `flags`"),)
 
 OneRow = Sequence[float] | np.ndarray[tuple[int], np.dtype[Any]]
 ManyRows = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[Any]]
@@ -354,7 +357,9 @@ class Arm:
             self.robot.check_motion()
         if not single:
             case = LoadCase(positions, v, a, wrenches, known)  # pyright: ignore[reportArgumentType] - checked there
-            return deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
+            batch = deflect_batch(self, payload, case, Asked(method, enforce_limits, allow_large, strict), jobs)
+            warn(SOME_NEAR if (batch.found_factors < NEAR).any() else ())
+            return batch
         if positions.ndim == 1 and self.within_limits(positions.tolist()):
             checked, flags = positions.copy(), ()
         else:
@@ -363,6 +368,8 @@ class Arm:
         if v is not None or a is not None:
             v, a = v if v is None else self.checked(v, "v"), a if a is None else self.checked(a, "a")
         found = deflect(loaded, LoadCase(checked, v, a, wrenches, known), flags, method, allow_large)
+        if found.solved.load_factor < NEAR:
+            warn(near_buckling(found.solved.load_factor))
         if strict:
             found.check_seen()
         return found
@@ -403,8 +410,7 @@ class Arm:
         beyond = [(self.robot.moving[i], float(checked[i])) for i in np.flatnonzero(outside)]
         # The first, or the first about which there is more to say.
         joint, value = next((pair for pair in beyond if other_unit(*pair)), beyond[0])
-        text = f"joint {joint.name!r} at {value:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
-        text += other_unit(joint, value)
+        text = outside_limits(joint, value)
         if enforce_limits:
             raise JointLimitError(text)
         return checked, (Flag("outside_limits", text),)
@@ -492,6 +498,16 @@ class Setup:
         return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)
 
 
+def outside_limits(joint: Joint, value: float) -> str:
+    """Return what is said of a joint beyond its limits, in SI and in the unit that tables and drives have it in."""
+    slides = joint.kind == "prismatic"
+    here, there, factor = ("m", "mm", 1e-3) if slides else ("rad", "deg", TURN / 360)
+    numbers = value, joint.lower, joint.upper
+    (at, low, high), also = ([f"{number / size:.6g}" for number in numbers] for size in (1.0, factor))
+    text = f"joint {joint.name!r} at {at} is outside its limits [{low}, {high}] {here}"
+    return f"{text} ({also[0]} outside [{also[1]}, {also[2]}] {there}){other_unit(joint, value)}"
+
+
 def other_unit(joint: Joint, value: float) -> str:
     """Return the question whether a position beyond a joint's limits is in degrees or mm, '' where it hardly is."""
     slides = joint.kind == "prismatic"
@@ -502,10 +518,14 @@ def other_unit(joint: Joint, value: float) -> str:
     return f": {unit}? Then say so, {value:.6g}{unit} or a column q_{joint.name}_{unit}" if meant else ""
 
 
-def warn(flags: Sequence[Flag]) -> None:
-    """Raise each flag as a Python warning, once, for those who do not look at `flags`.
+warnings.filterwarnings("once", category=ArmflexWarning, append=True)
 
-    It points at the line outside this package that asked, however deep the question was answered.
+
+def warn(flags: Sequence[Flag]) -> None:
+    """Raise each flag as a Python warning, once in a process, for those who do not look at `flags`.
+
+    What other filters say of it goes before. It points at the line outside this package that asked, however deep the
+    question was answered.
     """
     level, frame = 1, sys._getframe()
     while flags and frame and frame.f_globals.get("__name__", "").partition(".")[0] == __package__:

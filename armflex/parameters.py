@@ -6,7 +6,7 @@ among those of the arm, see `named`; no label is taken apart. A `Certainty` says
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.errors import InputError, UnknownNameError
+from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
@@ -204,6 +204,24 @@ def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> t
             some = [ArmParameter(Group(kind, label.removeprefix(f"{kind} ")))]
         found.append(some[0])
     return tuple(found)
+
+
+ABSURD = 10.0
+"""Prior standard deviations beyond which a value is none that was thought of when the prior was written."""
+
+
+def beyond_priors(pulls: Mapping[str, float]) -> Iterator[Flag]:
+    """Yield a flag where values are more than `ABSURD` prior standard deviations from what was declared.
+
+    Args:
+        pulls: Size of each value in prior standard deviations, by label.
+    """
+    far = sorted((label for label, pull in pulls.items() if pull > ABSURD), key=lambda label: -pulls[label])
+    if far:
+        told = ", ".join(f"{label} by {pulls[label]:.0f} prior standard deviations" for label in far[:3])
+        text = f"{len(far)} value{'s are' if len(far) > 1 else ' is'} absurdly far from what was declared ({told})"
+        text += ": units, conventions and priors are more likely wrong than the arm is"
+        yield Flag("beyond_priors", text, far[0], pulls[far[0]])
 
 
 CANCELLED = 1e-5

@@ -90,7 +90,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     """Print the error before and after, what was found, and what the data cannot tell."""
     held_out, (unit, factor) = found.held_out or (None, None), SHOWN[found.fit.view.readings.unit]
     figures = [
-        ["declared, instrument placed", found.declared_rms, held_out[0]],
+        [f"declared, {found.placing}", found.declared_rms, held_out[0]],
         ["calibrated", found.rms, held_out[1]],
         ["stated noise", found.noise_rms, None],
     ]

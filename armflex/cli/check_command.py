@@ -51,7 +51,7 @@ def command(
     with enough_memory(f"{len(trajectory)} rows"), progress("checking") as tick:
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
     moved = against is not None or trajectory.is_moved
-    names = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst")
+    names = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst")
     told = {name: getattr(report, name) for name in names} | (
         {"against": str(desired_path or trajectory_path)} if moved else {}
     )

@@ -54,7 +54,7 @@ def command(
         found = compensate(arm, trajectory, match, progress=tick, **asked)
     remains, sigma = found.remains_m
     summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
-    summary |= {"remains_m": remains, "sigma_m": sigma, "rows": found.rows}
+    summary |= {"remains_m": remains, "sigma_m": sigma, "relative_sigma_m": found.relative_sigma_m, "rows": found.rows}
     written = found.ok or best_effort
     with together():
         if written:
@@ -85,7 +85,7 @@ def print_compensation(found: Compensation) -> None:
             f"{row.time:g}",
             number(float(shift_before) * 1e3),
             number(float(shift_after) * 1e3, 2),
-            plus_minus(row.sigma_m),
+            plus_minus(row.relative_sigma_m),
             *(number(float(np.linalg.norm(error[3:])) * 1e3, 3) for error in (row.before, row.after)),
             number(float(np.abs(row.change).max()), 3),
             "reached" if row.reached else row.reason,
@@ -100,11 +100,17 @@ def print_compensation(found: Compensation) -> None:
         missed = sum(row[-1] != "reached" for row in hidden)
         say(f"... and {len(hidden)} more via-points and rows not reached, {missed} of them not reached.")
     reached = sum(row.reached for row in found.rows)
-    sigma = found.remains_m[1]
-    known = "" if sigma is None else f" (± mm: {plus_minus(sigma)})"
+    sigma, relative = found.remains_m[1], found.relative_sigma_m
+    known = "" if relative is None else f" (± mm: {plus_minus(relative)})"
     largest = f"largest error {number(before.max() * 1e3)} mm before, {number(after.max() * 1e3, 2)} mm{known} after"
-    say(f"{reached} of {len(found.rows)} rows reached; {largest}.")
+    turns = ", ".join(
+        f"{number(turn * 1e3, 2)} mrad {when}" for turn, when in zip(found.turns_rad, ("before", "after"), strict=True)
+    )
+    say(f"{reached} of {len(found.rows)} rows reached; {largest}; turned by up to {turns}.")
     if sigma is not None:
         say("± is one standard uncertainty, of the laws and of what was fitted: by so much the machine may be off.")
+    if plus_minus(sigma) != plus_minus(relative):
+        text = "It is relative to the instrument of the campaign. In the base frame it is up to"
+        say(f"{text} ± {plus_minus(sigma)} mm: where the base stands is the same for all rows, and known no better.")
     if found.between_m is not None:
         say(f"Halfway between rows of one payload up to {number(found.between_m * 1e3, 3)} mm remain.")

@@ -13,6 +13,7 @@ from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.laws.effects.in_arm import settled_covariates
+from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
 
@@ -49,6 +50,7 @@ def command(
             "flexure_names": found.names.flexures,
             **{name: getattr(found, name) for name in (*arrays, "compliance")},
             "covariance": covariance,
+            "load_factor": found.load_factor,
             "pose": found.pose.homogeneous,
             "rigid_pose": found.rigid_pose.homogeneous,
         }
@@ -96,3 +98,5 @@ def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> N
     say(
         f"The tip moves {number(shift * 1e3)} mm; the shares are first order and miss {number(left * 1e3, 2)} mm of it."
     )
+    if found.load_factor < NEAR:
+        say(f"It would buckle under {number(found.load_factor)} times these loads.", "")

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 
 from armflex.cli import options
 from armflex.cli.options import InputPath, OutputPath, Quantity
@@ -16,6 +15,7 @@ from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import read_measurements
+from armflex.measured.points import PointExport
 from armflex.parameters import OF_SESSION, ParameterKind
 from armflex.plan.drive import write_plan
 from armflex.plan.instruments import Mounted, declaration
@@ -70,11 +70,12 @@ MOST_LINES = 10
 @click.option(
     "--floor",
     type=Quantity("length"),
-    default=-np.inf,
-    metavar="0.5m",
-    help="Lowest height of any link or the payload in the base frame.",
+    metavar="-0.8m",
+    help="Lowest height of any link or the payload in the base frame; that of the base where left out, unless the arm "
+    "hangs below it.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the rows that are offered.")
+@options.points
 @options.lax
 @click.option("--picture", type=OutputPath(), metavar="PLAN.png", help="Draw certainty against readings, and where.")
 def command(
@@ -89,6 +90,7 @@ def command(
     covariates: tuple[str, ...],
     picture: Path | None,
     lax: bool,
+    points: PointExport | None,
     **given: Any,
 ) -> None:
     """The rows to measure next, in the order to drive them, and what they will tell.
@@ -100,9 +102,11 @@ def command(
         check_ending(picture)  # before minutes of work
     if arm_path.suffix != ".toml":
         raise InputError(f"{arm_path}: plan needs an arm.toml, whose [prior] says what is not known")
+    if points is not None and after_path is None:
+        raise InputError("--points goes with --after: it has the positions of that campaign")
     arm = load_arm(arm_path, strict=not lax)
     asked = {
-        "after": None if after_path is None else read_measurements(after_path, arm),
+        "after": None if after_path is None else read_measurements(after_path, arm, points=points),
         "along": None if along_path is None else read_trajectory(along_path, arm),
         "between": None if between is None else tuple(part.strip() for part in between.split(",")),
         "payloads": None if payloads is None else [name.strip() for name in payloads.split(",")],

@@ -51,14 +51,29 @@ def command(
             from armflex.show.report import write_report  # draws
 
             write_report(found, output)
-    columns = ["pose", "payload", "cycles", "AP mm", "\u00b1", "x", "y", "z", "RP mm", "\u00b1", "RP of noise"]
+    left_out = ["excluded"] * bool(found.excluded)
+    columns = [
+        "pose",
+        "payload",
+        "cycles",
+        *left_out,
+        "AP mm",
+        "\u00b1",
+        "x",
+        "y",
+        "z",
+        "RP mm",
+        "\u00b1",
+        "RP of noise",
+    ]
     modelled = any(one.predicted is not None for one in found.poses)
     rows = []
     for one in found.poses:
         about, again = one.accuracy, one.repeatability
         cells = [_mm(about.value), _mm(about.std), *(_mm(value) for value in one.offset.tolist())]
         cells += [_mm(again.value), _mm(again.std), _mm(again.instrument)]
-        rows.append([one.pose, one.payload, one.cycles, *cells, *([_mm(one.predicted)] if modelled else [])])
+        counted = [one.cycles, *[one.excluded for _ in left_out]]
+        rows.append([one.pose, one.payload, *counted, *cells, *([_mm(one.predicted)] if modelled else [])])
     print_table("ISO 9283 pose characteristics", columns + ["AP with this model"] * modelled, rows)
     for name, several in (("vAP", found.directions), ("dAP", found.drifts)):
         for one in several:
@@ -82,6 +97,7 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
             "session": one.session,
             "direction": one.direction,
             "cycles": one.cycles,
+            "excluded": one.excluded,
             "rows": one.rows,
             "ap_m": one.accuracy,
             "ap_xyz_m": one.offset,
@@ -99,5 +115,5 @@ def as_json(found: PosePerformance) -> dict[str, Any]:
         for one in found.drifts
     ]
     told = {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
-            "remarks": found.remarks}  # fmt: skip
+            "remarks": found.remarks, "excluded_rows": found.excluded}  # fmt: skip
     return plain(told)

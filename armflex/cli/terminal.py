@@ -14,6 +14,7 @@ from typing import Any
 import click
 import numpy as np
 from rich import box
+from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -21,6 +22,9 @@ from rich.text import Text
 from armflex.conventions import number as number
 from armflex.conventions import printable
 from armflex.errors import Flag
+
+ENDLESS = 100_000
+"""Columns that no table has."""
 
 NARROWEST = 130
 """Columns to lay out for where the output is no terminal."""
@@ -88,8 +92,19 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     for row in rows:
         failed = "fail" in row or "not reached" in row
         table.add_row(*row, style="red" if failed else "yellow" if "uncertain" in row else None)
+    out = stream()
+    # No word or number is broken, however narrow the window is: rich would rather break than be wider.
+    cells = [[str(column.header), *column.cells] for column in table.columns]
+    whole = [max(map(cell_len, own)) for own in cells]
+    least = [max(map(cell_len, " ".join(own).split()), default=0) for own in cells]
+    rules = out.measure(table, options=out.options.update(max_width=ENDLESS)).maximum - sum(whole)
+    free = max(out.width - rules - sum(least), 0)
+    for column, narrow, wide in zip(table.columns, least, whole, strict=True):
+        column.width = min(wide, narrow + free)
+        free -= column.width - narrow
+    out.width = max(out.width, rules + sum(least))
     with _alone():
-        stream().print(table)
+        out.print(table)
 
 
 def plus_minus(sigma: float | None) -> str:

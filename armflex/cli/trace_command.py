@@ -155,7 +155,7 @@ def print_trace(found: Trace) -> None:
     """Print the errors before and after, what was added, what else it may be, what is left, and what to measure."""
     held_out = found.held_out
     figures = [
-        ["declared, instrument placed", found.declared_rms, None],
+        [f"declared, {found.calibration.placing}", found.declared_rms, None],
         ["calibrated", found.calibrated_rms, held_out[0]],
         ["with what was found", found.rms, held_out[1]],
         ["stated noise", found.noise_rms, None],

@@ -21,7 +21,7 @@ from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
-from armflex.estimate.instrument_checks import beyond_priors, moved_sensors, suspected, wrong_sigma
+from armflex.estimate.instrument_checks import moved_sensors, suspected, wrong_sigma
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, without_positions
 from armflex.estimate.placement import check_readings, placed_rigidly
@@ -30,16 +30,18 @@ from armflex.estimate.robust import huber_weights, instrument_weights
 from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
+from armflex.laws.declared import soft
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import derived_directions, without_direction
+from armflex.laws.law import anywhere
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parallel import Progress
-from armflex.parameters import FRAMES, ParameterKind
+from armflex.parameters import FRAMES, ParameterKind, beyond_priors
 from armflex.readings import Kind
 from armflex.readings.instrument import Instrument, fit_mounting
 from armflex.result import Result
@@ -78,12 +80,13 @@ class Calibration(Result):
     Attributes:
         arm: The arm with its fitted compliances and corrections, and the instrument that saw it.
         fit: The fit itself: values, covariance, residuals.
-        placed: The rows as the declared arm explains them, only the instrument's frame fitted.
+        placed: The rows as the declared arm explains them, only the instrument's frame fitted, and where the target is
+            on the tool if [prior] frees that.
         measurements: The campaign.
         flags: Flags: directions that the order of the rows stood in for, a search for learned laws that did not
             settle, an arm that predicts worse than the declared one.
-        held_out: RMS of the 3-D error on held-out poses, of the declared arm with the instrument placed and of the
-            calibrated one [m]; None where there are too few poses.
+        held_out: RMS of the 3-D error on held-out poses, of the declared arm so `placed` and of the calibrated one [m];
+            None where there are too few poses.
     """
 
     TOLD = ("declared_rms", "rms", "noise_rms", "held_out", "weighed", "scatter", "fitted", "flags")
@@ -114,8 +117,14 @@ class Calibration(Result):
 
     @property
     def declared_rms(self) -> float:
-        """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
+        """RMS of the 3-D position error of the declared arm, `placed` [m]."""
         return foremost_rms(self.placed.readings.where(self.judged), self.placed.residual)
+
+    @property
+    def placing(self) -> str:
+        """What of the declared arm was fitted for `declared_rms`, in words."""
+        target = any(block.kind is ParameterKind.TOOL for block in self.fit.blocks)
+        return "instrument and target placed" if target else "instrument placed"
 
     @property
     def noise_rms(self) -> float:
@@ -233,7 +242,7 @@ def calibrate(
     used, derived = _usable(arm, measurements, rows)
     if not anyway:
         check_conventions(arm, measurements, used, keep, searched=as_stated)
-    declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used)
+    declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used, keep)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     judged, about = declared.arm.sensors and not anyway, ()
     if judged:
@@ -253,6 +262,9 @@ def calibrate(
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(with_posteriors(found.setup.arm, found), **known)
     errors = _held_out(placed, found, measurements)
+    sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
+    fitted = zip(found.parameters, sizes, strict=True)
+    pulls = {one.label: size for one, size in fitted if one.group.kind is not ParameterKind.LAW}
     judgement: tuple[Flag, ...] = ()
     if judged:
         judgement = tuple(moved_sensors(found, measurements, about))
@@ -263,7 +275,8 @@ def calibrate(
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
         *judgement,
-        *beyond_priors(found),
+        *beyond_priors(pulls),
+        *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         *(() if about or judgement else _worse(errors, found.view.readings.unit)),
     )
@@ -314,10 +327,10 @@ def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
     return {} if laws is None else {name: law.seen for name, law in zip(laws.flexures, laws.laws, strict=True)}
 
 
-def _placed(arm: Arm, measurements: Measurements, used: np.ndarray) -> tuple[Setup, Fit]:
-    """Return the first guess, and the rows with only the instrument's frame fitted."""
+def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool = False) -> tuple[Setup, Fit]:
+    """Return the first guess, and the rows with only the instrument's frame and, unless kept, the target fitted."""
     declared = first_guess(arm, measurements, used)
-    placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR)
+    placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR, *(() if keep else (ParameterKind.TOOL,)))
     frame = [block for block in declared_blocks(declared, measurements) if block.kind in placing]
     view = look(declared, measurements, used)
     if frame:

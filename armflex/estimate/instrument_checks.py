@@ -21,7 +21,7 @@ from armflex.estimate.robust import chi_squared
 from armflex.estimate.view import View, postures
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.parameters import ParameterKind
+from armflex.parameters import ABSURD, ParameterKind
 from armflex.readings import Kind, Position, Readings
 from armflex.readings.acceleration import OPPOSITE, Acceleration
 from armflex.readings.instrument import fit_frame
@@ -32,9 +32,6 @@ COARSE = {"m": 2e-3, "rad": 1e-3, "m/s^2": 1e-2}
 
 IMPLAUSIBLE = 3.0
 """Typical reading, in standard deviations of all that is open, from which something else is wrong."""
-
-ABSURD = 10.0
-"""Prior standard deviations beyond which a value is none that was thought of when the prior was written."""
 
 UNMEANT = 10.0
 """Scatter over the stated standard deviation, or its inverse, from which that is rather a mistake than a bad day."""
@@ -264,17 +261,6 @@ def _meanings(kind: Kind, declared: View) -> Iterator[_Way]:
         if link not in (sensor.link, sensor.seen_from):
             text = f'it is on {link!r} (write link = "{link}")'
             yield _Way(text, sensors={name: replace(sensor, link=link)})
-
-
-def beyond_priors(found: Fit) -> Iterator[Flag]:
-    """Yield a flag where several fitted values are absurdly far outside their priors."""
-    pulls = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0)
-    known = [one.group.kind is not ParameterKind.LAW for one in found.parameters]
-    far = [int(i) for i in np.argsort(-pulls) if known[i] and pulls[i] > ABSURD]
-    if len(far) > 1:
-        told = ", ".join(f"{found.parameters[i].label} by {pulls[i]:.0f} prior standard deviations" for i in far[:3])
-        text = f"{len(far)} values are absurdly far from what was declared ({told})"
-        yield Flag("beyond_priors", f"{text}: units, conventions and priors are more likely wrong than the arm is")
 
 
 def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:

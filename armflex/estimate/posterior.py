@@ -71,28 +71,39 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
     return variance, (*flags, *_lacking(arm.certainty))
 
 
-def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[Flag, ...]]:
+def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the (N, 6, 6) covariance of the tip's motion, base axes [m, rad], due to fitted parameters, and flags.
 
     Where the instrument stands and what it looks at has no part in it, nor has what a tilted instrument would say of
     gravity. None where nothing was fitted, or where the arm no longer has what was. Variances are infinite where the
     tip depends on what neither a campaign nor a prior determined.
+
+    Args:
+        arm: The arm; see `Arm.certainty`.
+        rows: Where its joints are.
+        relative: Whether the motion is that in the frame of the campaign's instrument instead. What only says where the
+            base stands in it, such as the zero of a vertical first joint, then cancels.
     """
     if arm.certainty is None:
         return None, ()
-    tip = unread(len(rows), Position, Orientation)
-    view = look(Setup(arm, Instrument()), rows, readings=tip)
+    tip, stands = unread(len(rows), Position, Orientation), Instrument()
+    if relative and arm.instrument is not None:
+        stands = Instrument(arm.instrument.pose)
+    view = look(Setup(arm, stands), rows, readings=tip)
     jacobian = _jacobian(arm.certainty, view)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
-    jacobian = np.where([parameter.group.moves for parameter in arm.certainty.parameters], jacobian, 0.0)
+    groups = [parameter.group for parameter in arm.certainty.parameters]
+    counted = [one.moves or (relative and one.kind is ParameterKind.INSTRUMENT) for one in groups]
+    turn = np.kron(np.eye(2), stands.pose.rotation.T)  # to base axes
+    jacobian = np.einsum("de,nep->ndp", turn, np.where(counted, jacobian, 0.0))
     covariance = np.einsum("ndp,pq,neq->nde", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     if arm.certainty.unexplained is not None:
         site, axis, size = arm.certainty.unexplained
-        along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
+        along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] @ turn.T
         covariance += along[:, :, None] * along[:, None]
     covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
-    shifts = untold_shifts(view.setup, rows, tip)
+    shifts = untold_shifts(view.setup, rows, tip) @ turn.T
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
     diagonal = np.arange(6)

@@ -33,7 +33,9 @@ REMEMBERED = (
 
 
 @checked_kinds
-def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None, tuple[Flag, ...]]:
+def total_covariance(
+    found: Deflection | DeflectionBatch, relative: bool = False
+) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to, and flags.
 
     `Deflection.covariance` is of the laws alone. On an arm that was calibrated or traced the fitted parameters have a
@@ -42,6 +44,8 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
 
     Args:
         found: What `Arm.deflection` returned.
+        relative: Whether the displacement is that in the frame of the campaign's instrument, in which what only says
+            where the base stands cancels; in base axes all the same.
 
     Returns:
         (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and flags.
@@ -53,11 +57,13 @@ def total_covariance(found: Deflection | DeflectionBatch) -> tuple[Array | None,
     if isinstance(found, DeflectionBatch):
         laws = replace(found, arm=certain).covariance
         payloads = [_known_as(certain, certain.payload(found.payload(i))) for i in range(len(found.q))]
-        covariance, flags = tip_covariance(certain, found.q, payloads, case.covariates, laws, case.wrenches)
+        known = (case.covariates, laws, case.wrenches, relative)
+        covariance, flags = tip_covariance(certain, found.q, payloads, *known)
     else:
         own = replace(found, solved=found.solved._replace(loaded=certain.loaded(found.payload))).covariance
         laws, payloads = None if own is None else own[None], [_known_as(certain, found.payload)]
-        covariance, flags = tip_covariance(certain, found.q[None], payloads, case.covariates, laws, case.wrenches)
+        known = (case.covariates, laws, case.wrenches, relative)
+        covariance, flags = tip_covariance(certain, found.q[None], payloads, *known)
         covariance = None if covariance is None else covariance[0]
     return covariance, (*flags, AT_REST) if case.moves else flags
 
@@ -74,6 +80,7 @@ def tip_covariance(
     covariates: Mapping[str, ArrayLike],
     laws: Array | None,
     wrenches: Sequence[Wrench] = (),
+    relative: bool = False,
 ) -> tuple[Array | None, tuple[Flag, ...]]:
     """Return the (N, 6, 6) covariance of the tip's displacement, base axes [m, rad], None where nobody states one.
 
@@ -84,6 +91,7 @@ def tip_covariance(
         covariates: What the arm's effects depend on, numbers or (N,) by name.
         laws: (N, 6, 6) covariance that the laws themselves give, None where none does.
         wrenches: Known loads from outside, the same in all rows or one for each.
+        relative: See `total_covariance`.
 
     Returns:
         The covariance, and met about it.
@@ -99,7 +107,7 @@ def tip_covariance(
         carried = cast(Sequence[str], payloads[some])  # one without a name may stand for itself here
         rows = Rows.of(arm.joint_names, q[some], carried, {"time": 0.0} | given, derived=derived)
         pulled = wrenches_in(wrenches, np.arange(len(q))[some])
-        part, flags = displacement_covariance(arm, replace(rows, wrenches=pulled))
+        part, flags = displacement_covariance(arm, replace(rows, wrenches=pulled), relative)
         if part is None:
             return laws, flags
         parts.append(part)

@@ -254,8 +254,11 @@ def path_of(
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     found = compensated(arm, path, covariates=covariates)
     before, (after, sigma) = float(max(np.linalg.norm(row.before[:3]) for row in found.rows)), found.remains_m
-    known = "" if sigma is None else f" ± {sigma * 1e3:.2g}"
+    relative = found.relative_sigma_m
+    known = "" if relative is None else f" ± {relative * 1e3:.2g}"
     left = f"of {number(before * 1e3, 3)} mm at most {number(after * 1e3, 2)}{known} mm"
+    if sigma is not None and sigma != relative:
+        left += f" (± {sigma * 1e3:.2g} mm in the base frame, with where the base stands)"
     text = f"Compensated: {left} remain in the rows"
     between = found.between_m or 0.0
     told, head = (f"{text}, {between * 1e3:.2g} mm halfway between.",), _head(path, "Compensated", arm_file)

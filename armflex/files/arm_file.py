@@ -33,6 +33,7 @@ from armflex.errors import (
 from armflex.files.calibration_table import (
     Campaign,
     calibration_table,
+    doubts,
     read_calibration,
     with_certainty,
     with_covariance,
@@ -41,10 +42,10 @@ from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
-from armflex.laws.declared import law_name
+from armflex.laws.declared import law_name, soft
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
-from armflex.laws.joint.linear import SOFTEST, softness
+from armflex.laws.joint.linear import SOFTEST
 from armflex.laws.law import anywhere
 from armflex.laws.learned import read_learning
 from armflex.mechanics.loaded import Payload
@@ -194,7 +195,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     if not calibrated:
         return _with_effects(arm, effects)
     table = root.sub("calibration")
-    return with_certainty(table, _with_effects(read_calibration(table, arm), effects))
+    arm = with_certainty(table, _with_effects(read_calibration(table, arm), effects))
+    return replace(arm, flags=(*arm.flags, *doubts(table, arm)))
 
 
 def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
@@ -378,12 +380,9 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
         if (turn := moment * softest) > SAGS or softest > SOFTEST[1]:
             text = f"joint_stiffness {1.0 / softest:.4g} Nm/rad lets it turn by {np.degrees(turn):.3g} degrees under "
             text += "the arm's own weight: was it in kNm/rad (x 1000), Nm/deg (x 57.3) or Nm/arcmin (x 3438)?"
-            yield Flag("soft", f"flexure {flexure.name!r}: {text}")
+            yield Flag("soft", f"flexure {flexure.name!r}: {text}", flexure.name)
     # All other compliances are held against those that any arm has.
-    for flexure in flexures:
-        for law in () if flexure.name in stated else flexure.law.leaves:
-            for flag in softness(law.tangent(np.zeros(6), row)):
-                yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}")
+    yield from soft((flexure for flexure in flexures if flexure.name not in stated), row)
     exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
     if exact and any(flexure.law.uncertain for flexure in flexures):  # the sum would look too sure
         text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"

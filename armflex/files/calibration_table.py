@@ -8,7 +8,9 @@ second on have their number before the parameter, in the order of the file: 'eff
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +21,24 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, covariance_fault
 from armflex.declaration import Declaration
 from armflex.errors import FileError, Flag, did_you_mean, listing
-from armflex.laws.declared import Flexure
+from armflex.laws.declared import Flexure, soft
 from armflex.laws.effects.location import site_names
 from armflex.laws.joint.carried import scaled
+from armflex.laws.law import anywhere
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
-from armflex.parameters import Certainty, ParameterKind, of_law
+from armflex.parameters import (
+    TARGET,
+    ArmParameter,
+    Certainty,
+    Group,
+    ParameterKind,
+    beyond_priors,
+    of_compliance,
+    of_law,
+    of_motions,
+    of_offsets,
+)
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
@@ -177,6 +191,40 @@ def with_certainty(table: Declaration, arm: Arm) -> Arm:
     laws = {name: replace(law, posterior=certainty.among(of_law(name, law))) for name, law in learned.items()}
     changed = [replace(one, law=laws[one.name]) if one.name in laws else one for one in arm.flexures]
     return replace(arm, flexures=tuple(changed), certainty=certainty)
+
+
+def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
+    """Yield flags about what [calibration] made of an arm that no campaign is likely to have shown."""
+    corrections, tool = arm.corrections, np.zeros(3) if arm.instrument is None else arm.instrument.target
+    offsets = of_offsets(arm.robot)
+    found = [
+        (offsets, [corrections.joint_offset.get(str(one.group.of), 0.0) for one in offsets], arm.prior.joint_offset)
+    ]
+    for name, values in corrections.geometry.items():
+        found.append((of_motions(ParameterKind.GEOMETRY, [name]), values.tolist(), arm.prior.geometry))
+    found += [(of_compliance(name), values.tolist(), arm.prior.compliance) for name, values in arm.factors.items()]
+    found.append((TARGET, tool.tolist(), arm.prior.tool))
+    sizes = [
+        (one.label, abs(value) / std) for some, own, std in found if std for one, value in zip(some, own, strict=True)
+    ]
+    yield from beyond_priors(dict(sizes))
+    yield from soft((one for one in arm.flexures if one.name in arm.factors), anywhere(arm.robot), arm.flags)
+    if arm.certainty is not None and (moved := _displaced(arm.certainty.parameters, offsets)):
+        text = f"{moved.label!r} is not where a fit writes it: are names of parameters exchanged?"
+        yield Flag("parameters_exchanged", f"{table.place('parameters')}: {text}", moved.label)
+
+
+def _displaced(parameters: Sequence[ArmParameter], offsets: Sequence[ArmParameter]) -> ArmParameter | None:
+    """Return the first parameter that is apart from its group, or before others that a fit has before it."""
+    met: set[Group] = set()
+    for before, one in pairwise(parameters):
+        met.add(before.group)
+        for order in (offsets, of_motions(one.group.kind, [one.group.of])):
+            if before in order and one in order and order.index(one) < order.index(before):
+                return one
+        if one.group != before.group and one.group in met:
+            return one
+    return None
 
 
 def law_table(law: LearnedLaw) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -11,12 +11,12 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
-from armflex.errors import LawError, ModelFileError, UnknownNameError
+from armflex.errors import Flag, LawError, ModelFileError, UnknownNameError
 from armflex.laws.joint.beam import Beam, Section, stiffness
 from armflex.laws.joint.carried import AtNode
-from armflex.laws.joint.linear import read_linear
+from armflex.laws.joint.linear import read_linear, softness
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
-from armflex.laws.law import Law, Ranges
+from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.law_file import FORMS, load_law
 from armflex.laws.learned import LearnedLaw, Learning
 from armflex.robot import Site
@@ -175,3 +175,12 @@ LAWS: dict[str, Callable[[Declaration, str, Ranges], Law]] = {
     "structural": read_structural,
 }
 """`model` in arm.toml -> how its law is read."""
+
+
+def soft(flexures: Iterable[Flexure], row: Row, known: Iterable[Flag] = ()) -> Iterator[Flag]:
+    """Yield flags about flexures that are softer than any steel joint, and that no known flag is about."""
+    flagged = {flag.about for flag in known if flag.code == "soft"}
+    for flexure in flexures:
+        for law in () if flexure.name in flagged else flexure.law.leaves:
+            for flag in softness(law.tangent(np.zeros(6), row)):
+                yield Flag(flag.code, f"flexure {flexure.name!r}: {flag.text}", flexure.name)

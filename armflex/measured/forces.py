@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from armflex.arm import SLACK, Arm, other_unit
+from armflex.arm import SLACK, Arm, outside_limits
 from armflex.conventions import UNITS, WRENCH_NAMES, Array
 from armflex.errors import Frame, InputError, Place, TableError, UnknownNameError, did_you_mean
 from armflex.measured.table import IN_BRACKETS, Column, Table, read_table
@@ -117,11 +117,8 @@ def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
         given[name] = table.numbers(f"q_{name}")
         outside = ~((given[name] >= joint.lower - SLACK) & (given[name] <= joint.upper + SLACK))
         for i in np.flatnonzero(outside)[:1]:
-            text = (
-                f"joint {name!r} at {given[name][i]:.6g} is outside its limits [{joint.lower:.6g}, {joint.upper:.6g}]"
-            )
-            more = other_unit(joint, float(given[name][i]))
-            raise TableError(Place(table.path, table.lines[i]), f"column {header!r}: {text}{more}")
+            text = outside_limits(joint, float(given[name][i]))
+            raise TableError(Place(table.path, table.lines[i]), f"column {header!r}: {text}")
         moved = set(robot.urdf.below(joint.child))
         read = {f"[instrument.{one.name}]": {one.link, one.seen_from} for one in arm.sensors.values()}
         for what, links in {**read, "force_frame": {one.frame for one in forces}}.items():

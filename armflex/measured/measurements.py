@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,12 +70,14 @@ class Measurements(Rows, Result):
         sha256: Of the file, and of the points' file where there is one.
         flags: Flags about the table.
         frame: Name of the frame that the positions are in, '' where the files do not say.
+        units: Units that the file has its columns in, by column; those in SI are left out.
     """
 
     readings: Readings
     sha256: str = ""
     flags: tuple[Flag, ...] = ()
     frame: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
 
     TOLD = ("table", "sha256", "frame", "flags")
     ROWS = "table"
@@ -119,6 +121,7 @@ class Measurements(Rows, Result):
         sha256: str = "",
         flags: tuple[Flag, ...] = (),
         frame: str = "",
+        units: Mapping[str, str] | None = None,
         **rows: Any,
     ) -> None:
         """Take the attributes of `Rows`, and readings as they are or by number.
@@ -129,7 +132,7 @@ class Measurements(Rows, Result):
         loose = {name: rows.pop(name) for name in ("position", "sigma", "rotation", "sigma_r") if name in rows}
         super().__init__(**rows)
         own = {"readings": _with(len(self), readings or Readings(len(self)), loose), "sha256": sha256}
-        for name, value in {**own, "flags": flags, "frame": frame}.items():
+        for name, value in {**own, "flags": flags, "frame": frame, "units": dict(units or {})}.items():
             object.__setattr__(self, name, value)
 
     @classmethod
@@ -240,7 +243,8 @@ def read_measurements(
         if arm.measurement.frame == "base" and frame.split("::")[-1].lower() not in (base.lower(), "base"):
             text = f"points are in frame {frame!r}; the arm file says that measurements are in its base {base!r}"
             flags += (Flag("points_frame", text),)
-    return replace(found, flags=flags, sha256=sha256, frame=frame)
+    units = {name: column.unit for name, column in table.columns.items() if column.unit}
+    return replace(found, flags=flags, sha256=sha256, frame=frame, units=units)
 
 
 def as_measurements(found: Measurements | Tabular, arm: Arm, inputs_only: bool = False) -> Measurements:

@@ -37,8 +37,11 @@ from armflex.laws.law import Ranges, block_norms
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import Load
 
-SHARE = 0.9
-"""Of the bound 1 that is used, so that rounding is no part of the proof."""
+NEAR = 2.0
+"""A load factor below which the arm is called near buckling: it gives more than twice what is linear in its loads."""
+
+SHARE = 1.0 / NEAR
+"""Of the bound 1 that is used: what is proven to stay would stay under `NEAR` times its loads."""
 
 BALL = 0.1
 """Largest shift [m] and turn [rad] of a flexure that the bound is made for."""

@@ -21,7 +21,8 @@ from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import beyond_seen
-from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, tangent_of
+from armflex.mechanics.certificate import NEAR
+from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor, tangent_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
 from armflex.mechanics.many_rows import (
@@ -183,6 +184,8 @@ class Deflection(_Result[float]):
         asked_flags: Flags of the question.
     """
 
+    TOLD = (*_Result.TOLD, "load_factor")
+
     solved: Equilibrium
     asked_flags: tuple[Flag, ...] = ()
 
@@ -279,6 +282,11 @@ class Deflection(_Result[float]):
         motion, torque = self._at_rest
         known = self.solved.tangent
         return tangent_of(self.solved._replace(motion=motion, torque=torque)) if known is None else known
+
+    @cached_property
+    def load_factor(self) -> float:
+        """How many times as large its loads could be until the arm buckles; see `armflex.mechanics.equilibrium`."""
+        return load_factor(self.tangent)
 
     @cached_property
     def flexure_jacobian(self) -> Array:
@@ -393,7 +401,18 @@ def deflect(
         known = loaded.outside(case.wrenches).flags if case.wrenches else loaded.flags
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
     found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
+    flags = (*flags, *near_buckling(found.load_factor)) if found.load_factor < NEAR else flags
     return Deflection(found, (*known, *flags) if flags else known)
+
+
+def near_buckling(factor: float) -> tuple[Flag, ...]:
+    """Return a flag where loads less than `NEAR` times as large would make the arm buckle."""
+    if not factor < NEAR:
+        return ()
+    more = factor / (factor - 1.0)
+    times = f"{more:.2g}" if more < 100.0 else f"{more:,.0f}"
+    text = f"the arm would buckle under {factor:.4g} times its loads, and gives some {times} times"
+    return (Flag("near_buckling", f"{text} what it would if the loads did not move with it", size=more),)
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -410,6 +429,7 @@ class DeflectionBatch(_Result[Array]):
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         twists: (N, n_flexures, 6) local deflections [m, rad].
         found_wrenches: (N, n_flexures, 6) `wrenches` [N, Nm] where they were found with the twists, else of no rows.
+        found_factors: (N,) `load_factor` where it is less than `NEAR`; infinite elsewhere.
     """
 
     arm: Structure
@@ -419,6 +439,7 @@ class DeflectionBatch(_Result[Array]):
     displacement: Array
     twists: Array
     found_wrenches: Array
+    found_factors: Array
 
     def __repr__(self) -> str:
         """One line: how many rows and the largest shift."""
@@ -442,7 +463,12 @@ class DeflectionBatch(_Result[Array]):
         else:
             torque = mechanics.load(case)(rigid if method == "first_order" else mechanics.flexed(rigid, motion))
         found = Equilibrium(loaded, case, rigid, motion, torque, method, ())
-        return Deflection(found, (*self._flags_of(loaded), *flags))
+        return Deflection(found, (*self._flags_of(loaded), *flags, *near_buckling(float(self.found_factors[i]))))
+
+    @property
+    def load_factor(self) -> Array:
+        """(N,) `Deflection.load_factor`; a row takes a tenth of a millisecond or more."""
+        return np.array([self.row(i).load_factor for i in range(len(self.q))])
 
     @cached_property
     def rigid_pose(self) -> Array:
@@ -554,6 +580,8 @@ class DeflectionBatch(_Result[Array]):
         outside = ((self.q < arm.robot.lower) | (self.q > arm.robot.upper)).any(axis=1)
         for i in np.flatnonzero(outside):
             found += [(int(i), flag) for flag in arm.check_position(self.q[i], enforce_limits=False)[1]]
+        for i in [int(np.argmin(self.found_factors))] if len(self.q) else ():
+            found += [(i, flag) for flag in near_buckling(float(self.found_factors[i]))]
         sagging = np.linalg.norm(self.displacement[:, :3], axis=1) > SAG_BAND * arm.robot.reach
         for i in np.flatnonzero(sagging)[:1]:
             found += [(int(i), flag) for flag in arm.loaded(None).sag_flags(self.displacement[i])]
@@ -613,7 +641,9 @@ def deflect_batch(
     arm.loaded(None).flags_under(case.wrenches, moves=False)  # raises where a link is not the arm's
     here = asked.compiled(case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
-    found = DeflectionBatch(arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches)
+    found = DeflectionBatch(
+        arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches, answers.load_factor
+    )
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
     # Compiled code runs side by side in threads, Pinocchio does not.
@@ -651,7 +681,7 @@ def _answer(
             if solver.needs_wrenches(laws):
                 into = into._replace(wrenches=np.empty_like(into.twists))
             fine = solver.solve(row, laws, into)
-            left[some] = ~(solver.proven(row, laws, into, solver.bound, fine) if exact else fine)
+            left[some] = ~solver.proven(row, laws, into, solver.bound, fine)
             if not isinstance(some, slice):
                 found.displacement[some], found.twists[some] = into.displacement, into.twists
     for i in np.flatnonzero(left).tolist():
@@ -660,6 +690,7 @@ def _answer(
             loaded = arm.loaded(payloads[0 if len(payloads) == 1 else i])
             one = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large)
         found.displacement[i], found.twists[i] = one.displacement, one.twists
+        found.load_factor[i] = one.solved.load_factor
         if not here:
             found.wrenches[i] = one.wrenches
     return found

@@ -8,6 +8,7 @@ stiff, the tangent `I + C dτ/dtwist` everywhere.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from armflex.errors import (
     UnstableEquilibriumError,
     did_you_mean,
 )
-from armflex.mechanics.certificate import StabilityBound
+from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.pinocchio_model import LoadCase, integrate
 
@@ -63,6 +64,7 @@ class Equilibrium(NamedTuple):
         method: How it was found.
         history: Squared length of the residual before each step [m^2 or rad^2].
         tangent: (6 n, 6 n) in units of the twists, where stability was checked with it.
+        load_factor: See `load_factor`; infinite where it is known to be `NEAR` or more.
     """
 
     loaded: LoadedArm
@@ -73,6 +75,7 @@ class Equilibrium(NamedTuple):
     method: str
     history: Sequence[float]
     tangent: Array | None = None
+    load_factor: float = math.inf
 
 
 def check_method(method: str) -> None:
@@ -90,7 +93,7 @@ def find_equilibrium(
         loaded: The arm with its payload.
         case: Joint positions, motion, external wrenches and covariates.
         method: "newton", "fixed_point" (which does not settle an arm that its load stiffens much), "exact" (whichever
-            of them is quicker), all with stability checked, or "first_order" (loads of the undeflected arm).
+            of them is quicker), or "first_order" (loads of the undeflected arm), all with stability checked.
         allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
         within: Whether the joints are within their limits: stability may be known without the tangent.
 
@@ -111,6 +114,8 @@ def find_equilibrium(
     if method == "first_order":
         torque = load(rigid)
         found = Equilibrium(loaded, case, rigid, law(torque), torque, method, ())
+        if not allow_large and np.vdot(found.motion, found.motion) >= SMALL:
+            check_small(found.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
     elif method != "newton":
         if method == "exact":
             ask = _fixed_point if tame else _watched_fixed_point
@@ -123,13 +128,12 @@ def find_equilibrium(
         elif method == "fixed_point":
             raise ConvergenceError("the fixed point did not converge; Newton may", np.sqrt(sizes).tolist())
     found = found or _newton(loaded, case, rigid, load)
-    if method != "first_order":
-        bound = loaded.stability_bound
-        if within and bound is not None and found.motion.dot(found.motion) < SMALL:
-            known = weight and tame and bound.proven
-            if known or _proven(bound, found, load):
-                return found
-        found = _checked(found, load)
+    bound = loaded.stability_bound
+    if within and bound is not None and found.motion.dot(found.motion) < SMALL:
+        known = weight and tame and bound.proven
+        if known or _proven(bound, found, load):
+            return found
+    found = _checked(found, load)
     # Not a number is not small, either; `vdot` says nothing of what overflows.
     size = found.motion.dot(found.motion) if tame else np.vdot(found.motion, found.motion)
     if not (allow_large and method != "first_order") and not size < SMALL:
@@ -250,9 +254,16 @@ def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
         mechanics = found.loaded.mechanics
         torque = load(mechanics.flexed(found.rigid, found.motion))
         found = found._replace(motion=mechanics.laws.motion(torque), torque=torque)
-    tangent = tangent_of(found)
-    check_stable(tangent)
-    return found._replace(tangent=tangent)
+    first = found.method == "first_order"  # whose loads are those of the arm that is not deflected
+    tangent, factor = tangent_of(found._replace(motion=np.zeros_like(found.motion)) if first else found), math.inf
+    if not np.isfinite(tangent).all():
+        raise ConvergenceError("the loads or the laws give no finite twists", ())
+    if np.linalg.norm(tangent - np.eye(len(tangent))) > SHARE:  # which else bounds every eigenvalue's distance from 1
+        factor = load_factor(tangent)
+    if factor <= 1.0:
+        text = f"the arm would not stay where its loads balance: it buckles under {factor:.4g} times its loads"
+        raise UnstableEquilibriumError(text, 1.0 - 1.0 / factor)
+    return found._replace(tangent=None if first else tangent, load_factor=factor)
 
 
 def tangent_of(found: Equilibrium) -> Array:
@@ -275,14 +286,12 @@ def check_small(twists: Array, names: tuple[str, ...]) -> None:
         raise SmallDisplacementError(text, twists.reshape(-1, 6))
 
 
-def check_stable(tangent: Array) -> None:
-    """Raise `UnstableEquilibriumError` unless all eigenvalues of the tangent lie in the right half plane.
+def load_factor(tangent: Array) -> float:
+    """Return how many times its loads an arm with a (6 n, 6 n) tangent carries before it buckles; 1 or less: it does.
 
-    With K = C^-1 the tangent is similar to `I + C^1/2 G C^1/2`, so this is the energy's Hessian being positive.
+    With K = C^-1 the tangent I + C G is similar to `I + C^1/2 G C^1/2`, the energy's Hessian, and G is in proportion to
+    the loads: the arm, bent as it is, buckles where they are `1 / (1 - smallest eigenvalue)` times as large. That is a
+    linear buckling analysis about the equilibrium. An arm that its loads stiffen does not buckle: infinite.
     """
-    stiffening = tangent - np.eye(len(tangent))
-    if np.linalg.norm(stiffening) < 1.0:  # bounds every eigenvalue's distance from 1
-        return
-    smallest = float(np.linalg.eigvals(tangent).real.min())
-    if smallest <= 0.0:
-        raise UnstableEquilibriumError("the arm would not stay where its loads balance: it buckles", smallest)
+    smallest = float(np.linalg.eigvals(tangent).real.min(initial=1.0))
+    return 1.0 / (1.0 - smallest) if smallest < 1.0 else math.inf

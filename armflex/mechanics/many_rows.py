@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Sequence
+from copy import copy
 from functools import cache, cached_property
 from types import ModuleType
 from typing import NamedTuple
@@ -19,12 +20,12 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
-from armflex.mechanics.certificate import StabilityBound
+from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.chain import Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
-from armflex.mechanics.pinocchio_model import Load
 from armflex.parallel import in_pieces
+from armflex.rows.wrench import Wrench, check_rows
 
 COMPILED = ("exact", "first_order")
 """Methods that the kernel has."""
@@ -39,6 +40,7 @@ SETTLED = 1e-13
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
 NO_CHANGES = np.zeros((0, 0, 6, 6))
+NO_FACTORS = np.zeros(0)
 
 COMPILING = "armflex compiles its engine for this machine, once: about a minute"
 
@@ -78,18 +80,19 @@ def kernel() -> ModuleType:
 class Solution(NamedTuple):
     """Where an arm rests in N rows: (N, 6) displacement of the tip, (N, n, 6) wrenches and twists of the flexures.
 
-    Wrenches of no rows are not asked for: they follow from the twists.
+    Wrenches of no rows are not asked for: they follow from the twists. `load_factor` (N,) is as of `Equilibrium`.
     """
 
     displacement: Array
     wrenches: Array
     twists: Array
+    load_factor: Array = NO_FACTORS
 
     @classmethod
     def empty(cls, count: int, flexures: int, wrenches: bool = True) -> Solution:
         """Return room for the solution in some rows."""
         loads = np.empty((count if wrenches else 0, flexures, 6))
-        return cls(np.empty((count, 6)), loads, np.empty((count, flexures, 6)))
+        return cls(np.empty((count, 6)), loads, np.empty((count, flexures, 6)), np.full(count, np.inf))
 
     def some(self, rows: slice | np.ndarray) -> Solution:
         """Return some of the rows, as views where they are a slice."""
@@ -103,10 +106,12 @@ class Pushes:
         links: (L, 3) element of a chain that each link is fixed to, how many flexures move it, and whether its wrench
             follows it: is in the element's axes.
         posed: Numbers of the loads that depend on their links' poses otherwise.
+        rows: How many rows they are for, None where each is the same in any.
     """
 
-    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Load] = (), sited: bool = False) -> None:
-        self._loads = loads = (*wrenches, *loaded.arm.pulls)
+    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), sited: bool = False) -> None:
+        self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
+        self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._chain = loaded.sited_chain if sited else loaded.chain
         frames = loaded.link_frames if sited else loaded.plain_link_frames
         self._frames = own = frames.some([frames.names.index(load.frame) for load in loads])
@@ -123,13 +128,27 @@ class Pushes:
             turn = np.kron(np.eye(2), own.numbers[j, :9].reshape(3, 3).T)
             self._same[:, j, 3:] = load @ turn if following[j] else load
 
+    def some(self, rows: np.ndarray) -> Pushes:
+        """Return the loads in (M,) of the rows that they are for."""
+        if self.rows is None:
+            return self
+        found, count = copy(self), len(self._wrenches)
+        found._wrenches = [one if one.rows is None else one.some(rows) for one in self._wrenches]
+        found._loads, found.rows = (*found._wrenches, *self._loads[count:]), len(rows)
+        found._same = self._same if len(self._same) == 1 else self._same[rows]
+        return found
+
     def wrenches(self, q: Array, twists: Array | None = None) -> Array:
         """Return (1 or N, L, 9) where on its element each acts [m], and the wrench [N, Nm] in base or element axes.
 
         Args:
             q: (N, nq) joint positions [rad or m].
             twists: (N, n, 6) of the flexures, zero where not given.
+
+        Raises:
+            ShapeError: The loads are for other rows.
         """
+        check_rows(self._wrenches, len(q))
         if not self.posed:
             return self._same
         poses, found = self._poses(q, twists), np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy()
@@ -196,7 +215,7 @@ def flexed(
 class RowSolver:
     """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
 
-    def __init__(self, loaded: LoadedArm, exact: bool, wrenches: Sequence[Load] = ()) -> None:
+    def __init__(self, loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench] = ()) -> None:
         self._loaded, self._exact, self._chain, self._nominal = loaded, exact, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)
@@ -204,7 +223,7 @@ class RowSolver:
     def needs_wrenches(self, laws: RowLaws) -> bool:
         """Return whether loads must be known to solve the rows, or to prove that the arm stays."""
         plain = not (laws.curved or self.pushes.posed)
-        return not plain or (self._exact and (laws.bent or not (self.bound and self.bound.proven)))
+        return not plain or laws.bent or not (self.bound and self.bound.proven)
 
     @cached_property
     def bound(self) -> StabilityBound | None:
@@ -264,13 +283,13 @@ class RowSolver:
     ) -> np.ndarray:
         fine = np.empty(len(q), dtype=bool)
         known = (*self._chain.numbers, self.pushes.links, pushed, *laws.numbers, rooms, ready, q, exact)
-        kernel().solve_many(*known, *into, fine)
+        kernel().solve_many(*known, into.displacement, into.wrenches, into.twists, fine)
         return fine
 
     def proven(
         self, row: Row, laws: RowLaws, found: Solution, bound: StabilityBound | None, fine: np.ndarray
     ) -> np.ndarray:
-        """Return (N,) which of the rows that are `fine` are stable, by the bound or by the tangent itself.
+        """Return (N,) which of the rows that are `fine` are stable, by the bound or the tangent, and not near buckling.
 
         Args:
             row, laws, found: As of `solve`.
@@ -286,7 +305,7 @@ class RowSolver:
         if len(rest):
             if laws.curved:
                 laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
-            proven[rest] = self.linearise(row, laws, found, rest)[1] < 1.0
+            proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
         return proven
 
     def linearise(
@@ -303,11 +322,11 @@ class RowSolver:
             (M, 6, n, 6), not a number where the second does not prove that the arm is stable and nobody knows, and (M,)
             Frobenius norms of the tangents less the unit matrix: below 1 is a proof.
         """
-        q, twists, pushes = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some]), self.pushes
+        q, twists = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some])
         tangents = laws.tangents(found.wrenches)
         tangents = tangents if len(tangents) == 1 else tangents[some]
         by_law, distance = np.empty((len(some), 6, *twists.shape[1:])), np.empty(len(some))
-        numbers = (*self._chain.numbers, *pushes.at(q, twists), q, twists, tangents)
+        numbers = (*self._chain.numbers, *self.pushes.some(some).at(q, twists), q, twists, tangents)
         kernel().sensitivities(*numbers, np.full(len(some), stable), by_law, distance)
         return by_law, distance
 
@@ -403,7 +422,7 @@ def drawn_displacements(
         for number, stack in enumerate(stacks):
             laws = RowLaws(stack, row)
             fine = solver.solve(row, laws, into, rooms, ready=True)
-            if not (solver.proven(row, laws, into, bounds[number], fine) if exact else fine).all():
+            if not solver.proven(row, laws, into, bounds[number], fine).all():
                 with naming(f"draw {number}"):
                     raise UnsupportedError("the arm so drawn is too soft: it turns too far, or may not stay")
             found[number, some] = into.displacement

@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.laws import Row
+from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.deflection import deflect
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import COMPILED, ROUNDS, SETTLED, RowSolver, kernel, turned
-from armflex.mechanics.pinocchio_model import Load, LoadCase, build_model
+from armflex.mechanics.pinocchio_model import LoadCase, build_model
 from armflex.rows.wrench import Wrench, check_rows
 
 FLOAT = np.dtype(float)
@@ -105,7 +106,7 @@ class Prepared:
         return displacement
 
 
-def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
+def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
     """Return the question to the kernel.
 
     Everything it needs is a local name: to look up attributes takes as long as the mechanics.
@@ -121,7 +122,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
     sizes = np.array([chain[1].shape[1], len(pushes.links), len(laws.neurons)])
     counts, _ = compiled.packed(sizes, chain[1], pushes.links, laws.starts)
     loads, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
-    proven, solve, empty, size = not exact or (bound is not None and bound.proven), compiled.solve_one, np.empty, (n, 6)
+    proven, solve, empty, size = bound is not None and bound.proven, compiled.solve_one, np.empty, (n, 6)
 
     def plainly(q: Array, covariates: dict[str, float]) -> Answer | None:
         if q.shape != shape or q.dtype != FLOAT or covariates:
@@ -170,7 +171,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
         return False
 
     def stays(row: Row, here: Array, twists: Array) -> bool:
-        """Return whether the arm is proven to stay, by the bound or by the tangent itself."""
+        """Return whether the arm is proven to stay and is not near buckling, by the bound or by the tangent itself."""
         if bound is not None and bound.stays(loads.ravel(), laws.tangent):
             return True
         for i, law in laws.curved:
@@ -178,7 +179,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Load]) -> Quick:
         at, distance = (here[None], twists[None]), empty(1)
         given = (*chain, *pushes.at(*at), *at, laws.tangents(loads[None]))
         compiled.sensitivities(*given, np.zeros(1, dtype=bool), empty((1, 6, n, 6)), distance)
-        return bool(distance[0] < 1.0)
+        return bool(distance[0] <= SHARE)
 
     solve(numbers, counts, exact, middle, empty(size), empty(6))  # compiled now, not in the loop
     quick = plainly if proven and not stack.asked and settled else in_rounds

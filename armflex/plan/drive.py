@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.arguments import checked_kinds
-from armflex.conventions import Array
+from armflex.conventions import UNITS, Array
 from armflex.measured.table import write_table
 from armflex.plan.offer import OVERSHOOT, Reach
 from armflex.rows import Rows
@@ -22,6 +22,9 @@ from armflex.rows.rows import STILL
 
 if TYPE_CHECKING:
     from armflex.plan.planned_rows import Plan
+
+FINEST = 1e-6
+"""Resolution of a joint position in a file [m, rad], at least."""
 
 RUN_UP = "to "
 """How the pose of a stop begins that is only there to come from the right side."""
@@ -133,13 +136,21 @@ def _sign(change: Array) -> Array:
 def write_plan(found: Plan, path: str | Path) -> Path:
     """Write the rows as a measurements.csv whose positions are still empty; whole or not at all.
 
-    It holds pose, session, payload, q_*, what effects depend on, x y z to be filled in, and sigma. Stops whose pose
-    begins with `to ` stay empty. What a row is worth is not a column: in the campaign that the file becomes, `trace`
+    It holds pose, session, payload, q_*, what effects depend on, x y z to be filled in, and sigma, in the units of the
+    campaign that it is planned after, else in SI; positions end where no drive resolves them. Stops whose pose begins
+    with `to ` stay empty. What a row is worth is not a column: in the campaign that the file becomes, `trace`
     would look at it as a cause.
     """
     rows, reach = found.rows, found.reach
     columns: dict[str, list] = {name: list(getattr(rows, name)) for name in ("pose", "session", "payload")}
-    columns |= {f"q_{joint}": rows.q[:, i].tolist() for i, joint in enumerate(rows.joint_names)}
+    for i, joint in enumerate(reach.arm.robot.moving):
+        name, values = f"q_{joint.name}", rows.q[:, i]
+        unit, factor = _unit(found, name, "length" if joint.kind == "prismatic" else "angle")
+        digits = int(np.floor(1e-9 - np.log10(FINEST / factor)))
+        # Rounded towards the middle at its limits.
+        inside = np.round(0.1**digits, digits) * np.ceil(np.array([joint.lower, -joint.upper]) / factor * 10.0**digits)
+        rounded = np.clip(np.round(values / factor, digits), inside[0], -inside[1])
+        columns[name + unit] = np.round(rounded, digits).tolist()
     for joint in reach.approached:
         columns[f"approach_{joint}"] = rows.approach[:, rows.joint_names.index(joint)].astype(int).tolist()
     columns |= {name: _levels(rows)[name].tolist() for name in reach.levels}
@@ -147,10 +158,18 @@ def write_plan(found: Plan, path: str | Path) -> Path:
         columns |= {column: [""] * len(rows) for column in sensor.kind.columns(name) if name in reach.read}
     if "" not in reach.read:
         return write_table(path, columns)
-    columns |= {axis: [""] * len(rows) for axis in "xyz"}
+    columns |= {axis + _unit(found, axis, "length")[0]: [""] * len(rows) for axis in "xyz"}
     same = (reach.sigma == reach.sigma[0]).all()
     sigma = (
         {"sigma": reach.sigma[0]} if same else dict(zip(("sigma_x", "sigma_y", "sigma_z"), reach.sigma, strict=True))
     )
-    columns |= {name: [float(value)] * len(rows) for name, value in sigma.items()}
+    for name, value in sigma.items():
+        unit, factor = _unit(found, name if name in found.units else "sigma", "length")
+        columns[name + unit] = [float(f"{value / factor:.3g}")] * len(rows)
     return write_table(path, columns)
+
+
+def _unit(found: Plan, column: str, kind: str) -> tuple[str, float]:
+    """Return the suffix and the factor of a column's unit in the campaign before, '' and 1 for SI."""
+    unit = found.units.get(column, "")
+    return (f"_{unit}", UNITS[kind][unit]) if unit else ("", 1.0)

@@ -50,7 +50,8 @@ class Reach:
         levels: Values that can be set of what effects depend on, by name.
         session: The session in which the rows will be measured.
         sigma: (3,) standard deviation of a position read [m].
-        floor: Lowest height of any link or the payload in the base frame [m].
+        floor: Lowest height of any link or the payload in the base frame [m]; None for that of the base, 0, unless the
+            arm hangs below it in every row.
         read: Names of the instruments that are read; '' is the one at the tip.
         sigmas: By instrument (n,) standard deviations of its numbers, in their units, where a campaign told them.
     """
@@ -63,7 +64,7 @@ class Reach:
     levels: Mapping[str, tuple[float, ...]]
     session: str
     sigma: Array
-    floor: float = -np.inf
+    floor: float | None = None
     read: tuple[str, ...] = ("",)
     sigmas: Mapping[str, Array] = field(default_factory=dict)
 
@@ -175,11 +176,14 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     rows, readings = rows.some(held), reach.unread(len(held))
     view = look(setup, rows, readings=readings)
     lowest, clear = _clearances(setup.arm, rows, view)
-    high, beside = lowest >= reach.floor, clear >= THICK * setup.arm.robot.reach
+    floor = reach.floor
+    if floor is None:
+        floor = 0.0 if (lowest >= 0.0).any() else -np.inf
+    high, beside = lowest >= floor, clear >= THICK * setup.arm.robot.reach
     dropped[FLOOR] += int((~high).sum())
     dropped[COLUMN] += int((high & ~beside).sum())
     if not high.any():
-        text = f"nothing of {len(held)} rows is above the floor at {reach.floor:g} m"
+        text = f"nothing of {len(held)} rows is above the floor at {floor:g} m"
         raise InputError(f"{text}; the highest is {float(lowest.max()):.3g} m")
     able = np.flatnonzero(high & beside)
     if not len(able):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -107,6 +107,7 @@ class Plan(Result):
         way: Motion of all joints together, in ranges, and what it would be in the order in which rows were chosen.
         flags: Flags.
         mounts: Instruments whose places were chosen.
+        units: Of the campaign before, by column; see `Measurements`.
     """
 
     rows: Rows
@@ -125,6 +126,7 @@ class Plan(Result):
     way: tuple[float, float]
     flags: tuple[Flag, ...]
     mounts: tuple[Mounted, ...] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
     TOLD = ("table", "reached", "random_rows", "advice", "flags")
     ROWS = "table"

@@ -71,7 +71,7 @@ def plan(
     payloads: Sequence[str] | None = None,
     covariates: Mapping[str, Sequence[float]] | None = None,
     sigma: float | None = None,
-    floor: float = -np.inf,
+    floor: float | None = None,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
     instruments: Sequence[str] | None = None,
@@ -91,7 +91,8 @@ def plan(
         payloads: What may be carried; every payload of the arm, and nothing, when not given.
         covariates: Values that can be set of what effects depend on, by name.
         sigma: Standard deviation of a position read [m]; that of `after`, else 0.2 mm, when not given.
-        floor: Lowest height of any link or the payload in the base frame [m].
+        floor: Lowest height of any link or the payload in the base frame [m]; when not given, 0, the
+            height of the base, and none for an arm that hangs below it wherever it is.
         seed: Of the rows that are offered.
         progress: Called with (steps done, steps in all).
         instruments: What is read in the rows: names that the arm file declares, or 'wire', 'level', 'accelerometer',
@@ -184,6 +185,7 @@ def plan(
         mounts=mounts,
         way=way,
         flags=flags,
+        units={} if after is None else after.units,
     )
 
 
@@ -193,7 +195,7 @@ def _check(
     along: Trajectory | None,
     between: tuple[str, str] | None,
     sigma: float | None,
-    floor: float,
+    floor: float | None,
     covariates: Mapping[str, Sequence[float]],
 ) -> None:
     """Raise `InputError` where a number is out of its range, or two goals are asked for."""
@@ -206,7 +208,7 @@ def _check(
         raise InputError("a plan is for a trajectory or for two effects, not for both")
     if sigma is not None and not 0.0 < sigma < np.inf:
         raise InputError(f"sigma is {sigma:g} m, expected more than 0")
-    if np.isnan(floor):
+    if floor is not None and np.isnan(floor):
         raise InputError("floor is not a number")
     for name, values in covariates.items():
         if not len(values) or not np.isfinite(values).all():
@@ -219,7 +221,7 @@ def _reach_of(
     payloads: Sequence[str] | None,
     covariates: Mapping[str, Sequence[float]],
     sigma: float | None,
-    floor: float,
+    floor: float | None,
 ) -> tuple[Reach, tuple[Flag, ...]]:
     """Return what may be asked of the arm, and flags.
 

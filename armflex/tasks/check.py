@@ -11,7 +11,7 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, warn
 from armflex.configurations import furthest
-from armflex.conventions import Array
+from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance
@@ -37,6 +37,9 @@ path. A stretch is not halved beyond the steps that the shortest one may be halv
 
 TOGETHER = 512
 """Rows and stretches that are judged together: memory does not grow with the samples."""
+
+TURNED = 2.0
+"""Times as far as bending alone turns the tip, from which on it is said that a path holds its position alone."""
 
 VERDICTS = ("fail", "uncertain", "ok")
 """The worst first."""
@@ -103,11 +106,12 @@ class CheckReport(Result):
         segments: Worst point of each stretch between rows, in order.
         path_worst: Worst point anywhere on the path.
         samples: Number of configurations evaluated.
+        load_factor: Least of `Deflection.load_factor` met where it is below 2, else infinite.
         flags: Flags met on the way.
         rows: Every row, in order, via-points among them.
     """
 
-    TOLD = ("ok", "tolerance_m", "angle_rad", "samples", "via_points", "path_worst", "flags")
+    TOLD = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst", "flags")
     ROWS = "via_points"
 
     ok: bool
@@ -119,6 +123,7 @@ class CheckReport(Result):
     samples: int
     flags: tuple[Flag, ...]
     rows: tuple[Point, ...] = ()
+    load_factor: float = np.inf
 
 
 @checked_kinds
@@ -188,19 +193,22 @@ def check(
     pieces = [(between, some) for between, every in both for some in in_pieces(every, TOGETHER)]
     points: list[Point] = []
     met: dict[str, Flag] = {}
-    samples = 0
+    samples, factor, turns = 0, np.inf, np.zeros(2)
     for found, judge in in_threads(judged, pieces):
         points += found
         met |= {code: flag for code, flag in judge.flags.items() if code not in met}
-        samples += judge.samples
+        samples, factor = samples + judge.samples, min(factor, judge.load_factor)
+        turns = np.maximum(turns, judge.turns)
         if progress and len(points) > count:
             progress(len(points) - count, count - 1)
     rows, segments = points[:count], points[count:]
     vias = sorted((row for row in rows if row.name), key=lambda point: point.badness)
     worst = min(points, key=lambda point: point.badness)
     ok = all(point.verdict == "ok" for point in points)
-    flags = (*doubts, *held, *derived, *met.values())
-    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows))
+    held_only = trajectory.target is not None and angle is None and len(arm.joint_names) >= 6  # a pose takes six
+    turned = turned_further(*turns.tolist()) if held_only else ()
+    flags = (*doubts, *held, *derived, *met.values(), *turned)
+    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows), factor)
 
 
 def doubtful_tolerance(tolerance: float, reach: float, angle: float | None = None) -> tuple[Flag, ...]:
@@ -217,6 +225,22 @@ def doubtful_tolerance(tolerance: float, reach: float, angle: float | None = Non
         text = f"a tolerance of {angle:g} rad for how far the tip turns: angles are radians, {angle:g} degrees are"
         asked.append(Flag("tolerance_angle", f"{text} {np.deg2rad(angle):.4g}"))
     return tuple(asked)
+
+
+def turned_further(bent: float, turned: float) -> tuple[Flag, ...]:
+    """Return a flag where a position is held at the cost of how the tip is turned.
+
+    Args:
+        bent: How far bending alone turns the tip at most [rad].
+        turned: How far it is turned at most from where it is meant [rad].
+    """
+    if not turned > TURNED * bent:
+        return ()
+    sizes = (
+        f"by up to {number(turned * 1e3, 3)} mrad from where it is meant, by {number(bent * 1e3, 3)} from bending alone"
+    )
+    advice = "only its position is held, `compensate --match pose` (match='pose') holds both"
+    return (Flag("turned", f"the tip is turned {sizes}: {advice}"),)
 
 
 class _Samples(NamedTuple):
@@ -245,7 +269,7 @@ class _Judge:
     def __init__(self, arm: Arm, trajectory: Trajectory, tolerance: float, angle: float | None, method: str) -> None:
         self.arm, self.trajectory, self.method = arm, trajectory, method
         self.tolerance, self.angle = tolerance, angle
-        self.samples = 0
+        self.samples, self.load_factor, self.turns = 0, np.inf, (0.0, 0.0)
         self.flags: dict[str, Flag] = {}
 
     def between(self, segments: np.ndarray, fractions: Array) -> _Samples:
@@ -280,6 +304,7 @@ class _Judge:
             reason[:] = [self.trouble(points, i, name) for i, name in enumerate(names)]
             found = self.arm.deflection(points.q, points.payload, enforce_limits=False, allow_large=True, **asked)
         self.keep_flags(found, points.time)
+        self.load_factor = min(self.load_factor, float(found.found_factors.min(initial=np.inf)))
         return self.judge(found, self.covariance(found, points, reason == ""), points, reason)
 
     def trouble(self, points: Points, i: int, name: str) -> str:
@@ -330,6 +355,10 @@ class _Judge:
             rigid = self.arm.loaded(None)
             error = displaced_from(error, found.rigid_pose, rigid_tips(rigid.nominal or rigid.chain, points.target))
         sizes = np.stack([np.linalg.norm(error[:, half], axis=1) for half in HALVES], axis=1)
+        bent = np.linalg.norm(found.displacement[:, 3:], axis=1)
+        self.turns = tuple(
+            float(np.max(part, initial=most)) for part, most in zip((bent, sizes[:, 1]), self.turns, strict=True)
+        )
         sigmas = np.full(sizes.shape, np.nan)
         if covariance is not None:
             each = [length_sigma(error[:, half], covariance[:, half, half], near) for half in HALVES]

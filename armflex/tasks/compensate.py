@@ -27,6 +27,7 @@ from armflex.mechanics.response import respond
 from armflex.parallel import Progress, in_pieces, in_threads
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
+from armflex.tasks.check import turned_further
 from armflex.tasks.inverse_kinematics import (
     AIMED_AT,
     LEAST_DAMPING,
@@ -74,6 +75,8 @@ class CompensatedRow:
             `after` is what the arm as declared and fitted does, the machine is so far from it. Of the laws and of all
             that was fitted; infinite where it depends on what neither a campaign nor a prior determined, None where
             nobody states one.
+        relative_sigma_m: `sigma_m` in the frame of the instrument that the arm was calibrated with: without what only
+            says where the base stands, which is the same for all rows.
     """
 
     time: float
@@ -87,6 +90,7 @@ class CompensatedRow:
     smallest: bool = True
     sigma_m: float | None = None
     sigma_rad: float | None = None
+    relative_sigma_m: float | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -122,6 +126,18 @@ class Compensation(Result):
         """What remains at most in a row, and the largest standard uncertainty of that in any [m]; see `sigma_m`."""
         most = max(float(np.linalg.norm(row.after[:3])) for row in self.rows)
         return most, max((row.sigma_m for row in self.rows if row.sigma_m is not None), default=None)
+
+    @property
+    def relative_sigma_m(self) -> float | None:
+        """The largest `relative_sigma_m` of any row [m]."""
+        known = (row.relative_sigma_m for row in self.rows)
+        return max((sigma for sigma in known if sigma is not None), default=None)
+
+    @property
+    def turns_rad(self) -> tuple[float, float]:
+        """How far the tip is turned at most in a row before, and after [rad]."""
+        before, after = ([np.linalg.norm(getattr(row, name)[3:]) for row in self.rows] for name in ("before", "after"))
+        return float(max(before)), float(max(after))
 
 
 @checked_kinds
@@ -189,6 +205,9 @@ def compensate(
     widest = None if gaps is None else float(gaps.max(initial=0.0))
     rows, uncertain = _with_sigmas(arm, moved, rows)
     flags = [*again, *moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows), *uncertain]
+    turned = Compensation(moved, rows, match, widest, ()).turns_rad
+    if match == "position" and len(arm.joint_names) >= 6:
+        flags += turned_further(*turned)
     if between is not None and (widest is None or widest > between):
         left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
         text = f"the error halfway between rows {left}; at most {between:g} m was asked"
@@ -247,20 +266,25 @@ def _with_sigmas(
     points, certain = moved.prepared(arm).points, without_declared_uncertainty(arm)
     errors, met = np.array([row.after for row in rows]), dict[Flag, None]()
 
-    def uncertain(some: np.ndarray) -> tuple[list[tuple[float | None, float | None]], tuple[Flag, ...]]:
+    def uncertain(some: np.ndarray) -> tuple[list[dict[str, float]], tuple[Flag, ...]]:
         here = points.some(some)
         found = certain.deflection(here.q, here.payload, enforce_limits=False, **here.asked)
         covariance, flags = total_covariance(found)
         if covariance is None:
-            return [(None, None)] * len(some), flags
-        halves = (slice(0, 3), slice(3, 6))
-        sigmas = [length_sigma(errors[some, half], covariance[:, half, half], short=True) for half in halves]
-        return list(zip(*(each.tolist() for each in sigmas), strict=True)), flags
+            return [{}] * len(some), flags
+        relative = total_covariance(found, relative=True)[0] if arm.certainty else covariance
+        asked = (("sigma_m", covariance, 0), ("sigma_rad", covariance, 3), ("relative_sigma_m", relative, 0))
+        sigmas = {
+            name: length_sigma(errors[some, at : at + 3], known[:, at : at + 3, at : at + 3], short=True).tolist()
+            for name, known, at in asked
+            if known is not None
+        }
+        return [dict(zip(sigmas, row, strict=True)) for row in zip(*sigmas.values(), strict=True)], flags
 
     found: list[CompensatedRow] = []
-    for pairs, flags in in_threads(uncertain, in_pieces(np.arange(len(rows)), TOGETHER)):
+    for sigmas, flags in in_threads(uncertain, in_pieces(np.arange(len(rows)), TOGETHER)):
         met |= dict.fromkeys(flags)
-        found += [replace(rows[len(found) + i], sigma_m=m, sigma_rad=rad) for i, (m, rad) in enumerate(pairs)]
+        found += [replace(rows[len(found) + i], **known) for i, known in enumerate(sigmas)]
     if arm.flexure_names and any(row.sigma_m is None for row in found):
         text = "neither the laws nor a fit of this arm states an uncertainty: what remains is the declared arm's"
         met[Flag("no_uncertainty", text)] = None

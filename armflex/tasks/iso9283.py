@@ -14,7 +14,7 @@ jackknife, because it is no mean. What the instrument has in them is told apart 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any, Literal
 
@@ -76,6 +76,7 @@ class AttainedPose:
         rotation_repeatability: (3,) three standard deviations of them [rad]: RP_a, RP_b, RP_c.
         predicted: Distance of the barycentre from where the arm's own model has it [m]: what AP_P becomes where the
             controller compensates by that model. None of an arm that was not calibrated.
+        excluded: Cycles of this pose, payload and session that are in no figure; see `PosePerformance.excluded`.
     """
 
     pose: str
@@ -91,6 +92,7 @@ class AttainedPose:
     rotation: Array | None
     rotation_repeatability: Array | None
     predicted: float | None
+    excluded: int = 0
 
     @property
     def cycles(self) -> int:
@@ -132,6 +134,8 @@ class PosePerformance(Result):
         directions: vAP of each pose that was repeated from several directions.
         drifts: dAP and dRP of each pose with several blocks of cycles.
         remarks: What the standard asks for and the campaign does not give, one sentence each.
+        excluded: Numbers of the campaign's rows that are cycles of a repeated pose and in no figure: the pose was
+            attained but once from there, or, as in a campaign's first row, nothing says from where.
     """
 
     arm: Arm
@@ -140,8 +144,9 @@ class PosePerformance(Result):
     directions: tuple[Variation, ...]
     drifts: tuple[Variation, ...]
     remarks: tuple[str, ...]
+    excluded: tuple[int, ...] = ()
 
-    TOLD = ("poses", "directions", "drifts", "remarks")
+    TOLD = ("poses", "directions", "drifts", "remarks", "excluded")
     ROWS = "table"
 
     @property
@@ -149,7 +154,7 @@ class PosePerformance(Result):
         """A row for each of `poses`: its cycles, AP_P and RP_l with their standard uncertainties [m]."""
         return [
             {
-                **{name: getattr(one, name) for name in ("pose", "payload", "session", "cycles")},
+                **{name: getattr(one, name) for name in ("pose", "payload", "session", "cycles", "excluded")},
                 **{"AP": one.accuracy.value, "AP_std": one.accuracy.std},
                 **{"RP": one.repeatability.value, "RP_std": one.repeatability.std},
             }
@@ -284,6 +289,7 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
             None if model is None else float(np.linalg.norm(model[at].mean(axis=0))),
         )
 
+    excluded: list[int] = []
     poses: list[AttainedPose] = []
     directions: list[Variation] = []
     drifts: list[Variation] = []
@@ -292,6 +298,9 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
         for row in own.tolist():
             sides.setdefault(tuple(measurements.approach[row].astype(int).tolist()), []).append(row)
         several = [attained_pose(np.array(some), side) for side, some in sides.items() if len(some) > 1]
+        apart = [row for some in sides.values() if several and len(some) == 1 for row in some]
+        excluded += apart
+        several = [replace(one, excluded=len(apart)) for one in several]
         poses += several or [attained_pose(own, None)]
         if len(several) > 1:
             pairs = combinations([one.attained.mean(axis=0) for one in several], 2)
@@ -300,8 +309,10 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
             directions.append(Variation(*name, "directions", len(several), most, None, most))
         if block is not None:
             drifts += [drift for one in several for drift in _drift(one, measurements.time[one.rows], block)]
-    remarks = tuple(_remarks(measurements, poses, directions, drifts, block, placed))
-    return PosePerformance(arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks)
+    remarks = tuple(_remarks(measurements, poses, directions, drifts, block, placed, excluded))
+    return PosePerformance(
+        arm, measurements, tuple(poses), tuple(directions), tuple(drifts), remarks, tuple(sorted(excluded))
+    )
 
 
 def _drift(one: AttainedPose, time: Array, block: float) -> Iterator[Variation]:
@@ -321,6 +332,11 @@ def _drift(one: AttainedPose, time: Array, block: float) -> Iterator[Variation]:
         yield Variation(one.pose, one.payload, one.session, "blocks", len(clouds), changed, wider, shift)
 
 
+def _places(measurements: Measurements, rows: Sequence[int]) -> str:
+    """Return what rows are called in their file, the first five of them."""
+    return listing([str(measurements.places[row]) if measurements.places else f"row {row}" for row in rows], 5)
+
+
 def _remarks(
     measurements: Measurements,
     poses: Sequence[AttainedPose],
@@ -328,6 +344,7 @@ def _remarks(
     drifts: Sequence[Variation],
     block: float | None,
     placed: bool,
+    excluded: Sequence[int],
 ) -> Iterator[str]:
     """Yield what the standard asks for and these cycles do not give."""
     if placed:
@@ -343,6 +360,17 @@ def _remarks(
         yield f"{len(places)} poses, the standard asks for {POSES}, in the largest cube of the working space."
     if all(one.payload == "none" for one in poses):
         yield "Measured without payload: the standard asks for all of the rated load, and for a tenth of it besides."
+    if excluded:
+        counted, first = (
+            sum(one.cycles for one in poses),
+            [row for row in excluded if not measurements.approach[row].any()],
+        )
+        once = [row for row in excluded if row not in first]
+        causes = [f"no row before it and no column approach_* says from where: {_places(measurements, first)}"] * bool(
+            first
+        )
+        causes += [f"the pose was attained from there but once: {_places(measurements, once)}"] * bool(once)
+        yield f"{len(excluded)} of {counted + len(excluded)} cycles are in no figure: {'; '.join(causes)}."
     mixed = [one.pose for one in poses if one.direction is None]
     if mixed:
         yield f"From no direction attained twice, so all directions are one: {listing(mixed)}."
@@ -359,10 +387,8 @@ def _remarks(
         yield "Orientations were not read in every cycle: AP and RP of a, b and c are not given for all."
     found = repeats(measurements)
     if found is not None and found.same_session.lost:
-        lost = [
-            str(measurements.places[row]) if measurements.places else f"row {row}" for row in found.same_session.lost
-        ]
-        yield f"Further from their fellows than noise goes, and counted all the same: {listing(lost, 5)}."
+        lost = _places(measurements, found.same_session.lost)
+        yield f"Further from their fellows than noise goes, and counted all the same: {lost}."
     yield (
         "A campaign at rest does not tell distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
         "compliance under the standard's forces, and anything of paths and velocities."

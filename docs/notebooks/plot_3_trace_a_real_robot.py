@@ -59,7 +59,7 @@ for one in traced.found:
     values = ", ".join(f"{name} = {value:.3g}" for name, value in one.effect.named.items())
     print(f"{one.effect.title}: {values}")
 after = error(traced.arm, rows, held_out)
-print(f"on poses not used {told(after)}; as declared, the instrument placed, {1e3 * traced.declared_rms:.1f} mm RMS")
+print(f"on poses not used {told(after)}; as declared, instrument and target placed: {1e3 * traced.declared_rms:.2f} mm")
 
 fig, ax = plt.subplots(figsize=(7, 3), layout="constrained")
 for name, values in (("calibrated", before), ("traced", after)):

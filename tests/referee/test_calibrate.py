@@ -236,6 +236,21 @@ def test_compensation_states_how_far_the_machine_may_be_off(measured, found):
     assert made.remains_m[1] == sigma.max()
 
 
+def test_what_only_says_where_the_base_stands_is_apart_from_what_is_relative(found):
+    """An instrument turned about J1's axis reads the same: only the base frame's sigma has its offset."""
+    path = read_trajectory(ROBOTS / "heavy_six" / "trajectory.csv", found.arm)
+    made, prior = compensate(found.arm, path), found.arm.prior.joint_offset
+    for row, q in zip(made.rows, made.trajectory.q, strict=True):
+        reach = np.linalg.norm(found.arm.rigid_pose(q).translation[:2])
+        assert row.sigma_m**2 - row.relative_sigma_m**2 == pytest.approx((prior * reach) ** 2, rel=0.2)
+    assert made.relative_sigma_m < 0.5 * made.remains_m[1]
+    certainty = found.arm.certainty
+    frame = np.array([not label.startswith("instrument ") for label in certainty.labels])
+    alone = dataclasses.replace(found.arm, certainty=certainty.part(np.flatnonzero(frame)))
+    for row in compensate(alone, path).rows[:3]:
+        assert row.relative_sigma_m == pytest.approx(row.sigma_m, rel=1e-9)
+
+
 def test_the_whole_covariance_of_the_tip_is_of_what_was_fitted_too(measured, found):
     """By finite differences of the tip in everything that moves the arm, S of the fit."""
     fit, arm, q = found.fit, found.arm, found.arm.position(J1=0.4, J2=0.3, J3=-0.5, J5=0.2)

@@ -176,8 +176,12 @@ def check_compliance(compliance: Array) -> tuple[Flag, ...]:
     """Return the flags about a (6, 6) compliance.
 
     Raises:
-        LawError: Not symmetric to 1e-9 (Betti), or not positive semi-definite, so that loading it gains energy.
+        LawError: Not finite, not symmetric to 1e-9 (Betti), or not positive semi-definite, so that loading it gains
+            energy.
     """
+    if not np.isfinite(compliance).all():
+        i, j = np.argwhere(~np.isfinite(compliance))[0]
+        raise LawError(f"compliance is not finite: C[{i}][{j}] = {compliance[i, j]:g}")
     scale = np.sqrt(np.outer(np.diag(compliance), np.diag(compliance)).clip(0.0)) + 1e-300
     skew = np.abs(compliance - compliance.T) / np.maximum(scale, np.abs(compliance) + 1e-300)
     if skew.max() > SYMMETRY:
@@ -189,8 +193,9 @@ def check_compliance(compliance: Array) -> tuple[Flag, ...]:
         raise LawError(f"compliance of {TWIST_NAMES[int(diagonal.argmin())]} is negative: {diagonal.min():g}")
     # Scaled to a unit diagonal first: m/N and rad/Nm differ by orders of magnitude.
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
-    scaled = compliance * np.outer(scale, scale)
-    if np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-9:
+    with np.errstate(over="ignore"):
+        scaled = scale[:, None] * compliance * scale
+    if not np.isfinite(scaled).all() or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-9:
         raise LawError("compliance is not positive semi-definite: some load would gain energy")
     return softness(compliance)
 

@@ -17,6 +17,9 @@ from armflex.errors import Flag, LawError
 from armflex.laws.law import Law, Parameter, Ranges, Row, embed
 from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
+NEARBY = 1e-4
+"""Largest step of a weight over which a network is taken as straight: its cube against rounding divided by it."""
+
 CHUNK = 2**17
 """Hidden values held at once when many loads are asked about: about what a core's own cache takes."""
 
@@ -195,11 +198,33 @@ class NetworkLaw(Law):
         return np.maximum(1.0, self.reach(wrench[..., : self.size])) ** 2
 
     def draw(self, rng: np.random.Generator) -> Law:
-        """Return one of several networks, or the only one with weights drawn."""
+        """Return one of several networks, or the only one moved by weights drawn, as `covariance` has it."""
         if len(self.hidden) == 1:
-            return super().draw(rng)
+            return self if self._root is None else self.straight(self._root @ rng.normal(size=self._root.shape[1]))
         chosen = slice(i := int(rng.integers(len(self.hidden))), i + 1)
         return replace(self, **{name: getattr(self, name)[chosen] for name in ("hidden", "bias", "output", "offset")})
+
+    def straight(self, step: Array) -> NetworkLaw:
+        """Return a single network moved by its weights' (P,) step as if answers were linear in them: f + J step.
+
+        Laplace's covariance is of that linearised network (Immer, Korzepa and Bauer 2021); a network whose weights are
+        themselves drawn so far out fits nothing. J step is the difference of two networks close to either side, which
+        stand beside this one as neurons of one more than three times as wide.
+        """
+        width = NEARBY / max(float(np.abs(step).max(initial=0.0)), NEARBY)
+        ends = [unpack(self.values + sign * width * step, self.size) for sign in (1.0, -1.0)]
+        shares = (1.0, 0.5 / width, -0.5 / width)
+        parts = [
+            (share, part) for share, part in zip(shares, ({n: getattr(self, n) for n in ends[0]}, *ends), strict=True)
+        ]
+        return replace(
+            self,
+            hidden=np.concatenate([part["hidden"] for _, part in parts], axis=1),
+            bias=np.concatenate([part["bias"] for _, part in parts], axis=1),
+            output=np.concatenate([share * part["output"] for share, part in parts], axis=2),
+            offset=sum((share * part["offset"] for share, part in parts), np.zeros(self.size)),
+            weight_covariance=None,
+        )
 
     def distance(self, load: Array) -> Array:
         """Return the (...) Mahalanobis distance of (..., k) loads from the mean of those trained on."""

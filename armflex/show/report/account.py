@@ -130,7 +130,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     judged[np.isin(placed.rows, trace.rows)] = trace.judged[trace.believed]
     declared = cover.errors_of(placed, groups, judged).of(np.asarray(judged.any(axis=1)))
     unit = placed.readings.unit
-    rows = [cover.spread("as declared, the instrument placed", declared, unit)]
+    rows = [cover.spread(f"as declared, the {trace.calibration.placing}", declared, unit)]
     rows.append(cover.spread("calibrated, poses held out", accurate.before, unit))
     if trace.found or trace.families:
         rows.append(cover.spread("with the effects identified, poses held out", accurate.after, unit))
@@ -157,7 +157,7 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
         ("Poses held out, effects chosen without them", *(said(one) for one in again)),
         ("Whole sessions held out", *(said(one) for one in sessions)),
         ("Readings that were fitted", *(said(one) for one in accurate.fitted)),
-        ("As declared, only the instrument placed ", said(trace.declared_rms), ""),
+        (f"As declared, only the {trace.calibration.placing} ", said(trace.declared_rms), ""),
         ("Noise as stated", "", said(accurate.stated)),
         ("Noise, if the final residual is nothing else", "", said(trace.noise * accurate.stated)),
     ]

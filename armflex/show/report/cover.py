@@ -238,7 +238,7 @@ def calibration_account(found: Calibration) -> SimpleNamespace:
         else "No parameter ended further from its declared value than its prior allows.",
         cards=_cards(before, now, found),
         errors=(
-            spread("as declared, the instrument placed", before, view.readings.unit),
+            spread(f"as declared, the {found.placing}", before, view.readings.unit),
             spread(f"calibrated, {what}", now, view.readings.unit),
             ("noise as stated", millimetres(found.noise_rms, unit=view.readings.unit), "", ""),
         ),
@@ -262,7 +262,7 @@ def _cards(before: Errors, now: Errors, found: Calibration) -> Table:
 
     unit, size = found.fit.view.readings.unit, size_title(found.fit.view.readings)
     cards = [
-        ("Error as declared", millimetres(before.rms, before.std, unit), f"{size}, the instrument placed"),
+        ("Error as declared", millimetres(before.rms, before.std, unit), f"{size}, the {found.placing}"),
         ("Error calibrated", millimetres(now.rms, now.std, unit), "the same readings, poses held out"),
         ("Noise as stated", millimetres(found.noise_rms, unit=unit), "what no model can get below"),
     ]

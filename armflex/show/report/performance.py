@@ -80,7 +80,8 @@ def _row(one: AttainedPose, modelled: bool) -> tuple[str, ...]:
     def plain(*lengths: float | None) -> tuple[str, ...]:
         return tuple(millimetres(length).removesuffix(" mm") for length in lengths)
 
-    named = (one.pose + " *" * (one.direction is None), one.payload, one.session, str(one.cycles))
+    cycles = f"{one.cycles} (+ {one.excluded} excluded)" if one.excluded else str(one.cycles)
+    named = (one.pose + " *" * (one.direction is None), one.payload, one.session, cycles)
     about, again = (_said(figure).removesuffix(" mm") for figure in (one.accuracy, one.repeatability))
     own, model = plain(one.accuracy.instrument, *one.offset.tolist()), plain(one.predicted) if modelled else ()
     return (*named, about, *own, again, *plain(one.repeatability.instrument), *model)

@@ -61,6 +61,9 @@ SAMPLES = 9
 SLIDERS = 2.0 * np.pi
 """Largest position of a slider [rad or m]: of a joint without limits a turn either way."""
 
+TINY = 1e-6
+"""Length [mm] and turn [mrad] that a page shows as 0: nobody looks at less than a nanometre."""
+
 MAX_FRAMES = 240
 LARGEST_MAGNIFICATION = 1e6
 PLAY_SECONDS = 14.0
@@ -389,8 +392,8 @@ def contribution_colors(found: Deflection) -> dict[str, str]:
 def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tuple[Shape, ...]], tuple[str, ...]]:
     """Return what to draw for each link, and what is said of meshes that are not drawn.
 
-    That is its primitives, its meshes on request, else rods to its joints. A link that slides gets a rod back along its
-    slide, too, so that the arm does not fall apart.
+    That is its primitives, its meshes on request, and rods to its joints where it has nothing or a mesh is left out. A
+    link that slides gets a rod back along its slide, too, so that the arm does not fall apart.
     """
     drawn, missing = {}, []
     radius = 0.025 * max(arm.robot.reach, 0.1)
@@ -401,7 +404,7 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tupl
         if joint.kind == "prismatic"
     }
     for name, link in arm.robot.urdf.links.items():
-        shapes = []
+        shapes, known = [], len(missing)
         for visual in link.visuals:
             size, color = np.array(visual.size), visual.color or STEEL
             if visual.kind != "mesh" and size.min() > 0.0:
@@ -410,14 +413,12 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tupl
                 shapes.append(Shape("mesh", size, visual.pose, color, data=found[0], data_format=found[1]))
             elif visual.kind == "mesh":
                 missing.append(visual.mesh or "")
-        if not shapes:
+        if not shapes or len(missing) > known:
             ends = [joint.origin for joint in arm.robot.urdf.children[name]]
             ends += [slides[name]] if name in slides else []
             rods = [(end, float(np.linalg.norm(end))) for end in ends]
-            shapes = [
-                Shape("capsule", np.array([radius, length]), _along(end), STEEL)
-                for end, length in rods
-                if length > 2.0 * radius
+            shapes += [
+                Shape("capsule", np.array([radius, length]), _along(end), STEEL) for end, length in rods if length > 0.0
             ]
         drawn[name] = tuple(shapes)
     if missing and not meshes:
@@ -534,7 +535,7 @@ def _legend(
     factor: float,
 ) -> Iterator[LegendRow]:
     for name, share in zip(shown.names.flexures, shown.shares(), strict=True):
-        yield LegendRow(colors[name], name, f"{number(share * 1e3, 3)} mm")
+        yield LegendRow(colors[name], name, f"{number(share * 1e3, 3, TINY)} mm")
     if colors:
         yield LegendRow(GHOST, "rigid arm", opacity=0.4)
     if trajectory is not None:
@@ -559,8 +560,9 @@ def _subtitle(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> str
     moved, turned = (float(np.linalg.norm(part)) * 1e3 for part in (shown.displacement[:3], shown.displacement[3:]))
     when = _when(motion)
     uncertainty = shown.sigma()
-    sigma = "" if uncertainty is None else f" ± {number(uncertainty * 1e3, 2)}"
-    return f"Tip moves {number(moved)}{sigma} mm and turns {number(turned, 3)} mrad{when}. Shown × {factor:g}."
+    sigma = "" if uncertainty is None else f" ± {number(uncertainty * 1e3, 2, TINY)}"
+    moves = f"Tip moves {number(moved, 4, TINY)}{sigma} mm and turns {number(turned, 3, TINY)} mrad{when}"
+    return f"{moves}. Shown × {factor:g}."
 
 
 def _when(motion: Motion) -> str:
@@ -573,10 +575,10 @@ def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterat
     if arm.flexures:
         left = float(np.linalg.norm(shown.remainder[:3]) * 1e3)
         yield f"Deflections are drawn {factor:g} times as large as they are; the rigid arm is to scale."
-        yield f"Shares are first order; together they miss the displacement by {number(left, 2)} mm."
+        yield f"Shares are first order; together they miss the displacement by {number(left, 2, TINY)} mm."
         if shown.corrected.any():
             size = float(np.linalg.norm(shown.corrected[:3]) * 1e3)
-            yield f"Beside them the calibrated geometry moves the tip by {number(size, 3)} mm."
+            yield f"Beside them the calibrated geometry moves the tip by {number(size, 3, TINY)} mm."
     if shown.payload.mass and shown.payload.inertia is None:
         yield "The payload is drawn as a cube of its mass in stone: no inertia is given, which would tell its size."
     if len(motion.frames) < motion.rows:

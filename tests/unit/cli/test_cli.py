@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import logging
 import os
 import re
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from support.command_line import Run, few_rows, fine, run_here, strict_json
 from support.small_arms import ROBOTS
 
@@ -81,7 +83,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
         code,
     )
     found = strict_json(tmp_path / "c.json")
-    more = {"angle_rad", "samples", "flags", "base", "tip"}
+    more = {"angle_rad", "samples", "load_factor", "flags", "base", "tip"}
     assert set(found) == {"format", "ok", "tolerance_m", "via_points", "path_worst"} | more
     assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
     more = POINT | {"margin_rad", "payload", "reason"}
@@ -111,6 +113,7 @@ def test_compensate_writes_what_python_finds(
     np.testing.assert_allclose(written.q, expected.trajectory.q, rtol=0, atol=1e-12)
     found = strict_json(tmp_path / "c.json")
     about = {"format", "ok", "match", "between_m", "remains_m", "sigma_m", "rows", "flags", "base", "tip"}
+    about |= {"relative_sigma_m"}
     assert set(found) == about and found["sigma_m"] == max(one["sigma_m"] for one in found["rows"])
     assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
     row = {
@@ -125,6 +128,7 @@ def test_compensate_writes_what_python_finds(
         "sigma_min",
         "sigma_m",
         "sigma_rad",
+        "relative_sigma_m",
     }
     assert all(set(one) == row for one in found["rows"])
 
@@ -500,3 +504,15 @@ def test_a_command_says_from_the_first_that_it_works(armflex: Run, monkeypatch: 
     monkeypatch.setattr(terminal, "EVERY", 0.0)
     monkeypatch.setattr(terminal, "REDRAWN", 0.001)
     assert "0 s  reading\n" in fine(armflex("deflect", HEAVY / "arm.toml")).stderr
+
+
+@pytest.mark.parametrize("width", [20, 60, 80, 200])
+def test_tables_break_no_word_and_no_number(monkeypatch: pytest.MonkeyPatch, width: int) -> None:
+    shown = io.StringIO()
+    console = Console(file=shown, width=width, force_terminal=True, color_system=None)
+    monkeypatch.setattr("armflex.cli.terminal.stream", lambda: console)
+    rows = [["ISO pose P1", "none", "0.00292", "0.0354"], ["a pose PositionTwentyFive", "rated load", "-1.25e-05", "3"]]
+    columns = ["pose", "payload", "AP with this model", "repeatability"]
+    terminal.print_table("ISO 9283", columns, rows)
+    words = [word for word in shown.getvalue().split() if "\u2500" not in word]
+    assert sorted(words[2:]) == sorted(" ".join(map(" ".join, [columns, *rows])).split())

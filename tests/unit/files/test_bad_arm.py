@@ -36,9 +36,10 @@ def test_the_good_arm_is_good(arm):
 
 DIAGONAL = "compliance = [1e-9, 1e-9, 6e-10, 4e-8, 4.5e-8, 2e-7]"
 FULL = np.diag([1e-9, 1e-9, 6e-10, 4e-8, 4e-8, 2e-7])
-SKEW, INDEFINITE = FULL.copy(), FULL.copy()
+SKEW, INDEFINITE, TINY = FULL.copy(), FULL.copy(), FULL.copy()
 SKEW[0, 4], SKEW[4, 0] = 1e-9, 1.00001e-9
 INDEFINITE[3, 4] = INDEFINITE[4, 3] = 5e-8
+TINY[3:5, 3:5] = [[1e-310, 5e-8], [5e-8, 1e-310]]
 JOINT = 'joint = "shoulder"'
 
 DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
@@ -49,6 +50,7 @@ DECLARATIONS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
         "[[",
     ),
     "row29-not-definite": (DIAGONAL, f"compliance = {INDEFINITE.tolist()}", ("not positive semi-definite",), "[["),
+    "row29-definite-beyond-floats": (DIAGONAL, f"compliance = {TINY.tolist()}", ("not positive semi-definite",), "[["),
     "row29-negative": (DIAGONAL, "compliance = [1e-9, -1e-9, 6e-10, 4e-8, 4e-8, 2e-7]", ("dy is negative",), "-1e-9"),
     "row29-five-numbers": (DIAGONAL, "compliance = [1, 2, 3, 4, 5]", ("6 numbers or 6 x 6 numbers",), "[1, 2"),
     "row29-six-by-five": (DIAGONAL, f"compliance = {[[1.0] * 5] * 6}", ("6 x 6 numbers",), "[["),

@@ -122,6 +122,24 @@ def test_covariance_by_hand() -> None:
     np.testing.assert_allclose(np.cov(sampled, rowvar=False) * 1e6, found, atol=0.05 * found.max())
 
 
+def test_drawn_networks_scatter_as_the_stated_covariance_however_wide_that_is() -> None:
+    """After ten readings most mixtures of weights are as wide as their prior: networks of such weights fit nothing."""
+    law, rng = some_law(3, 1), np.random.default_rng(8)
+    wrenches = six(0.8 * law.seen[1] * rng.uniform(-1.0, 1.0, (10, 3)))
+    by_weights = law.by_values(wrenches, NOWHERE)[:, :3].reshape(30, -1) / (1e-3 * np.ptp(law.twist(wrenches, NOWHERE)))
+    covariance = np.linalg.inv(by_weights.T @ by_weights + np.eye(len(law.values)))
+    law = replace(law, weight_covariance=covariance, noise=np.zeros(3))
+    step = np.linalg.cholesky(covariance) @ rng.normal(size=len(law.values))
+    exact = law.twist(wrenches, NOWHERE) + law.by_values(wrenches, NOWHERE) @ step
+    drawn = law.straight(step)
+    np.testing.assert_allclose(drawn.twist(wrenches, NOWHERE), exact, rtol=0, atol=1e-7 * np.abs(exact).max())
+    assert drawn.weight_covariance is None
+    answers = np.array([law.draw(rng).twist(wrenches, NOWHERE)[:, :3] for _ in range(2000)])
+    stated = [np.sqrt(np.diag(law.covariance(wrench, NOWHERE))[:3]) for wrench in wrenches]
+    np.testing.assert_allclose(answers.std(axis=0), stated, rtol=0.08)
+    assert np.abs(answers.mean(axis=0) - law.twist(wrenches, NOWHERE)[:, :3]).max() < 0.1 * np.max(stated)
+
+
 @pytest.mark.parametrize("draws", [1, 4])
 def test_beyond_the_loads_trained_on_it_says_so_and_widens(draws: int) -> None:
     law = some_law(3, draws, laplace=draws == 1)

@@ -49,8 +49,12 @@ def test_degrees_for_radians_are_an_error_of_every_command(
 def test_one_position_in_degrees_is_asked_about(heavy: Arm) -> None:
     with pytest.raises(JointLimitError, match=r"joint 'J2' at 45 .*: deg\? Then say so, 45deg or a column q_J2_deg"):
         heavy.deflection(np.array([0.0, 45.0, 0, 0, 0, 0]))
-    with pytest.raises(JointLimitError, match=r"outside its limits \[[^]]*\]$"):
+    with pytest.raises(
+        JointLimitError, match=r"outside its limits \[[^]]*\] rad \((.*) outside \[(.*)\] deg\)$"
+    ) as told:
         heavy.deflection(np.array([0.0, 5.0, 0, 0, 0, 0]))
+    limits = np.degrees([heavy.robot.lower[1], heavy.robot.upper[1]])
+    assert f"({np.degrees(5.0):.6g} outside [{limits[0]:.6g}, {limits[1]:.6g}] deg)" in str(told.value)
 
 
 def test_radians_for_degrees_are_asked_about(heavy: Arm, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from support.two_arms import beside, two_arms
 
 from armflex import (
     Arm,
+    Wrench,
     calibrate,
     check,
     compensate,
@@ -23,16 +24,20 @@ from armflex import (
     read_trajectory,
     write_trajectory,
 )
-from armflex.errors import TableError
+from armflex.errors import ShapeError, TableError
 from armflex.estimate.calibrate import write_calibrated
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.table import write_table
 from armflex.mechanics.history import known_rows
+from armflex.mechanics.many_rows import Pushes
 from armflex.mechanics.response import respond
 from armflex.rows.branch import branches
+from armflex.rows.wrench import wrenches_in
 
 COUNT = 6
+SOFT = {"1e-9": 2.5e-4, "1e-8": 1e-3}
+"""Last shift [m/N] of column and shoulder -> how much each turns in their place [rad/Nm]."""
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +96,22 @@ def test_responses_are_those_of_the_arm_held_there(arm: Arm, held: list[Arm]) ->
         for name in ("tip", "laws", "joints", "twists", "wrenches", "gravity"):
             size = np.abs(getattr(want, name)).max()
             np.testing.assert_allclose(getattr(line, name)[i], getattr(want, name)[0], rtol=0, atol=1e-13 * size)
+
+
+@pytest.mark.parametrize("pull", ["base", "frame", "branch"])
+def test_rows_that_are_linearised_apart_are_under_their_own_loads(tmp_path: Path, pull: str) -> None:
+    """The arm is so soft that some rows need the reference solver: only those are asked, and then the others."""
+    soft = {f"compliance = [1e-8, 1e-8, {k}": f"compliance = [1e-8, 1e-8, {k}{3 * f', {c}'}]" for k, c in SOFT.items()}
+    arm, count, rng = two_arms(tmp_path, instead=soft), 12, np.random.default_rng(0)
+    q = rng.uniform(-1.0, 1.0, (count, 3))
+    force = np.where(np.arange(count)[:, None] % 3 == 0, 500.0, 50.0) * rng.normal(size=(count, 3))
+    loads = branches(arm.robot, beside(count)) if pull == "branch" else (Wrench("tool", force, np.zeros(3), pull),)
+    line = respond(arm, q, ["part"] * count, wrenches=loads, allow_large=True)
+    for i in range(count):
+        one = respond(arm, q[i : i + 1], ["part"], wrenches=wrenches_in(loads, i), allow_large=True)
+        np.testing.assert_allclose(line.laws[i], one.laws[0], rtol=0, atol=1e-9)
+    with pytest.raises(ShapeError, match="expected force and moment"):
+        Pushes(arm.loaded("part"), loads).at(q[:3], np.zeros((3, 2, 6)))
 
 
 def test_gravity_that_is_turned_turns_a_branch(arm: Arm, held: list[Arm]) -> None:

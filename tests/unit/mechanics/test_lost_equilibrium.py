@@ -60,6 +60,42 @@ def test_row34_upright_beyond_the_critical_load_buckles(tmp_path, ratio, method)
     assert caught.value.eigenvalue == pytest.approx(1.0 - ratio, abs=1e-9)
 
 
+@pytest.mark.parametrize("method", ["exact", "newton", "first_order"])
+@pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9, 0.999])
+def test_the_distance_to_buckling_is_stated(tmp_path, ratio, method):
+    """One spring under m g h: it buckles under k / (m g h) times the load; 1 / (1 - m g h / k) of first order."""
+    arm, near = pendulum(tmp_path, ratio, upright=True), ratio > 0.5
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        one, many = (arm.deflection(q, method=method) for q in ([1e-6], [[1e-6], [2e-6]]))
+    assert one.load_factor == pytest.approx(1.0 / ratio, rel=2e-6)
+    assert many.load_factor == pytest.approx(np.full(2, 1.0 / ratio), rel=1e-5)
+    for found in (one, many, many.row(0)):
+        assert ("near_buckling" in codes(found)) == near
+    assert [str(one.message).split(":")[0] for one in said] == ["near_buckling"] * (2 * near)
+    assert one.to_dict()["load_factor"] == one.load_factor
+    if near:
+        flag = next(flag for flag in one.flags if flag.code == "near_buckling")
+        assert f"buckle under {1.0 / ratio:.4g} times its loads" in flag.text
+        assert flag.size == pytest.approx(1.0 / (1.0 - ratio), rel=3e-3)
+        exact = arm.deflection([1e-6]).twists[0, 4] / (arm.deflection([1e-6], method="first_order").twists[0, 4])
+        assert exact == pytest.approx(flag.size, rel=3e-3)
+
+
+def test_what_loads_stiffen_never_buckles(tmp_path):
+    assert pendulum(tmp_path, 2.0, upright=False).deflection([0.0]).load_factor == np.inf
+
+
+@pytest.mark.parametrize("ask", ["one", "many", "prepared"])
+def test_first_order_is_refused_beyond_the_critical_load(tmp_path, ask):
+    arm = pendulum(tmp_path, 1.05, upright=True)
+    with pytest.raises(UnstableEquilibriumError, match=r"buckles under 0\.9524 times its loads"):
+        if ask == "prepared":
+            arm.prepared(method="first_order")(np.array([1e-4]))
+        else:
+            arm.deflection([1e-4] if ask == "one" else [[1e-4]], method="first_order")
+
+
 @pytest.mark.parametrize("start", [0.001, 0.02])
 def test_row34_upright_and_leaning_beyond_the_critical_load(tmp_path, start):
     """Newton may find the unstable root or the one that has fallen over: neither is an answer."""

@@ -201,6 +201,46 @@ def along_links(arm: Arm, rows: Rows) -> dict[str, np.ndarray]:
     return {other: places[one][:, None] + share * (places[other] - places[one])[:, None] for one, other in ends}
 
 
+def test_the_floor_is_at_the_base_unless_it_is_given_or_the_arm_hangs(six: Arm) -> None:
+    standing, hanging, below = plan(six, 3), plan(quietly(BOOM), 3), plan(six, 3, floor=-9.0)
+    lowest = [points[..., 2].min() for points in along_links(six, standing.rows).values()]
+    assert min(lowest) > -1e-6 and standing.offered.dropped["below_floor"] > 10
+    assert not hanging.offered.dropped["below_floor"] and not below.offered.dropped["below_floor"]
+
+
+def test_rows_are_written_in_the_units_of_the_campaign_before(six: Arm, told: Plan, tmp_path: Path) -> None:
+    heads = [f"q_{name}_deg" if name != "J2" else "q_J2" for name in six.joint_names]
+    path = tmp_path / "m.csv"
+    path.write_text(",".join([*heads, "x_mm", "y_mm", "z_mm", "sigma_mm"]) + "\n" + "0," * 9 + "0.1\n")
+    units = read_measurements(path, six).units
+    assert units["q_J1"] == "deg" and units["x"] == "mm" and "q_J2" not in units
+    lines = write_plan(replace(told, units=units), tmp_path / "p.csv").read_text().splitlines()
+    assert [name for name in lines[0].split(",") if name.startswith(("q_", "x", "y", "z", "sigma"))] == [
+        *heads, "x_mm", "y_mm", "z_mm", "sigma_mm"
+    ]  # fmt: skip
+    cells = dict(zip(lines[0].split(","), lines[1].split(","), strict=True))
+    assert cells["sigma_mm"] == f"{SIGMA * 1e3:.3g}" and len(cells["q_J1_deg"].partition(".")[2]) <= 4
+    again = read_measurements(tmp_path / "p.csv", six, inputs_only=True)
+    np.testing.assert_allclose(again.q, told.rows.q, rtol=0, atol=2e-6)
+    assert ((again.q >= six.robot.lower) & (again.q <= six.robot.upper)).all()
+
+
+@pytest.mark.slow
+def test_points_of_the_campaign_before_may_be_in_a_file_of_their_own(armflex: Run, tmp_path: Path) -> None:
+    arm = ROBOTS / "heavy_six" / "arm.toml"
+    rows = load_arm(arm).robot
+    q = np.random.default_rng(2).uniform(0.4 * rows.lower.clip(-1.5), 0.4 * rows.upper.clip(None, 1.5), (20, 6))
+    tips = [load_arm(arm).deflection(one).pose.translation * 1e3 for one in q]
+    heads = [f"q_{name}" for name in load_arm(arm).joint_names]
+    log = [",".join(["pose", *heads, "sigma"])] + [f"p{i},{','.join(map(str, one))},5e-5" for i, one in enumerate(q)]
+    (tmp_path / "log.csv").write_text("\n".join(log) + "\n")
+    points = [f"p{i},{x},{y},{z}" for i, (x, y, z) in enumerate(tips)]
+    (tmp_path / "points.csv").write_text("\n".join(["// Units: mm", "// Frame: base", *points]) + "\n")
+    given = ("--rows", 3, "--points", "points.csv", "-o", "p.csv")
+    assert "3 rows to read" in fine(armflex("plan", arm, *given, "--after", "log.csv")).stdout
+    assert "--points goes with --after" in fine(armflex("plan", arm, *given), 2).stderr
+
+
 def test_no_link_is_below_the_floor_or_in_the_base(six: Arm) -> None:
     high = plan(six, 6, floor=0.5)
     for name, points in along_links(six, high.rows).items():

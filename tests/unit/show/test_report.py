@@ -111,7 +111,7 @@ def test_the_cover_says_what_a_boss_and_a_metrologist_ask_for(page: str) -> None
         "RMS",
         "95 % are below",
         "maximum",
-        "as declared, the instrument placed",
+        "as declared, the instrument and target placed",
         "noise as stated",
         "Signature",
     ):

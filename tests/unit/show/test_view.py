@@ -21,7 +21,9 @@ from support.pages import BROWSER, hue_share, picture, sheets
 from support.small_arms import ROBOTS, joint, link, robot, write
 
 from armflex import Arm, InputError, Payload, Trajectory, Wrench, check, load_arm, view
+from armflex.arm import Flexure
 from armflex.errors import FileError, UrdfError
+from armflex.laws import LinearLaw
 from armflex.show.view import meshes
 from armflex.show.view.arm_scene import (
     FLEXED_PATH,
@@ -202,6 +204,24 @@ def test_links_without_visuals_are_rods(tmp_path: Path) -> None:
     np.testing.assert_allclose(rod.size[1], 1.0)
     np.testing.assert_allclose(rod.place[:3, 3], [0.5, 0.0, 0.0])
     np.testing.assert_allclose(np.abs(rod.place[:3, 2]), [1.0, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("visual", ["", geometry('<mesh filename="none.stl"/>') + geometry('<sphere radius="0.01"/>')])
+def test_every_link_that_goes_somewhere_has_a_stick(tmp_path: Path, visual: str) -> None:
+    """One of 20 mm as well, shorter than sticks are wide, and one of which a mesh is not drawn."""
+    small(tmp_path, visual)
+    text = (tmp_path / "robot.urdf").read_text()
+    short = text.replace('<origin xyz="1.0 0.0 0.0"', '<origin xyz="0.02 0.0 0.0"')
+    assert short != text
+    (tmp_path / "robot.urdf").write_text(short)
+    arm = load_arm(tmp_path / "arm.toml")
+    assert "capsule" in drawn(arm_scene(arm, still(arm, np.zeros(1))))["flexed/arm"]
+
+
+def test_what_is_less_than_a_nanometre_is_shown_as_nothing(tmp_path: Path) -> None:
+    arm = replace(small(tmp_path), flexures=(Flexure("j/1", "j", LinearLaw(1e-20 * np.eye(6))),))
+    scene = arm_scene(arm, still(arm, np.zeros(1)))
+    assert "Tip moves 0 mm and turns 0 mrad" in scene.subtitle and scene.legend[0].value == "0 mm"
 
 
 @pytest.mark.parametrize(

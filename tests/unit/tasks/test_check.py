@@ -242,6 +242,16 @@ def test_what_no_tolerance_allows_fails_with_its_reason(tarm: Arm, tarm_path: Tr
     assert worst.verdict == "fail" and worst.reason.startswith("flexure 'j' turns")
 
 
+def test_a_path_near_buckling_is_flagged_with_the_least_load_factor(tmp_path: Path) -> None:
+    """Upright at 0.8 of the critical load: k / (m g l) is 1.25, leaning it is more."""
+    soft = one_joint(tmp_path, np.diag([0, 0, 0, 0, 0.8 / (10.0 * 9.81 * 0.8), 0]), (0.0, 0.0, 0.8), 10.0)
+    report = check(soft, two_rows(soft, [0.0], [0.01]), 0.1)
+    assert report.load_factor == pytest.approx(1.25, rel=1e-6)
+    flag = next(flag for flag in report.flags if flag.code == "near_buckling")
+    assert "buckle under 1.25 times its loads" in flag.text
+    assert check(soft, two_rows(soft, [1.5], [1.52]), 0.1).load_factor == np.inf
+
+
 def test_flags_carry_their_time(tarm: Arm, tarm_path: Trajectory) -> None:
     heavy_loaded = replace(tarm, payload_rating=500.0)
     flag = next(flag for flag in check(heavy_loaded, tarm_path, 0.1).flags if flag.code == "beyond_rating")

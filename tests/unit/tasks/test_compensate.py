@@ -15,7 +15,7 @@ import pytest
 from scipy.optimize import lsq_linear, minimize
 from support.small_arms import ROBOTS, arm_of, central_difference, joint, link
 
-from armflex import Arm, InputError, Trajectory, check, compensate, load_arm, view
+from armflex import Arm, InputError, Trajectory, check, compensate, load_arm, read_trajectory, view
 from armflex.errors import JointLimitError, PoseError, ShapeError, SmallDisplacementError, UnreachableError
 from armflex.tasks.compensate import Compensation
 from armflex.tasks.inverse_kinematics import Corrector, Trial
@@ -54,6 +54,27 @@ def with_limits(folder: Path, robot: str, **limits: tuple[float, float]) -> Arm:
         assert count == 1, name
     path.write_text(text)
     return load_arm(folder / robot / "arm.toml")
+
+
+def test_a_tool_that_is_turned_to_hold_its_position_is_flagged_with_the_remedy() -> None:
+    """Where the last four joints alone may move, they turn the tool ten times as far as its bending did."""
+    arm = load_arm(ROBOTS / "tarm_like" / "arm.toml")
+    path, costs = some_rows(read_trajectory(ROBOTS / "tarm_like" / "trajectory.csv", arm), 59), np.full(7, 1e4)
+    costs[3:] = 1.0
+    moved = compensate(arm, path, weights=costs)
+    before, after = moved.turns_rad
+    assert after > 5.0 * before
+    text = f"by up to {after * 1e3:.3g} mrad from where it is meant, by {before * 1e3:.3g} from bending alone"
+    for found in (moved, check(arm, moved.trajectory, 0.01)):
+        (flag,) = (flag for flag in found.flags if flag.code == "turned")
+        assert text in flag.text and "--match pose" in flag.text
+    for found in (
+        compensate(arm, path, "pose", weights=costs, best_effort=True),
+        compensate(arm, path),
+        check(arm, moved.trajectory, 0.01, angle=0.01),
+        check(arm, path, 0.01),
+    ):
+        assert "turned" not in {flag.code for flag in found.flags}
 
 
 def planar(folder: Path, axial: float = 0.0) -> Arm:

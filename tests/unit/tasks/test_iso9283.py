@@ -136,6 +136,26 @@ def test_a_campaign_in_the_base_frame_gives_back_what_was_put_in(campaign: tuple
     assert "instrument's place" not in said and "Drift is not given" not in said
 
 
+def test_a_cycle_without_an_approach_is_excluded_counted_and_named(
+    campaign: tuple[armflex.Arm, Path], tmp_path: Path
+) -> None:
+    """Each cycle goes from the last pose to the first; only the very first comes from nobody knows where."""
+    arm, path = campaign
+    rows = list(csv.DictReader(path.open(newline="")))
+    with (tmp_path / "m.csv").open("w", newline="") as file:
+        names = [name for name in rows[0] if not name.startswith("approach_")]
+        table = csv.DictWriter(file, names, extrasaction="ignore")
+        table.writeheader()
+        table.writerows(rows)
+    found = armflex.iso9283(arm, armflex.read_measurements(tmp_path / "m.csv", arm))
+    assert [(one.cycles, one.excluded) for one in found.poses] == [(11, 1)] + [(12, 0)] * 4
+    assert found.excluded == (0,) and found.to_dict()["excluded"] == [0] and found.table[0]["excluded"] == 1
+    (said,) = (text for text in found.remarks if "in no figure" in text)
+    assert said.startswith("1 of 60 cycles") and said.endswith("m.csv:2.")
+    given = armflex.iso9283(arm, armflex.read_measurements(path, arm))
+    assert given.excluded == () and not any("in no figure" in text for text in given.remarks)
+
+
 def test_sessions_from_anywhere_show_the_same_repeatability(campaign: tuple[armflex.Arm, Path], tmp_path: Path) -> None:
     arm, path = campaign
     unknown = tmp_path / "arm.toml"
