@@ -45,6 +45,7 @@ class Screen(Evidence):
         self.bank, self.projection, self.quiet = columns, projection, quiet
         self.fit, self.context = columns.fit, columns.context
         self.objective, self.count = projection.objective, projection.count
+        self.constant = -columns.fit.freedom * float(np.log(quiet))
         self._unit, self._first = unit_of(columns.fit) / quiet**2, int(columns.starts[-1])
         products = columns.products(np.column_stack([projection.shared, projection.residual])) / quiet
         self._seen, self.scores = products[:, :-1] @ projection.fitted.root, products[:, -1]

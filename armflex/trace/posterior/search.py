@@ -290,26 +290,15 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
 
 
 def _set_aside(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
-    """Return the state with a random twist beside its effects, or in place of them where that is more probable."""
-    place, state = here.unrecorded, here.state
+    """Return the state with a random twist beside its effects; None where the arm with it does not come to rest."""
+    place = here.unrecorded
     assert place is not None
-    found: list[tuple[float, Standing]] = []
-    with contextlib.suppress(ArmflexError):
-        found.append((here.value + _odds(place, here.places), standing(_with_twist(state, place, here.places))))
-    if here.model:
-        with contextlib.suppress(ArmflexError):
-            bare = refitted(here, ())
-            if bare is not None and bare.unrecorded is not None:
-                own = bare.unrecorded
-                alone = standing(_with_twist(bare.state, own, bare.places))
-                beside = _settled(alone, lambda _: None)
-                gained = beside.value - alone.value
-                found.append((bare.value + _odds(own, bare.places) + gained, beside))
-    if not found:
+    try:
+        after = standing(_with_twist(here.state, place, here.places))
+    except ArmflexError:
         return None
-    best = max(found, key=lambda one: one[0])[1]
-    passing(best)
-    return best
+    passing(after)
+    return _settled(after, passing)
 
 
 def _withdrawn(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:

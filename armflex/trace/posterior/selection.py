@@ -38,6 +38,9 @@ MOST = 12
 PAIRS = 3
 """Pairs of hypotheses, those that share most, that are taken out together once nothing else improves a model."""
 
+KEPT = 24
+"""Tolerance: models beside which all hypotheses are known at a time."""
+
 BETTER = 1e-2
 """Tolerance: rise of the log posterior below which a model is not changed."""
 
@@ -85,12 +88,14 @@ class Evidence(ABC):
         scores: (K,) products X'My of all columns.
         objective: J0.
         count: Number of readings n.
+        constant: Log likelihood that all models share, by which states of a search differ.
     """
 
     groups: list[Group]
     scores: Array
     objective: float
     count: int
+    constant: float = 0.0
 
     @abstractmethod
     def gram(self, places: np.ndarray) -> Array:
@@ -134,6 +139,8 @@ class Evidence(ABC):
     def beside(self, model: Model) -> Beside:
         """Return the problem beside a model."""
         if model not in self._known:
+            if len(self._known) >= KEPT:
+                self._known.pop(next(iter(self._known)))
             self._known[model] = self._beside(model)
         return self._known[model]
 
@@ -212,7 +219,7 @@ class Beside:
             if evidence.groups[one.number].hypothesis.positive:
                 found += float(_sign(values[first] / np.sqrt(self.covariance[first, first])))
             first += len(amplitudes)
-        return found + float(log_likelihood(self.left, evidence.count)) - 0.5 * self.volume
+        return found + float(log_likelihood(self.left, evidence.count)) - 0.5 * self.volume + evidence.constant
 
     @cached_property
     def odds(self) -> Array:
