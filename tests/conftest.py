@@ -24,7 +24,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernel once, before the workers start: they would each, and code compiled apart rounds otherwise."""
     if not hasattr(config, "workerinput"):
         code = "from armflex.mechanics.many_rows import kernel; kernel().compile_everything()"
-        subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], check=True)
+        subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], check=True, timeout=600)
 
 
 @pytest.hookimpl(trylast=True)  # after fixtures have ended

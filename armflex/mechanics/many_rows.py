@@ -9,8 +9,9 @@ they were taken for, which takes two to four rounds. Every law and every load is
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Iterator, Sequence
-from functools import cache, cached_property
+from functools import cached_property
 from types import ModuleType
 from typing import NamedTuple
 
@@ -48,13 +49,27 @@ Pushed = tuple[np.ndarray, Array, Array]
 NOT_PUSHED: Pushed = (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)), NO_CHANGES)
 
 
-@cache
+_loading = threading.RLock()
+
+_loaded: list[ModuleType] = []
+
+
 def kernel() -> ModuleType:
     """Return the compiled engine, which takes a while to import.
 
+    Its import and its compilation are one thread's: numba's are not safe in several at once, and stand still for ever.
     Where its code is not kept yet, a line of the log says that it is compiled; without a log of one's own that is on
     stderr.
     """
+    if not _loaded:
+        with _loading:
+            if not _loaded:
+                _loaded.append(_compiled())
+    return _loaded[0]
+
+
+def _compiled() -> ModuleType:
+    import numba  # noqa: F401 - before its parts, which another thread that imports it may have made already
     from numba.core import event
 
     from armflex.mechanics import kernel as compiled
@@ -72,6 +87,7 @@ def kernel() -> ModuleType:
             """Nothing is said of its end: an answer follows."""
 
     event.register("numba:compile", Said())
+    compiled.compile_everything()
     return compiled
 
 
