@@ -28,6 +28,7 @@ COMMANDS = {
     "map": "worst displacement, uncertainty and margin over the whole workspace",
     "export": "for others: URDF, a sheet for the controller, C, programs in URScript, KRL and RAPID",
     "view": "write a page of the arm that opens in a browser",
+    "compile": "the engine, now instead of with the first long job",
     "demo": "all of it on the bundled TARM-like arm",
 }
 

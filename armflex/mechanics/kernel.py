@@ -42,6 +42,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
+from armflex.storage import kept_code
 from armflex.storage.kept_code import kept
 
 ONE, LANES = (0,), 48
@@ -1275,3 +1276,8 @@ def compile_everything() -> None:
         *arm, changes, q, twists, by_law, *frames, np.zeros((0, 6, 0)), by_law, twists, changes, np.zeros((0, 6, 3))
     )
     rigid_tips(*arm[:2], q, poses[:, 0] if poses.shape[1] else np.zeros((0, 4, 4)))
+
+
+def is_kept() -> bool:
+    """Return whether nothing of what `compile_everything` compiles has to be."""
+    return all(kept_code.is_kept(function) for function in (solve_many, sensitivities, responses, rigid_tips))

@@ -57,6 +57,17 @@ class _Kept(FunctionCache):
             log.warning("%s: compiled code cannot be kept there: %s", self.cache_path, error.strerror)
 
 
+def is_kept(function: Any) -> bool:
+    """Return whether code of a function that is `kept` is there for this processor, for whatever arguments."""
+    cache = function._cache
+    try:
+        return isinstance(cache, _Kept) and any(
+            key[1] == function.targetctx.codegen().magic_tuple() for key in cache._cache_file._load_index()
+        )
+    except Exception:  # damaged, as `load_overload` will say
+        return False
+
+
 def kept(function: Any) -> Any:
     """Return a function of `numba.njit` whose code is kept; as it is, and that is said, where there is no place."""
     try:
