@@ -8,6 +8,7 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 $(VENV)/.demo: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) --editable .
+	$(VENV)/bin/armflex compile
 	touch $@
 
 $(VENV)/.test: $(VENV)/.demo

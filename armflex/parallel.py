@@ -9,11 +9,12 @@ from __future__ import annotations
 import signal
 import threading
 import warnings
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, nullcontext
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from typing import Any, TypeVar
 
 import numpy as np
@@ -31,27 +32,53 @@ WAVE = 32
 """Tasks for each process that are begun together. joblib begins another task whenever one ends, even if nobody takes
 the results; between two waves it waits, so that what nobody took yet does not fill the memory."""
 
+_begun: set[object] = set()
+"""Code of the work that threads of this process have shared."""
+
 
 def in_pieces(rows: np.ndarray, most: int) -> list[np.ndarray]:
     """Return rows, in their order, so many at most at a time."""
     return [rows[first : first + most] for first in range(0, len(rows), most)]
 
 
-def in_threads(work: Callable[[Piece], Result], pieces: Sequence[Piece]) -> Iterator[Result]:
+def in_threads(work: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Generator[Result, None, None]:
     """Yield what work makes of each piece, in their order; many pieces in a thread for each core of this process.
 
-    Most of the work must be compiled code that lets other threads run. Where one piece fails, no others are begun.
+    Most of the work must be compiled code that lets other threads run. Pieces are taken as they are needed, two for
+    each thread. Where one fails, no others are begun.
     """
-    if len(pieces) < MANY or threading.current_thread() is not threading.main_thread():
-        yield from map(work, pieces)
+    left = iter(pieces)
+    first = list(islice(left, MANY))
+    if len(first) < MANY or threading.current_thread() is not threading.main_thread():
+        yield from map(work, chain(first, left))
         return
     from joblib import cpu_count  # takes a tenth of a second
 
-    pool = ThreadPoolExecutor(cpu_count())
+    threads, waiting, left = cpu_count(), deque[Future[Result]](), chain(first, left)
+    if _is_new(work):
+        yield work(next(left))
+    pool = ThreadPoolExecutor(threads)
     try:
-        yield from pool.map(work, pieces)
+        for piece in left:
+            waiting.append(pool.submit(work, piece))
+            if len(waiting) >= 2 * threads:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _is_new(work: Callable) -> bool:
+    """Return whether threads of this process never shared such work: its first piece is then done before they begin.
+
+    What work imports and compiles at its first piece is not safe in two threads: one may hold the lock of a module and
+    wait for the compiler's, another the reverse.
+    """
+    code = getattr(work.func if isinstance(work, partial) else work, "__code__", work)
+    new = code not in _begun
+    _begun.add(code)
+    return new
 
 
 def in_order(
@@ -70,6 +97,12 @@ def in_order(
     from joblib import Parallel, delayed, effective_n_jobs  # takes a tenth of a second
 
     left, size = iter(tasks), WAVE * effective_n_jobs(jobs)  # pyright: ignore[reportArgumentType] - None is the default
+    if threads:
+        for first in islice(left, 1):
+            if _is_new(first):
+                yield _alone(first)
+            else:
+                left = chain([first], left)
     parallel: Any  # for what it returns depends on `return_as`
     with Parallel(n_jobs=jobs, return_as="generator", prefer="threads" if threads else None) as parallel:
         wave = list(islice(left, size))

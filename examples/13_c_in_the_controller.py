@@ -60,12 +60,17 @@ def main(folder: str = "") -> tuple[float, float] | None:
     (place / "boom.c").write_text(found.text)
     (place / "controller.c").write_text(CONTROLLER)
     program = place / "controller"
-    subprocess.run([compiler, "-std=c99", "-O2", "-o", program, "controller.c", "boom.c", "-lm"], cwd=place, check=True)
+    subprocess.run(
+        [compiler, "-std=c99", "-O2", "-o", program, "controller.c", "boom.c", "-lm"],
+        cwd=place,
+        check=True,
+        timeout=600,
+    )
 
     q = np.random.default_rng(1).uniform(0.5 * arm.robot.lower, 0.5 * arm.robot.upper, (ROWS, len(arm.joint_names)))
     payload = found.numbers["payloads"].index("p600")
     rows = "".join(f"{payload} {' '.join(map(repr, row))}\n" for row in q.tolist())
-    said = subprocess.run([program], input=rows, capture_output=True, text=True, check=True).stdout
+    said = subprocess.run([program], input=rows, capture_output=True, text=True, check=True, timeout=600).stdout
     answers = np.array([line.split() for line in said.splitlines()], dtype=float)
 
     tips = arm.deflection(q, "p600").pose[:, :3, 3]

@@ -12,6 +12,8 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from armflex.mechanics.many_rows import kernel
+
 hypothesis.settings.register_profile("armflex", deadline=None)  # a machine that is busy fails no test
 hypothesis.settings.load_profile("armflex")
 pytest.register_assert_rewrite("support")
@@ -24,7 +26,13 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compile the kernel once, before the workers start: they would each, and code compiled apart rounds otherwise."""
     if not hasattr(config, "workerinput"):
         code = "from armflex.mechanics.many_rows import kernel; kernel().compile_everything()"
-        subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], check=True)
+        subprocess.run([sys.executable, "-c", code], cwd=Path(__file__).parents[1], check=True, timeout=600)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def engine() -> None:
+    """Load the kernel, as in a process that has asked about many rows; how few are answered has tests of its own."""
+    kernel()
 
 
 @pytest.hookimpl(trylast=True)  # after fixtures have ended

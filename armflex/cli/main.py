@@ -29,6 +29,7 @@ COMMANDS = {
     "export": "for others: URDF, a sheet for the controller, C, programs in URScript, KRL and RAPID",
     "view": "write a page of the arm that opens in a browser",
     "trust": "say which Python or xacro files may run where an arm names them",
+    "compile": "the engine, now instead of with the first long job",
     "demo": "all of it on the bundled TARM-like arm",
 }
 

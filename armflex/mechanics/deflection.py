@@ -36,6 +36,7 @@ from armflex.mechanics.many_rows import (
     chunks,
     displaced_from,
     flexed,
+    kernel_pays,
     rigid_tips,
     rotations,
 )
@@ -59,10 +60,12 @@ class Asked(NamedTuple):
     enforce_limits: bool = True
     allow_large: bool = False
     strict: bool = False
+    few: bool = False
+    """Whether there are too few rows for the kernel to be loaded or compiled."""
 
     def compiled(self, case: LoadCase) -> bool:
         """Return whether the kernel is asked."""
-        return not case.moves and self.method in COMPILED
+        return not (case.moves or self.few) and self.method in COMPILED
 
 
 Length = TypeVar("Length", float, Array)
@@ -473,6 +476,8 @@ class DeflectionBatch(_Result[Array]):
     @cached_property
     def rigid_pose(self) -> Array:
         """(N, 4, 4) tip poses of the rigid arm in the base frame [m]."""
+        if self.asked.few:
+            return np.array([self.row(i).rigid_pose.homogeneous for i in self._others]).reshape(-1, 4, 4)
         loaded = self.arm.loaded(None)
         return rigid_tips(loaded.nominal or loaded.chain, self.q)
 
@@ -534,6 +539,8 @@ class DeflectionBatch(_Result[Array]):
         nowhere, loaded = np.zeros((len(self.q), 6)), self.arm.loaded(None)
         if loaded.nominal is None:
             return nowhere
+        if self.asked.few:
+            return np.array([self.row(i).corrected for i in self._others]).reshape(-1, 6)
         return displaced_from(nowhere, rigid_tips(loaded.chain, self.q), self.rigid_pose)
 
     @cached_property
@@ -639,6 +646,8 @@ def deflect_batch(
     check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, moves=False)  # raises where a link is not the arm's
+    if asked.compiled(case) and not kernel_pays(len(q)):
+        asked = asked._replace(few=True)
     here = asked.compiled(case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
     found = DeflectionBatch(
@@ -647,7 +656,7 @@ def deflect_batch(
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
     # Compiled code runs side by side in threads, Pinocchio does not.
-    alone = jobs in (None, 1)
+    alone = jobs in (None, 1) or asked.few
     tasks = []
     for rows, room in zip(pieces, rooms, strict=True):
         carried = payloads if len(payloads) == 1 else payloads[rows]

@@ -42,6 +42,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
+from armflex.storage import kept_code
+from armflex.storage.kept_code import kept
 
 ONE, LANES = (0,), 48
 """A lane by itself, and how many a batch has: enough to fill the processor's registers, few enough for its caches."""
@@ -54,7 +56,6 @@ TURN, TURN_REST, TURNS_PER_RADIAN = 2.0 * math.pi, 2.4492935982947064e-16, 0.5 /
 """2 pi as a double, what it lacks, and turns in a radian: to divide takes longer."""
 
 LOOSE = {"contract", "reassoc", "nsz", "arcp"}
-jit = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
 inner = numba.njit(nogil=True, forceinline=True, error_model="numpy", fastmath=LOOSE)
 called = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE)
 in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
@@ -121,7 +122,8 @@ def packed(*arrays: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     return whole, [whole[i : i + one.size].reshape(one.shape) for i, one in zip(starts, arrays, strict=False)]
 
 
-@jit
+@kept
+@called
 def solve_one(numbers, counts, exact, q, twists, displacement):
     """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether it converged.
 
@@ -156,7 +158,8 @@ def solve_one(numbers, counts, exact, q, twists, displacement):
     return here.lane[0, 0] > 0.0
 
 
-@jit
+@kept
+@called
 def solve_many(
     elements, kinds, links, wrenches, compliance, offset, neurons, starts, hardening, rooms, ready, q, exact,
     displacement, loads, twists, converged,
@@ -778,7 +781,8 @@ class Flexed(NamedTuple):
     by_load: Array
 
 
-@jit
+@kept
+@called
 def sensitivities(elements, kinds, links, wrenches, changes, q, twists, compliance, certain, by_law, distance):
     """Fill the (N, 6, n, 6) change of the tip per change of the laws, base axes about its origin.
 
@@ -821,7 +825,8 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
                     by_law[row, r, i, b] = right[6 * i + b, r]
 
 
-@jit
+@kept
+@called
 def responses(
     elements, kinds, links, wrenches, changes, q, twists, by_load, places, frames, poses, joints, sites, loads,
     motions, gravity,
@@ -883,7 +888,8 @@ def responses(
             _shifted_mass(here, gravity[row])
 
 
-@jit
+@kept
+@called
 def rigid_tips(elements, kinds, q, poses):
     """Fill the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
     arm = Arm(elements, kinds, 0, np.empty((0, 3), dtype=np.int64), np.empty((1, 0, 9)))
@@ -1270,3 +1276,8 @@ def compile_everything() -> None:
         *arm, changes, q, twists, by_law, *frames, np.zeros((0, 6, 0)), by_law, twists, changes, np.zeros((0, 6, 3))
     )
     rigid_tips(*arm[:2], q, poses[:, 0] if poses.shape[1] else np.zeros((0, 4, 4)))
+
+
+def is_kept() -> bool:
+    """Return whether nothing of what `compile_everything` compiles has to be."""
+    return all(kept_code.is_kept(function) for function in (solve_many, sensitivities, responses, rigid_tips))

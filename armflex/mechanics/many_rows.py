@@ -9,6 +9,7 @@ they were taken for, which takes two to four rounds. Every law and every load is
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cache, cached_property
@@ -21,7 +22,7 @@ from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
 from armflex.mechanics.certificate import SHARE, StabilityBound
-from armflex.mechanics.chain import Chain, Frames
+from armflex.mechanics.chain import RIGID, SLIDES, TURNS, Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.parallel import in_pieces
@@ -42,7 +43,13 @@ SETTLED = 1e-13
 NO_CHANGES = np.zeros((0, 0, 6, 6))
 NO_FACTORS = np.zeros(0)
 
-COMPILING = "armflex compiles its engine for this machine, once: about a minute"
+COMPILING = "compiling, once: armflex makes its engine for this machine, about a minute"
+
+LOADED_AFTER, COMPILED_AFTER = 200, 10_000
+"""Rows of this process from which it gains by the engine where that is kept, and where it must be compiled first.
+
+Each takes Pinocchio some milliseconds; to load the engine takes half a second, and to compile it a minute.
+"""
 
 Pushed = tuple[np.ndarray, Array, Array]
 """Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
@@ -50,13 +57,47 @@ Pushed = tuple[np.ndarray, Array, Array]
 NOT_PUSHED: Pushed = (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)), NO_CHANGES)
 
 
-@cache
+_loading = threading.RLock()
+
+_loaded: list[ModuleType] = []
+
+_rows = [0]
+
+
 def kernel() -> ModuleType:
     """Return the compiled engine, which takes a while to import.
 
+    Its import and its compilation are one thread's: numba's are not safe in several at once, and stand still for ever.
     Where its code is not kept yet, a line of the log says that it is compiled; without a log of one's own that is on
     stderr.
     """
+    if not _loaded:
+        with _loading:
+            if not _loaded:
+                compiled = _imported()
+                compiled.compile_everything()
+                _loaded.append(compiled)
+    return _loaded[0]
+
+
+def kernel_pays(rows: int) -> bool:
+    """Return whether the engine is to answer so many more rows, by how many this process has asked about so far.
+
+    Where it is never loaded the time that it would have saved is less than what it takes to begin, and where it is
+    loaded late no more was lost than that.
+    """
+    if _loaded:
+        return True
+    with _loading:
+        _rows[0] += rows
+        if _rows[0] < LOADED_AFTER:
+            return False
+        return bool(_loaded) or _rows[0] >= COMPILED_AFTER or _imported().is_kept()
+
+
+@cache
+def _imported() -> ModuleType:
+    import numba  # noqa: F401 - before its parts, which another thread that imports it may have made already
     from numba.core import event
 
     from armflex.mechanics import kernel as compiled
@@ -358,8 +399,20 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
 
 def rigid_tips(chain: Chain, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
-    found = np.empty((len(q), 4, 4))
-    kernel().rigid_tips(*chain.numbers, np.ascontiguousarray(q), found)
+    if _loaded:
+        found = np.empty((len(q), 4, 4))
+        kernel().rigid_tips(*chain.numbers, np.ascontiguousarray(q), found)
+        return found
+    found, (elements, kinds) = np.tile(np.eye(4), (len(q), 1, 1)), chain.numbers
+    turn, origin = found[:, :3, :3], found[:, :3, 3]
+    for k in range(1, len(elements)):
+        origin += turn @ elements[k, 9:12]
+        turn[:] = turn @ elements[k, :9].reshape(3, 3)
+        kind, own = (kinds[0, k] & 3, kinds[1, k]) if k < len(elements) - 1 else (RIGID, -1)
+        if kind == TURNS:
+            turn[:] = turn @ rotations(q[:, own, None] * elements[k, 12:15])
+        elif kind == SLIDES:
+            origin += q[:, own, None] * (turn @ elements[k, 12:15])
     return found
 
 

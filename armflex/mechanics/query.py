@@ -34,8 +34,8 @@ class Prepared:
 
     The answers and the errors are those of `arm.deflection(q, "p300")`, to 1e-13 m and rad; flags that are no errors
     are not looked for. No answer depends on those before it. Laws that are affine in the load, networks, and wrenches
-    in base or link axes are the quickest; other laws and loads take some rounds each. It has its own workspace and
-    remembers its last answer: one object for each thread.
+    in base or link axes are the quickest; other laws and loads take some rounds each. Threads may share it: calls at
+    the same time have a workspace each. Its last answer is then that of any of them.
     """
 
     def __init__(
@@ -51,9 +51,8 @@ class Prepared:
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         joints, flexures = len(loaded.arm.joint_names), len(loaded.flexure_joints)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
-        self._quick: Quick | None = None
-        if method in COMPILED:
-            self._quick = _quick(loaded, method == "exact", self._wrenches)
+        self._compiled = method in COMPILED
+        self._free = [self._workspace()] if self._compiled else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
         """Return the (6,) displacement of the tip [m, rad], base axes, at (nq,) joint positions [rad or m].
@@ -65,15 +64,25 @@ class Prepared:
         Raises:
             As `Arm.deflection`; the last answer is then still that of the call before.
         """
-        if self._quick is not None:
+        if self._compiled:
+            free = self._free
             try:
-                found = self._quick(q, covariates)
+                quick = free.pop()  # at once: no other thread can have it
+            except IndexError:
+                quick = self._workspace()
+            try:
+                found = quick(q, covariates)
             except (AttributeError, TypeError):  # no array, or not of numbers
                 found = None
+            finally:
+                free.append(quick)
             if found is not None:
                 self._answer = found
                 return found[2]
         return self._ask(q, covariates)
+
+    def _workspace(self) -> Quick:
+        return _quick(self._loaded, self._method == "exact", self._wrenches)
 
     @property
     def q(self) -> Array:

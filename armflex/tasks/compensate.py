@@ -22,7 +22,7 @@ from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
-from armflex.mechanics.many_rows import rigid_tips
+from armflex.mechanics.many_rows import kernel_pays, rigid_tips
 from armflex.mechanics.response import respond
 from armflex.parallel import Progress, in_pieces, in_threads
 from armflex.result import Result
@@ -371,10 +371,11 @@ class _Solver:
         """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
 
         Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
-        positions: there they have a closed form. All other rows are left to the corrector.
+        positions: there they have a closed form. All other rows are left to the corrector, and so are too few to load
+        the engine for.
         """
         t, found = self.trajectory, {}
-        if t.v is not None or t.a is not None:
+        if t.v is not None or t.a is not None or not kernel_pays(len(some)):
             return found
         change, before = np.zeros((len(some), len(self.scale))), np.zeros((len(some), 6))
         open_ones, last = np.arange(len(some)), np.full(len(some), np.inf)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,6 +28,7 @@ from armflex.measured.measurements import Measurements, as_measurements, read_me
 from armflex.measured.table import Tabular, writing_table
 from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
+from armflex.parallel import in_threads
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
@@ -140,7 +140,7 @@ def predict_file(
 ) -> tuple[int, tuple[Flag, ...]]:
     """Write what `predict` says of the rows of a table, some thousand of them in memory at a time.
 
-    They are predicted in as many threads as this process may use cores: most of their time is compiled code. What an
+    Many are predicted in as many threads as this process may use cores: most of their time is compiled code. What an
     arm's effects remember depends on all the rows before: for an arm that has such, and where a load depends on how far
     along the path a row is, all are held in memory.
 
@@ -159,9 +159,7 @@ def predict_file(
         OutOfMemoryError: Where memory runs out; the rows are named.
         ArmflexError: As `predict`.
     """
-    from joblib import cpu_count  # takes a tenth of a second
-
-    met = _Flags(arm)
+    met, certain = _Flags(arm), without_declared_uncertainty(arm)
     about: tuple[Flag, ...] = ()
     if table_path is None and not remembers(arm):
         pieces = stream_inputs(path, arm, TOGETHER, unnamed)
@@ -174,20 +172,18 @@ def predict_file(
             rows = replace(rows, wrenches=moved.wrenches).levelled()
         cuts = [] if remembers(arm) else range(TOGETHER, len(rows), TOGETHER)
         pieces = (rows.some(some) for some in np.split(np.arange(len(rows)), cuts))
-    certain, threads = without_declared_uncertainty(arm), cpu_count()
-    waiting: deque[Future[tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]]] = deque()
-    with writing_table(output) as write, ThreadPoolExecutor(threads) as pool:
+
+    def predicted(rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
+        return _predicted(arm, certain, _with_constants(arm, rows, covariates or {}))
+
+    answers = in_threads(predicted, pieces)
+    with writing_table(output) as write, closing(answers):
         while True:
             with enough_memory(f"rows from {met.rows} on"):
-                rows = next(pieces, None)
-                if rows is not None:
-                    asked = _with_constants(arm, rows, covariates or {})
-                    waiting.append(pool.submit(_predicted, arm, certain, asked))
-                if rows is not None and len(waiting) <= threads:
-                    continue
-                if not waiting:
+                answer = next(answers, None)
+                if answer is None:
                     return met.rows, (*about, *met.flags)
-                found, batch, fitted = waiting.popleft().result()
+                found, batch, fitted = answer
                 met.add(found.rows, batch, fitted)
                 write(_columns(found))
             if progress:

@@ -53,7 +53,7 @@ def compiled(arm: Arm, folder: Path, name: str) -> tuple[ctypes.CDLL, dict[str, 
     found = export(arm)
     source, made = folder / f"{name}.c", folder / f"{name}.so"
     source.write_text(found.text + LOOPS % {"rows": ROWS, "joints": len(arm.joint_names)})
-    subprocess.run(["gcc", "-std=c99", "-O2", "-fPIC", "-shared", "-o", made, source, "-lm"], check=True)
+    subprocess.run(["gcc", "-std=c99", "-O2", "-fPIC", "-shared", "-o", made, source, "-lm"], check=True, timeout=600)
     library, names = ctypes.CDLL(str(made)), found.numbers["covariates"]
     values = (ctypes.c_double * max(1, len(names))).in_dll(library, "arm_covariates")
     for i, one in enumerate(names):

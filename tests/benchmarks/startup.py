@@ -39,7 +39,7 @@ SHOWN = 12
 def elapsed(arguments: list[str]) -> tuple[float, float]:
     """Return the wall time of a new Python, and the processor's [s]."""
     before, start = used(), time.perf_counter()
-    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([sys.executable, *arguments], check=True, stdout=subprocess.DEVNULL, timeout=600)
     return time.perf_counter() - start, used() - before
 
 
@@ -65,7 +65,7 @@ def times() -> None:
 def imported(arguments: list[str]) -> dict[str, float]:
     """Return the modules that a command imports and the time each takes itself [s]."""
     run = [sys.executable, "-X", "importtime", *arguments]
-    text = subprocess.run(run, check=True, capture_output=True, text=True).stderr
+    text = subprocess.run(run, check=True, capture_output=True, text=True, timeout=600).stderr
     found = {}
     for line in text.splitlines():
         own, _, name = line.removeprefix("import time:").split("|")

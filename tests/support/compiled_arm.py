@@ -62,7 +62,7 @@ def compiled(arm: Arm, folder: Path) -> CompiledArm:
     source, made = own / "arm.c", own / "arm.so"
     source.write_text(export(arm).text)
     command = [COMPILER, *STRICT, "-fPIC", "-shared", "-o", made, source, "-lm"]
-    result = subprocess.run(list(map(str, command)), capture_output=True, text=True)
+    result = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=600)
     assert result.returncode == 0, result.stderr
     library = ctypes.CDLL(str(made))
     return CompiledArm(library, *(_names(library, kind) for kind in ("joints", "payloads", "covariate_names")))

@@ -26,7 +26,7 @@ REPORT = "\nimport sys\nprint('imported:', *{name.partition('.')[0] for name in 
 def imported(code: str, *arguments: str) -> set[str]:
     """Return the packages that a new Python has imported after running the code."""
     run = [sys.executable, "-c", code + REPORT, *arguments]
-    text = subprocess.run(run, check=True, capture_output=True, text=True).stdout
+    text = subprocess.run(run, check=True, capture_output=True, text=True, timeout=600).stdout
     return set(text.splitlines()[-1].split()[1:])
 
 
@@ -47,7 +47,9 @@ arm.deflection(arm.position(), "none")
 print("imported:", *{name.split(".")[1] for name in sys.modules if name.startswith("armflex.")})
 """
     run = [sys.executable, "-W", "ignore", "-c", code]
-    rooms = set(subprocess.run(run, check=True, capture_output=True, text=True).stdout.splitlines()[-1].split()[1:])
+    rooms = set(
+        subprocess.run(run, check=True, capture_output=True, text=True, timeout=600).stdout.splitlines()[-1].split()[1:]
+    )
     assert {"arm", "files", "mechanics"} <= rooms
     assert not rooms & {"estimate", "bench", "trace", "plan", "track", "tasks", "show", "sampling"}
 
@@ -74,7 +76,7 @@ import armflex.trace.search, armflex.plan.design_model
 import armflex
 print("imported:", armflex.trace.__name__, callable(armflex.trace), callable(armflex.plan))
 """
-    text = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout
+    text = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, timeout=600).stdout
     assert text.split()[1:] == ["trace", "True", "True"]
 
 
@@ -87,14 +89,14 @@ def test_linear_algebra_of_a_command_has_one_thread_unless_told_otherwise(monkey
         if asked:
             monkeypatch.setenv("OPENBLAS_NUM_THREADS", asked)
         run = [sys.executable, "-c", code, "train", "--help"]
-        text = subprocess.run(run, check=True, capture_output=True, text=True).stdout
+        text = subprocess.run(run, check=True, capture_output=True, text=True, timeout=600).stdout
         assert text.splitlines()[-1] == f"imported: {expected} False"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("module", ["armflex", "armflex.cli.main"])
 def test_the_command_line_is_a_module_too(module):
-    run = subprocess.run([sys.executable, "-m", module, "--help"], capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-m", module, "--help"], capture_output=True, text=True, timeout=600)
     assert run.returncode == 0 and "deflect" in run.stdout
-    run = subprocess.run([sys.executable, "-m", module, "deflct"], capture_output=True, text=True)
+    run = subprocess.run([sys.executable, "-m", module, "deflct"], capture_output=True, text=True, timeout=600)
     assert run.returncode == 2 and "did you mean 'deflect'" in run.stderr

@@ -24,7 +24,9 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Build the wheel without a network, in a process of its own."""
     pytest.importorskip("hatchling", reason="the build backend is not installed")
     folder = tmp_path_factory.mktemp("wheel")
-    built = subprocess.run([sys.executable, "-c", BUILD, folder], cwd=ROOT, capture_output=True, text=True, check=True)
+    built = subprocess.run(
+        [sys.executable, "-c", BUILD, folder], cwd=ROOT, capture_output=True, text=True, check=True, timeout=600
+    )
     return folder / built.stdout.splitlines()[-1]
 
 
@@ -48,7 +50,9 @@ def test_a_bundled_arm_is_loaded_from_it(wheel: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(wheel) as file:
         file.extractall(tmp_path)
     given = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    said = subprocess.run([sys.executable, "-c", ASK], cwd=tmp_path, env=given, capture_output=True, text=True)
+    said = subprocess.run(
+        [sys.executable, "-c", ASK], cwd=tmp_path, env=given, capture_output=True, text=True, timeout=600
+    )
     assert said.returncode == 0, said.stderr
     package, urdf, sag = said.stdout.splitlines()
     assert Path(package).is_relative_to(tmp_path) and Path(urdf).is_relative_to(tmp_path)

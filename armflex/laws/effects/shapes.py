@@ -209,13 +209,12 @@ def unit_twists(wrench: Array) -> Array:
 
 @cache
 def stepper(recursion: Callable[..., Array]) -> Callable[..., Array]:
-    """Return a recursion compiled; as it is where numba finds no place to keep its code."""
+    """Return a recursion compiled."""
     import numba  # half a second that not every command needs
 
-    try:
-        return numba.njit(cache=True)(recursion)
-    except RuntimeError:
-        return recursion
+    from armflex.storage.kept_code import kept
+
+    return kept(numba.njit(recursion))
 
 
 def lag_behind(values: Array, ahead: Array, decay: Array) -> Array:

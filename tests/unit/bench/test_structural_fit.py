@@ -88,7 +88,7 @@ def test_a_fitted_structure_is_the_same_from_a_file_in_a_fresh_process(assembly:
     np.testing.assert_allclose(again.covariance(wrench, NOWHERE), result.trained.law.covariance(wrench, NOWHERE))
     assert again.trained and again.flags(1e3 * wrench, NOWHERE) and not again.flags(0.1 * wrench, NOWHERE)
     code = f"import sys, armflex.laws.law_file as f; f.load_law({str(path)!r}); assert 'torch' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=600)
 
 
 @pytest.mark.slow

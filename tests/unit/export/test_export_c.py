@@ -291,8 +291,8 @@ def test_nothing_in_it_changes_but_the_covariates(tmp_path: Path) -> None:
         pytest.skip("there is no nm")
     source, made = tmp_path / "arm.c", tmp_path / "arm.o"
     source.write_text(export(traced(tmp_path), "six").text)
-    subprocess.run([COMPILER, "-std=c99", "-O2", "-fno-pie", "-c", "-o", made, source], check=True)
-    listed = subprocess.run([nm, made], capture_output=True, text=True, check=True).stdout.splitlines()
+    subprocess.run([COMPILER, "-std=c99", "-O2", "-fno-pie", "-c", "-o", made, source], check=True, timeout=600)
+    listed = subprocess.run([nm, made], capture_output=True, text=True, check=True, timeout=600).stdout.splitlines()
     symbols = [line.split()[-2:] for line in listed]
     assert {name for kind, name in symbols if kind in "bBdDC"} == {"six_covariates"}
     wanted = {name for kind, name in symbols if kind == "U"} - {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
@@ -302,11 +302,11 @@ def test_nothing_in_it_changes_but_the_covariates(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["tarm", "traced", "networks"])
 def test_it_takes_no_more_stack_than_it_says(tmp_path: Path, name: str) -> None:
     """Nothing calls itself, so that no function's stack can count twice."""
-    if "gcc" not in subprocess.run([COMPILER, "--version"], capture_output=True, text=True).stdout.lower():
+    if "gcc" not in subprocess.run([COMPILER, "--version"], capture_output=True, text=True, timeout=600).stdout.lower():
         pytest.skip("the compiler does not tell")
     found = export(ARMS[name](tmp_path))
     (tmp_path / "arm.c").write_text(found.text)
-    subprocess.run([COMPILER, "-std=c99", "-O2", "-fstack-usage", "-c", "arm.c"], cwd=tmp_path, check=True)
+    subprocess.run([COMPILER, "-std=c99", "-O2", "-fstack-usage", "-c", "arm.c"], cwd=tmp_path, check=True, timeout=600)
     lines = [line.split("\t") for line in (tmp_path / "arm.su").read_text().splitlines()]
     assert {kind for *_, kind in lines} == {"static"}
     taken = {place.rpartition(":")[2]: int(size) for place, size, _ in lines}

@@ -72,14 +72,16 @@ def test_fresh_process_reads_it_without_torch(tmp_path: Path) -> None:
         f"law = load_law({str(path)!r}).law\n"
         "print(law.compliance.tobytes().hex()); print(law.fit.row_covariance.tobytes().hex())"
     )
-    out = subprocess.run([sys.executable, "-c", code], cwd=ROBOTS.parent, capture_output=True, text=True, check=True)
+    out = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROBOTS.parent, capture_output=True, text=True, check=True, timeout=600
+    )
     expected = [array.tobytes().hex() for array in (made.law.compliance, made.law.fit.row_covariance)]
     assert out.stdout.split() == expected
 
 
 def test_package_does_not_import_torch() -> None:
     code = "import sys, armflex, armflex.cli.main; sys.exit('torch' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], cwd=ROBOTS.parent, check=False).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROBOTS.parent, check=False, timeout=600).returncode == 0
 
 
 @pytest.mark.slow

@@ -244,4 +244,4 @@ def test_a_torch_module_as_a_law() -> None:
 def test_torch_is_not_imported_before_it_is_asked() -> None:
     modules = "armflex.laws.joint.network, armflex.laws.joint.torch_law, armflex.bench.fit_network"
     text = f"import sys, {modules}; sys.exit('torch' in sys.modules)"
-    subprocess.run([sys.executable, "-c", text], check=True)
+    subprocess.run([sys.executable, "-c", text], check=True, timeout=600)

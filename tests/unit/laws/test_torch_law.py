@@ -259,7 +259,7 @@ def test_weights_that_do_not_fit_are_refused(copied: Path) -> None:
     path = save_law(TrainedLaw(result.trained.law, "torch", law.metadata), copied / "sized.safetensors")
     (copied / "size.txt").write_text("5")
     code = f"import armflex; armflex.load_law({str(path)!r}, trust={str(copied / 'own.py')!r})"
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     assert "weights do not fit own.py:Own: 'inner.weight' is of shape (4, 3) in the file, (5, 3)" in ended.stderr
 
 
@@ -370,7 +370,7 @@ def test_without_torch_it_says_so_and_all_else_goes_on(folder: Path) -> None:
         "arm.deflection(arm.position(J2=0.3))\n"
         f"armflex.load_law({str(folder / 'laws' / 'own.safetensors')!r}, trust={str(folder / 'code' / 'own.py')!r})\n"
     )
-    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
     last = ended.stderr.splitlines()[-1]
     assert "ModelFileError" in last and "own.safetensors: a module as a law needs torch: pip install" in last
 

@@ -376,6 +376,8 @@ def test_compiling_is_announced_once() -> None:
         with trigger_event("numba:compile", data={"dispatcher": compiling}):
             print(compiling.__name__)
     """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True, timeout=600
+    )
     assert done.stdout.split() == ["<lambda>", "rigid_tips", "rigid_tips"]
     assert done.stderr.splitlines() == [COMPILING]

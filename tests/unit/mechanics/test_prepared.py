@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -109,6 +111,20 @@ def test_an_answer_is_the_callers_own():
     kept = first.copy()
     loop(other)
     np.testing.assert_array_equal(first, kept)
+
+
+def test_threads_may_share_one():
+    """Calls at the same time do not use each other's workspace, which was wrong by most of a metre."""
+    arm = bundled("tarm_like")
+    loop, q = arm.prepared("p300"), positions(arm, 40)
+    alone, before = [loop(row) for row in q], sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            shared = list(pool.map(loop, np.tile(q, (50, 1))))
+    finally:
+        sys.setswitchinterval(before)
+    np.testing.assert_array_equal(shared, alone * 50)
 
 
 def test_lists_whole_numbers_and_strides_will_do():

@@ -230,7 +230,10 @@ def test_next_measurement_is_listed(found: Trace) -> None:
 
 def test_importing_the_package_imports_no_drawing() -> None:
     code = "import sys, armflex.show.report; print([m for m in ('matplotlib', 'jinja2') if m in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=600).stdout
+        == "[]\n"
+    )
 
 
 def test_colours_follow_the_theme() -> None:

@@ -65,7 +65,9 @@ def test_another_process_says_the_same(tarm: Arm) -> None:
         f"print(digest(load_arm({str(TARM)!r})))"
     )
     command = [sys.executable, "-W", "ignore", "-c", code]
-    said = subprocess.run(command, cwd=ROBOTS.parent, capture_output=True, text=True, check=True).stdout.split()
+    said = subprocess.run(
+        command, cwd=ROBOTS.parent, capture_output=True, text=True, check=True, timeout=600
+    ).stdout.split()
     assert said == [digest(load_arm(TARM))] and digest(replace(tarm, payload_rating=1.0)) != said[0]
 
 

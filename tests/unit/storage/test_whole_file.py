@@ -171,7 +171,12 @@ def test_our_own_output_is_not_replaced(tmp_path: Path, name: str) -> None:
     command = [sys.executable, "-c", code, "deflect", ROBOTS / "heavy_six" / "arm.toml", "--json", name]
     with (tmp_path / "out.txt").open("wb") as out:
         subprocess.run(
-            command, cwd=tmp_path, stdout=out, check=True, env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)}
+            command,
+            cwd=tmp_path,
+            stdout=out,
+            check=True,
+            env=os.environ | {"PYTHONPATH": str(PACKAGE.parent)},
+            timeout=600,
         )
     text = (tmp_path / "out.txt").read_text()
     assert text.startswith("{") and text.index('"format": "armflex-deflect-1"') < text.index("The tip moves")

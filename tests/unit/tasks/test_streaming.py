@@ -205,7 +205,9 @@ def test_memory_does_not_grow_with_the_rows(tmp_path: Path, calibrated: Path) ->
     (tmp_path / "few").mkdir()
     few, many = rows_of(tmp_path / "few", 20), rows_of(tmp_path, 30_000)
     command = [sys.executable, "-c", SCARCE, str(calibrated), str(few), str(many)]
-    found = subprocess.run(command, cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    found = subprocess.run(
+        command, cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT, timeout=600
+    )
     assert found.stdout == "rows from 0 on: there is not enough memory for them\n"
     assert len((tmp_path / "pieces.csv").read_text().splitlines()) == 30_001
     assert {one.name for one in tmp_path.iterdir()} == {"few", "rows.csv", "first.csv", "pieces.csv"}
@@ -225,7 +227,7 @@ task.predict_file(arm, sys.argv[2], "out.csv", lambda *_: os.kill(os.getpid(), s
 def test_a_process_that_is_killed_leaves_the_file_that_was_there(tmp_path: Path, calibrated: Path) -> None:
     (tmp_path / "out.csv").write_text("before")
     command = [sys.executable, "-c", KILLED, str(calibrated), str(rows_of(tmp_path))]
-    assert subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT).returncode == -9
+    assert subprocess.run(command, cwd=tmp_path, env=ENVIRONMENT, timeout=600).returncode == -9
     assert (tmp_path / "out.csv").read_text() == "before"
 
 

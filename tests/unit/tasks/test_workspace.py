@@ -580,6 +580,7 @@ main()
         env={**os.environ, "PYTHONPATH": str(ROBOTS.parent)},
         capture_output=True,
         text=True,
+        timeout=600,
     )
     assert ended.returncode == 130 and "kept in store" in ended.stderr, ended.stderr
     assert "error: interrupted" in ended.stderr and "Traceback" not in ended.stderr

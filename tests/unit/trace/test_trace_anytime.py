@@ -340,7 +340,7 @@ def test_whatever_ends_it_what_was_accepted_is_there_and_goes_on(field: Truth, t
     for name in ("SIGKILL", "SIGINT", "SIGTERM"):
         more = ["--resume"] if codes else []
         command_line = [sys.executable, "-c", KILLED, *asked(field, tmp_path, *more), name]
-        ended = subprocess.run(command_line, capture_output=True, text=True, env=environment)
+        ended = subprocess.run(command_line, capture_output=True, text=True, env=environment, timeout=600)
         codes.append(ended.returncode)
         assert codes[-1] in (-signal.SIGKILL, 130, -signal.SIGTERM), ended.stderr
         assert "Traceback" not in ended.stderr, ended.stderr

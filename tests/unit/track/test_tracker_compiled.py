@@ -35,7 +35,9 @@ assert ready == [len(function.signatures) for function in functions] == [1, 1, 1
 
 def test_readings_compile_nothing(tmp_path):
     """In a process of its own: what a reading needs was compiled, or read where it is kept, with the tracker."""
-    done = subprocess.run([sys.executable, "-c", FRESH, tmp_path], cwd=TESTS, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", FRESH, tmp_path], cwd=TESTS, capture_output=True, text=True, timeout=600
+    )
     assert done.returncode == 0, done.stderr
 
 

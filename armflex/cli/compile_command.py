@@ -1,0 +1,20 @@
+"""armflex compile: the engine, before a long job asks for it."""
+
+from __future__ import annotations
+
+import click
+
+from armflex.cli import options
+from armflex.cli.terminal import say
+from armflex.mechanics.many_rows import kernel
+
+
+@click.command(cls=options.Command)
+def command() -> None:
+    """Compile the engine now instead of with the first long job: once for a machine and a version, about a minute.
+
+    Small jobs are answered without it.
+    """
+    kernel()
+    options.conclude(lambda: {"compiled": True}, ())
+    say("The engine is compiled, and its code is kept.")

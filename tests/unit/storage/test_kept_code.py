@@ -1,0 +1,107 @@
+"""Compiled code that is kept: damaged, on a full disk, without a place, for another processor, by several at once."""
+
+from __future__ import annotations
+
+import logging
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numba
+import pytest
+from numba.core import caching
+
+from armflex.storage.kept_code import kept
+
+ASK = """
+import numba
+from armflex.storage.kept_code import kept
+def twice(x):
+    return 2 * x
+kept(numba.njit(twice))(21)
+"""
+
+
+def twice(x):
+    return 2 * x
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+    return tmp_path / "kept"
+
+
+@pytest.fixture
+def ask(place: Path, caplog: pytest.LogCaptureFixture) -> Callable[[], tuple[int, str]]:
+    """Return a function that asks as a new process would: whether kept code was used, and what was said."""
+
+    def asked() -> tuple[int, str]:
+        caplog.clear()
+        function = kept(numba.njit(twice))
+        with caplog.at_level(logging.WARNING):
+            assert function(21) == 42
+        return sum(function.stats.cache_hits.values()), caplog.text
+
+    return asked
+
+
+def _wrong_byte(old: bytes) -> bytes:
+    return old[:-60] + bytes([old[-60] ^ 1]) + old[-59:]
+
+
+@pytest.mark.parametrize(
+    ("kind", "damage"),
+    [(kind, damage) for kind in ("nbi", "nbc") for damage in (lambda old: b"", lambda old: old[:-9])]
+    + [("nbc", _wrong_byte)],
+)
+def test_what_is_damaged_is_compiled_again(place: Path, ask, kind, damage) -> None:
+    """Numba ends with UnpicklingError, in every process from then on; and where a byte is wrong it may run that."""
+    assert ask() == (0, "") and ask() == (1, "")
+    (file,) = place.rglob(f"*.{kind}")
+    file.write_bytes(damage(file.read_bytes()))
+    hits, said = ask()
+    assert hits == 0 and f"compiled code in {file.parent} is damaged, and is compiled again" in said
+    assert ask() == (1, "")
+
+
+def test_a_full_disk_is_said_and_fails_nothing(ask, monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as full:
+        full.setattr(caching.IndexDataCacheFile, "_open_for_write", _no_space)
+        hits, said = ask()
+    assert hits == 0 and "compiled code cannot be kept there: No space left on device" in said
+    assert ask() == (0, "") and ask() == (1, "")
+
+
+def _no_space(*_: object) -> None:
+    raise OSError(28, "No space left on device")
+
+
+def test_no_place_is_said_and_fails_nothing(ask, monkeypatch: pytest.MonkeyPatch, caplog) -> None:
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
+    function = kept(numba.njit(twice))
+    assert function(21) == 42 and "compiled code cannot be kept: cannot cache function" in caplog.text
+
+
+def test_another_processor_has_code_of_its_own(ask, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert ask() == (0, "")
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr("numba.core.codegen.JITCPUCodegen.magic_tuple", lambda _: ("another", "processor", ""))
+        assert ask() == (0, "") and ask() == (1, "")
+    assert ask() == (1, "")
+
+
+@pytest.mark.slow
+def test_several_that_compile_at_once_leave_what_can_be_used(tmp_path: Path) -> None:
+    (tmp_path / "program.py").write_text(ASK)
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": str(Path(__file__).parents[3])}
+    for _ in range(2):
+        several = [
+            subprocess.Popen([sys.executable, "program.py"], cwd=tmp_path, env=env, stderr=subprocess.PIPE)
+            for _ in range(3)
+        ]
+        assert [one.communicate(timeout=120)[1] for one in several] == [b""] * 3
+        assert [one.returncode for one in several] == [0] * 3
+    assert len(list((tmp_path / "kept").rglob("*.nbc"))) == 1
