@@ -250,8 +250,8 @@ def calibrate(
         found, flags = _fit(declared, blocks, begun, used, rounds, progress, placed), ()
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
-    known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
-    calibrated = replace(with_posteriors(found.setup.arm, found), **known)
+    calibrated = with_posteriors(found.setup.arm, found, certainty_of(found))
+    calibrated = replace(calibrated, instrument=found.setup.instrument)
     errors = _held_out(placed, found, measurements)
     judgement: tuple[Flag, ...] = ()
     if judged:

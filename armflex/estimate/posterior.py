@@ -13,7 +13,9 @@ from armflex.errors import Flag, listing
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import design_effect
 from armflex.estimate.view import View, look, untold_shifts
+from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, Certainty, ParameterKind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
@@ -27,22 +29,33 @@ OTHER_PARAMETERS = Flag(
 def certainty_of(fit: Fit) -> Certainty:
     """Return what a fit leaves behind; a random twist per pose is kept by its size, not by its values.
 
-    Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
+    Readings count as `design_effect` finds them independent. Where the declared arm was fitted before, what is known of
+    it stays as it was and only frames are new: it is considered, not estimated (Schmidt 1966, "Application of
+    State-Space Methods to Navigation Problems"). What is fitted makes up for its errors x by -G x, so that with the
+    fit's own covariance P, and the covariance S of x, all together have
+
+        [S, -S G'; -G S, P + G S G'],    G = P J'X for the whitened columns J of what is fitted and X of x.
     """
     # A `PoseBlock`, which is made above.
     random: list[Any] = [block for block in fit.blocks if block.kind is ParameterKind.UNEXPLAINED]
-    every, known = parameters_of(fit.blocks), fit.posterior
-    directions = known.null_space if len(known.null_space) else None
-    unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
-    whole = Certainty(every, known.covariance, unexplained, directions, fit.misfit)
-    found = whole.part([i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED])
-    earlier = fit.declared.arm.certainty
-    if earlier is None:
-        return found
-    kept = earlier.part([i for i, one in enumerate(earlier.parameters) if one.group.kind not in FRAMES])
-    both = kept.beside(found)
-    effects = [one.group.kind is ParameterKind.EFFECT for one in both.parameters]
-    return both.part(sorted(range(len(effects)), key=effects.__getitem__))  # declared parameters first
+    kept = fit.declared.arm.certainty or Certainty((), np.zeros((0, 0)))
+    kept = kept.part([i for i, one in enumerate(kept.parameters) if one.group.kind not in FRAMES])
+    columns = _jacobian(kept, fit.view) if kept.parameters else None
+    columns = np.zeros((*fit.view.residual.shape, len(kept.parameters))) if columns is None else columns
+    columns = (columns * (np.sqrt(fit.weights) / fit.view.sigma)[:, :, None]).reshape(fit.view.residual.size, -1)
+    effect = design_effect(fit, columns, kept.covariance)
+    noise = effect * max(fit.noise, 1.0) ** 2
+    known = LinearGaussian(fit.told / noise).with_precision(fit.precision)
+    follows = np.vstack([np.eye(len(kept.parameters)), -known.covariance @ (fit.regressors.T @ columns) / noise])
+    covariance = follows @ kept.covariance @ follows.T
+    covariance[len(kept.parameters) :, len(kept.parameters) :] += known.covariance
+    directions = np.pad(known.null_space, ((0, 0), (len(kept.parameters), 0)))
+    directions = directions if kept.directions is None else np.vstack([kept.directions @ follows.T, directions])
+    every = (*kept.parameters, *parameters_of(fit.blocks))
+    unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else kept.unexplained
+    whole = Certainty(every, covariance, unexplained, directions, fit.misfit, effect)
+    places = [i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED]
+    return whole.part(sorted(places, key=lambda i: every[i].group.kind is ParameterKind.EFFECT))
 
 
 def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | None, tuple[Flag, ...]]:
