@@ -212,11 +212,11 @@ class Fit:
         return found
 
     @property
-    def scattered(self) -> Array:
-        """(M, d) standard deviation by which the readings of every instrument scatter about the fit, in their units."""
-        found = self.view.sigma.copy()
+    def scatter_by_number(self) -> Array:
+        """(d,) `noise` of the instrument that each number of a row is read by."""
+        found = np.ones(self.view.readings.size)
         for place, (noise, _) in zip(self.view.readings.groups, self.noises, strict=True):
-            found[:, place] *= noise
+            found[place] = noise
         return found
 
     @property
@@ -225,7 +225,9 @@ class Fit:
         pairs = zip(self.scatters, self.noises, strict=True)
         if self.view.readings.unit != "m" or all(by_chance(scatter, freedom) for scatter, (_, freedom) in pairs):
             return 0.0
-        now, before = (sigma[:, self.view.foremost] for sigma in (self.scattered, self.stated))
+        now, before = (
+            sigma[:, self.view.foremost] for sigma in (self.view.sigma * self.scatter_by_number, self.stated)
+        )
         stated, found = (float((sigma[np.isfinite(sigma)] ** 2).mean()) for sigma in (before, now))
         return float(np.sqrt(max(found - stated, 0.0)))
 

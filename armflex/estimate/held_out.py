@@ -22,6 +22,9 @@ PARTS = 4
 SETTLED = 0.02
 """Of the logarithm of a design effect, to which it is found."""
 
+EXACT = 1e-9
+"""Share of the stated noise below which readings scatter by rounding."""
+
 BELIEVED = 0.5
 """Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
 
@@ -149,19 +152,15 @@ def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
     folds = apart_folds(view.driven.q[view.rows], PARTS)
     data, counted, told, parts = fit.residual + fit.regressors @ fit.values, near(view), told_by_others(fit, folds), []
     counted[:, view.foremost.stop :] = False
-    scale = (np.where(np.isfinite(view.sigma), view.sigma / fit.scattered, 0.0) / np.sqrt(fit.weights)).ravel()
+    scale = 1.0 / (np.maximum(fit.scatter_by_number, EXACT) * np.sqrt(fit.weights)).ravel()
     rows = _readings_of(fit, folds)
     scores = _of_others([fit.regressors[own].T @ np.column_stack([data[own], others[own]]) for own in rows])
     for known, own, score in zip(told, rows, scores, strict=True):
         own = own[counted.ravel()[own]]
         own = own[~depend_on(fit.regressors[own][:, None], known.null_space)[:, 0]]
-        columns, error = (
-            fit.regressors[own] * scale[own, None],
-            (data[own] - fit.regressors[own] @ known.solve(score[:, 0])) * scale[own],
-        )
-        parts.append(
-            (known.information - np.diag(fit.precision), score[:, 1:], columns, others[own] * scale[own, None], error)
-        )
+        error = scale[own] * (data[own] - fit.regressors[own] @ known.solve(score[:, 0]))
+        columns, more = (scale[own, None] * each[own] for each in (fit.regressors, others))
+        parts.append((known.information - np.diag(fit.precision), score[:, 1:], columns, more, error))
     noise = max(fit.noise**2, 1.0)
 
     def cost(logarithm: float) -> float:
