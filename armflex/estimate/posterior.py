@@ -15,6 +15,7 @@ from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import design_effect
 from armflex.estimate.view import View, look, untold_shifts
+from armflex.laws.effects.in_arm import excess
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, Certainty, ParameterKind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
@@ -80,6 +81,7 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view)
+    variance += (_extrapolated(view) ** 2).sum(axis=0)
     flags = (_open(arm.certainty),) if left.any() else ()
     return variance, (*flags, *_lacking(arm.certainty))
 
@@ -105,7 +107,7 @@ def displacement_covariance(arm: Arm, rows: Rows) -> tuple[Array | None, tuple[F
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]
         covariance += along[:, :, None] * along[:, None]
     covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
-    shifts = untold_shifts(view.setup, rows, tip)
+    shifts = np.concatenate([untold_shifts(view.setup, rows, tip), _extrapolated(view)])
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
     diagonal = np.arange(6)
@@ -162,6 +164,21 @@ def _unforeseen(arm: Arm, view: View) -> Array:
         site, axis, size = arm.certainty.unexplained
         variance += (size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]) ** 2
     return variance
+
+
+def _extrapolated(view: View) -> Array:
+    """Return (K, N, d) what effects that are no law do to readings beyond the range that they were found in [m, rad].
+
+    A law goes on beyond the rows that showed it, a free shape may not. How much of it is doubtful grows with the
+    distance, to all of it where that is as long as the range.
+    """
+    found, row = [np.zeros((0, *view.residual.shape))], view.line.row
+    for effect in view.arm.effects:
+        beyond = [np.clip(excess(row, *one), 0.0, 1.0) for one in effect.seen if not effect.law.physical]
+        if beyond and np.any(beyond):
+            motion = view.effect_jacobian(effect, view.context) @ effect.acting
+            found.append((np.max(beyond, axis=0)[:, None] * motion)[None])
+    return np.concatenate(found)
 
 
 def _jacobian(certainty: Certainty, view: View) -> Array | None:
