@@ -153,8 +153,11 @@ class Calibration(Result):
 
     @cached_property
     def parameters(self) -> tuple[FittedParameter, ...]:
-        """Every fitted parameter."""
-        return parameters(self.fit)
+        """Every fitted parameter, as uncertain as the arm has it, for which readings may be worth less than in the fit."""
+        known = self.arm.certainty and self.arm.certainty.among(self.fit.parameters)
+        stds = np.zeros(len(self.fit.values)) if known is None else np.sqrt(np.diag(known))
+        pairs = zip(parameters(self.fit), stds.tolist(), strict=True)
+        return tuple(replace(one, std=max(one.std, std)) for one, std in pairs)
 
     @property
     def findings(self) -> tuple[FittedParameter, ...]:
@@ -216,8 +219,8 @@ def calibrate(
         rows: (M,) numbers of the rows to use; every measured row when not given.
         progress: Called with (steps done, steps at most).
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
-            target is turned on the tool, are fitted. The covariance of what is kept stays as it was, as if it were
-            independent of the new frames'.
+            target is turned on the tool, are fitted. The covariance of what is kept stays as it was, and the frames
+            are as uncertain as it makes them; see `certainty_of`.
         as_stated: Weigh readings by their stated noise alone, as a search for what the arm lacks must.
         seen: Loads that learned laws are made for, by flexure; those of the rows when not given.
         anyway: Take the campaign as it is, also where it is plausible only in another convention.
