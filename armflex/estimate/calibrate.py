@@ -153,7 +153,7 @@ class Calibration(Result):
 
     @cached_property
     def parameters(self) -> tuple[FittedParameter, ...]:
-        """Every fitted parameter, as uncertain as the arm has it, for which readings may be worth less than in the fit."""
+        """Every fitted parameter, as uncertain as the arm has it; readings may be worth less than in the fit."""
         known = self.arm.certainty and self.arm.certainty.among(self.fit.parameters)
         stds = np.zeros(len(self.fit.values)) if known is None else np.sqrt(np.diag(known))
         pairs = zip(parameters(self.fit), stds.tolist(), strict=True)
