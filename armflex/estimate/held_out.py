@@ -160,15 +160,16 @@ def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
         own = own[~depend_on(fit.regressors[own][:, None], known.null_space)[:, 0]]
         error = scale[own] * (data[own] - fit.regressors[own] @ known.solve(score[:, 0]))
         columns, more = (scale[own, None] * each[own] for each in (fit.regressors, others))
-        parts.append((known.information - np.diag(fit.precision), score[:, 1:], columns, more, error))
+        information = known.information - np.diag(fit.precision)
+        parts.append((information, score[:, 1:], columns, columns.any(axis=0), more, error))
     noise = max(fit.noise**2, 1.0)
 
     def cost(logarithm: float) -> float:
         """Return -2 log likelihood but for a constant."""
         total, share = 0.0, np.exp(-logarithm) / noise
-        for information, crossed, columns, more, error in parts:
+        for information, crossed, columns, moving, more, error in parts:
             root = LinearGaussian(information * share).with_precision(fit.precision).root
-            spread = columns @ root
+            spread = columns[:, moving] @ root[moving]  # random twists of other poses do not move these
             more = more - spread @ (root.T @ crossed) * share
             variance = 1.0 + (spread**2).sum(axis=1) + ((more @ covariance) * more).sum(axis=1)
             total += float((np.log(variance) + error**2 / variance).sum())
