@@ -15,8 +15,9 @@ a dense grid of six joints, and apart from those of a sparse one of seven. Where
 campaign, their error by the arm traced on all of it is listed as well. Rows that no arm comes near are lost beams.
 
 *Coverage* is the share of the coordinates held out whose error is within 1.96 of its standard deviation, which is the
-`sigma` of `predict` and the stated noise of the reading together; *chi2* is the mean square of that ratio. 95 % and 1
-are what a true statement gives. `--calibrated` leaves `trace` out, which takes seconds instead of minutes.
+`sigma` of `predict` and the noise of the reading together; that is as stated, or as the readings scatter about the fit
+where it is less. *chi2* is the mean square of that ratio. 95 % and 1 are what a true statement gives. `--calibrated`
+leaves `trace` out, which takes seconds instead of minutes.
 """
 
 from __future__ import annotations
