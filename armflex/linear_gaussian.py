@@ -183,6 +183,17 @@ class LinearGaussian:
         return LinearGaussian(self.information + np.diag(precision))
 
 
+CANCELLED = 1e-5
+"""Share of what parameters do one by one that is left of it where they cancel each other."""
+
+
+def depend_on(jacobian: Array, directions: Array) -> np.ndarray:
+    """Return (N, d) which of (N, d, P) changes per unit of a parameter go with one of (k, P) directions."""
+    # What parameters do against each other cancels but for rounding, which is by the largest of the d numbers.
+    size = (np.abs(jacobian) @ np.abs(directions.T)).max(axis=1, keepdims=True)
+    return (np.abs(jacobian @ directions.T) > CANCELLED * size).any(axis=-1)
+
+
 def squared(jacobian: Array) -> Array:
     """Return the (P, P) products J'J of (n, P) regressors; many that move few readings are multiplied as what they are.
 

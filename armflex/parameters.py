@@ -7,7 +7,7 @@ among those of the arm, see `named`; no label is taken apart. A `Certainty` says
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cached_property
 
@@ -18,6 +18,7 @@ from armflex.errors import Flag, InputError, UnknownNameError
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
+from armflex.linear_gaussian import depend_on
 from armflex.readings.sensor import Sensor
 from armflex.robot import Robot
 
@@ -224,10 +225,6 @@ def beyond_priors(pulls: Mapping[str, float]) -> Iterator[Flag]:
         yield Flag("beyond_priors", text, far[0], pulls[far[0]])
 
 
-CANCELLED = 1e-5
-"""Share of what parameters do one by one that is left of it where they cancel each other."""
-
-
 @dataclass(frozen=True, eq=False)
 class Certainty:
     """Covariance of everything that a fit moved, effects included.
@@ -242,6 +239,8 @@ class Certainty:
             where there are none.
         misfit: Standard deviation of each coordinate [m] by which readings scattered beyond what they stated: what the
             arm lacks moves the tip so much.
+        design_effect: How many readings told as much of the parameters as one that is independent of the others would;
+            the covariance has it in it. See `held_out.design_effect`.
 
     Raises:
         InputError: Two parameters have the same label.
@@ -252,6 +251,7 @@ class Certainty:
     unexplained: tuple[str, str, float] | None = None
     directions: Array | None = None
     misfit: float = 0.0
+    design_effect: float = 1.0
 
     def __post_init__(self) -> None:
         if len(set(self.labels)) < len(self.labels):  # a file could not tell them apart
@@ -279,9 +279,7 @@ class Certainty:
         """Return (N, d) which of (N, d, P) changes per unit of a parameter go with an undetermined direction."""
         if self.directions is None:
             return np.zeros(jacobian.shape[:-1], dtype=bool)
-        # What parameters do against each other cancels but for rounding, which is by the largest of the d numbers.
-        size = (np.abs(jacobian) @ np.abs(self.directions.T)).max(axis=1, keepdims=True)
-        return (np.abs(jacobian @ self.directions.T) > CANCELLED * size).any(axis=-1)
+        return depend_on(jacobian, self.directions)
 
     def among(self, parameters: Sequence[ArmParameter]) -> Array | None:
         """Return the (k, k) covariance of k parameters in their units, None where it is not known of each."""
@@ -296,7 +294,8 @@ class Certainty:
         if directions is not None:
             directions = directions[directions.any(axis=1)]
             directions = directions if len(directions) else None
-        return Certainty(parameters, self.covariance[np.ix_(places, places)], self.unexplained, directions, self.misfit)
+        covariance = self.covariance[np.ix_(places, places)]
+        return replace(self, parameters=parameters, covariance=covariance, directions=directions)
 
     def beside(self, other: Certainty) -> Certainty:
         """Return what is known of the parameters of both, as independent; what has no cause is as the other has it."""
@@ -310,4 +309,5 @@ class Certainty:
         ]
         directions = np.vstack(padded) if padded else None
         unexplained = other.unexplained or self.unexplained
-        return Certainty((*self.parameters, *other.parameters), covariance, unexplained, directions, other.misfit)
+        parameters = (*self.parameters, *other.parameters)
+        return Certainty(parameters, covariance, unexplained, directions, other.misfit, other.design_effect)

@@ -1,6 +1,6 @@
 """The public scoreboard: campaigns that were published, each calibrated, traced and predicted by parts it has not seen.
 
-    python tests/public.py DIR [--parts 3] [--only NAME] [--json FILE]
+    python tests/public.py DIR [--parts 3] [--only NAME] [--cut among] [--calibrated] [--json FILE]
 
 Every campaign in DIR and below is found by its arm.toml, each `.csv` with joint positions beside it is one; published
 repositories of other layouts are converted first, into a temporary folder: serial_robots_datasets, ipa-robot-accuracy
@@ -12,7 +12,12 @@ start without each of them, and its declared arm (instrument placed), calibrated
 `predict` would. *Among* cuts at random: what a new pose between those measured gets. *Apart* cuts by configuration,
 parts of joint space grown about some poses: what a pose elsewhere gets. Poses drawn in a workspace are among those of
 a dense grid of six joints, and apart from those of a sparse one of seven. Where test poses were published beside the
-campaign, their error by the arm traced on all of it is told as well. Rows that no arm comes near are lost beams.
+campaign, their error by the arm traced on all of it is listed as well. Rows that no arm comes near are lost beams.
+
+*Coverage* is the share of the coordinates held out whose error is within 1.96 of its standard deviation, which is the
+`sigma` of `predict` and the noise of the reading together; that is as stated, or as the readings scatter about the fit
+where it is less. *chi2* is the mean square of that ratio. 95 % and 1 are what a true statement gives. `--calibrated`
+leaves `trace` out, which takes seconds instead of minutes.
 """
 
 from __future__ import annotations
@@ -34,6 +39,8 @@ import numpy as np
 
 import armflex
 from armflex.errors import ArmflexError, ArmflexWarning
+from armflex.estimate.calibrate import Calibration
+from armflex.estimate.held_out import apart_folds
 from armflex.measured.measurements import Measurements, read_measurements
 from armflex.tasks.predict import predict
 from armflex.trace.findings import Trace
@@ -47,6 +54,8 @@ PUBLISHED = {
 }
 LOST = 10.0
 """Times the median error that a row is off for every arm if its beam was lost."""
+WITHIN = 1.959964
+"""Standard deviations on either side that hold 95 % of a Gaussian."""
 
 
 def write_campaign(path: Path, joints: list[str], rows: Iterator[list], unit: str = "") -> None:
@@ -148,54 +157,63 @@ def campaigns(folder: Path) -> Iterator[tuple[str, Path, Path]]:
             yield name, arm, table
 
 
-def parts_apart(q: np.ndarray, count: int) -> np.ndarray:
-    """Return (M,) parts of joint space: rows by the nearest of some poses, each chosen farthest from those before."""
-    q, chosen = q / np.maximum(np.ptp(q, axis=0), 1e-9), [0]
-    for _ in range(4 * count - 1):
-        near = np.linalg.norm(q[:, None] - q[chosen], axis=2).min(axis=1)
-        chosen.append(int(near.argmax()))
-    cells = np.linalg.norm(q[:, None] - q[chosen], axis=2).argmin(axis=1)
-    part, size = np.zeros(len(q), dtype=int), np.zeros(count, dtype=int)
-    for cell in np.argsort(-np.bincount(cells, minlength=4 * count)):  # the largest first, each to the smallest part
-        part[cells == cell] = size.argmin()
-        size[size.argmin()] += (cells == cell).sum()
-    return part
-
-
-def errors_of(found: Trace, measurements: Measurements) -> np.ndarray:
-    """Return the (3, N) errors of the declared, calibrated and traced arm in every row [m]."""
-    calibration = found.calibration
+def errors_of(found: Calibration | Trace, measurements: Measurements) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (k, N, 3) errors of the declared, the calibrated and the traced arm in every row [m], and their
+    standard deviations: nan of the declared one, which states none.
+    """
+    calibration = found.calibration if isinstance(found, Trace) else found
     placed = replace(calibration.arm, corrections=calibration.placed.setup.arm.corrections)
     placed = replace(placed, flexures=calibration.placed.setup.arm.flexures, certainty=None)
     placed = replace(placed, robot=calibration.placed.setup.arm.robot, instrument=calibration.placed.setup.instrument)
-    arms = (placed, calibration.arm, found.arm)
-    points = [predict(replace(arm, certainty=None), measurements).position for arm in arms]
-    return np.linalg.norm(np.array(points) - measurements.position, axis=2)
+    arms = (placed, calibration.arm, *([found.arm] if isinstance(found, Trace) else []))
+    predictions = [predict(arm, measurements) for arm in arms]
+    errors = np.array([one.position for one in predictions]) - measurements.position
+    stds = [np.full_like(errors[0], np.nan) if one.sigma is None else one.sigma for one in predictions]
+    stds[0] = np.full_like(errors[0], np.nan)
+    noise = min(1.0, found.noise if isinstance(found, Trace) else found.scatter)
+    return errors, np.hypot(np.array(stds), noise * measurements.sigma)
 
 
-def score(arm_file: Path, table: Path, parts: int) -> dict:
-    """Return what the scoreboard says of a campaign [mm, s]."""
+def figures(errors: np.ndarray, stds: np.ndarray) -> dict:
+    """Return what the scoreboard says of (k, N, 3) errors of k arms and their standard deviations [mm, 1]."""
+    size = np.linalg.norm(errors, axis=2)
+    believed = np.any(size < LOST * np.nanmedian(size[1]), axis=0)
+    ratio, size = (errors / stds)[1:, believed], size[:, believed]
+    return {
+        "mean": (1e3 * size.mean(axis=1)).tolist(),
+        "rms": (1e3 * np.sqrt((size**2).mean(axis=1))).tolist(),
+        "lost": int((~believed).sum()),
+        "coverage": (np.abs(ratio) < WITHIN).mean(axis=(1, 2)).tolist(),
+        "chi2": (ratio**2).mean(axis=(1, 2)).tolist(),
+    }
+
+
+def score(arm_file: Path, table: Path, parts: int, cuts: tuple[str, ...], calibrated: bool) -> dict:
+    """Return what the scoreboard says of a campaign [mm, s]; of the calibrated arm alone where `calibrated`."""
     arm = armflex.load_arm(arm_file)
     measurements = read_measurements(table, arm)
     rows = np.flatnonzero(measurements.measured)
+    fitted = armflex.calibrate if calibrated else armflex.trace
     begun = time.process_time()
-    whole = armflex.trace(arm, measurements)
-    told = {"rows": len(rows), "cpu_s": time.process_time() - begun}
-    told["causes"] = [one.effect.title for one in whole.found]
-    told["stated_rms"] = [1e3 * whole.held_out_before, 1e3 * whole.held_out_after]
+    whole = fitted(arm, measurements)
+    told: dict = {"rows": len(rows), "cpu_s": time.process_time() - begun}
+    if isinstance(whole, Trace):
+        told["causes"] = [one.effect.title for one in whole.found]
+        told["stated_rms"] = [1e3 * whole.held_out_before, 1e3 * whole.held_out_after]
     poses = np.unique(measurements.pose_number[rows], return_inverse=True)[1]
     among = np.random.default_rng(0).permutation(poses.max() + 1)[poses] % parts
-    for name, part in (("among", among), ("apart", parts_apart(measurements.q[rows], parts))):
-        errors = np.full((3, len(rows)), np.nan)
+    for name, part in (("among", among), ("apart", apart_folds(measurements.q[rows], parts))):
+        if name not in cuts:
+            continue
+        errors = np.full((2 if calibrated else 3, len(rows), 3), np.nan)
+        stds = errors.copy()
         for number in range(parts):
-            found = armflex.trace(arm, measurements, rows[part != number], anyway=True)
-            errors[:, part == number] = errors_of(found, measurements)[:, rows[part == number]]
-        believed = np.any(errors < LOST * np.nanmedian(errors[1]), axis=0)
-        told[name] = {"mean": (1e3 * errors[:, believed].mean(axis=1)).tolist(), "lost": int((~believed).sum())}
-        told[name]["rms"] = (1e3 * np.sqrt((errors[:, believed] ** 2).mean(axis=1))).tolist()
+            found, own = fitted(arm, measurements, rows[part != number], anyway=True), part == number
+            errors[:, own], stds[:, own] = (one[:, rows[own]] for one in errors_of(found, measurements))
+        told[name] = figures(errors, stds)
     if (table.parent / "test.csv").exists():
         test = read_measurements(table.parent / "test.csv", arm)
-        told["test_mean"] = (1e3 * errors_of(whole, test)[:, test.measured].mean(axis=1)).tolist()
+        told["test"] = figures(*(one[:, test.measured] for one in errors_of(whole, test)))
     return told
 
 
@@ -204,11 +222,16 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", help="folder of campaigns and published repositories")
     parser.add_argument("--parts", type=int, default=3, help="parts that the poses are cut in (3)")
     parser.add_argument("--only", default="", help="campaigns whose name holds this")
+    parser.add_argument("--cut", choices=("among", "apart"), help="one of the two ways of cutting (both)")
+    parser.add_argument("--calibrated", action="store_true", help="without tracing")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     given = parser.parse_args()
     warnings.simplefilter("ignore", ArmflexWarning)
     found: dict[str, dict] = {}
-    print(f"{'campaign':28s} {'rows':>5s}  {'among: nominal calibrated traced':>36s}  {'apart: the same':>36s}   CPU s")
+    cuts = (given.cut,) if given.cut else ("among", "apart")
+    arms = ("nominal", "calibrated", "traced")[: 2 if given.calibrated else 3]
+    each = " ".join(f"{one:>13s}" for one in arms) + " " + " ".join(f"{one[:5] + ' %/chi2':>13s}" for one in arms[1:])
+    print(f"{'campaign':28s} {'rows':>5s} " + "".join(f" {cut + ':':7s}{each}" for cut in cuts) + "   CPU s")
     with tempfile.TemporaryDirectory() as converted:
         if given.folder:
             for convert in (from_tsinghua, from_ipa, from_hilti):
@@ -218,24 +241,28 @@ def main() -> None:
             if given.only not in name:
                 continue
             try:
-                told = found[name] = score(arm, table, given.parts)
+                told = found[name] = score(arm, table, given.parts, cuts, given.calibrated)
             except ArmflexError as error:
                 print(f"{name:28s} {error}", flush=True)
                 continue
-            figures = [
-                " ".join(
-                    f"{mean:6.3f}/{rms:6.3f}" for mean, rms in zip(told[cut]["mean"], told[cut]["rms"], strict=True)
-                )
-                for cut in ("among", "apart")
-            ]
-            print(f"{name:28s} {told['rows']:5d}  {figures[0]}  {figures[1]}  {told['cpu_s']:5.1f}", flush=True)
-            print(f"    causes: {', '.join(told['causes']) or 'none'}; stated {told['stated_rms'][1]:.3f} RMS held out")
-            if "test_mean" in told:
-                print(f"    published test poses: {' '.join(f'{mean:.3f}' for mean in told['test_mean'])} mean")
-            if said := PUBLISHED.get(name.split("/")[0]):
-                print(f"    published: {said}", flush=True)
+            line = "".join(f"        {said(told[cut])}" for cut in cuts)
+            print(f"{name:28s} {told['rows']:5d} {line}  {told['cpu_s']:5.1f}", flush=True)
+            if "causes" in told:
+                causes = ", ".join(told["causes"]) or "none"
+                print(f"    causes: {causes}; stated {told['stated_rms'][1]:.3f} RMS held out")
+            if "test" in told:
+                print(f"    published test poses: {said(told['test'])}")
+            if about := PUBLISHED.get(name.split("/")[0]):
+                print(f"    published: {about}", flush=True)
     if given.json:
         given.json.write_text(json.dumps(found, indent=1))
+
+
+def said(told: dict) -> str:
+    """Return the figures of one cut: mean and RMS of each arm [mm], coverage [%] and chi2 of those that state any."""
+    errors = [f"{mean:6.3f}/{rms:6.3f}" for mean, rms in zip(told["mean"], told["rms"], strict=True)]
+    stated = [f"{100 * share:6.1f}/{chi2:6.2f}" for share, chi2 in zip(told["coverage"], told["chi2"], strict=True)]
+    return " ".join(errors + stated)
 
 
 if __name__ == "__main__":

@@ -235,7 +235,7 @@ keep = click.option(
     "--keep",
     is_flag=True,
     help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. The uncertainty of "
-    "what was fitted before stays as it was, and counts as independent of the new frames'. Not for an arm with an "
+    "what was fitted before stays as it was, and is part of the new frames'. Not for an arm with an "
     "effect on the model itself: link_mass, payload_mass, payload_com, gravity_tilt, tracker_scale, session_frame.",
 )
 

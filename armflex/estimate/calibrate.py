@@ -162,8 +162,11 @@ class Calibration(Result):
 
     @cached_property
     def parameters(self) -> tuple[FittedParameter, ...]:
-        """Every fitted parameter."""
-        return parameters(self.fit)
+        """Every fitted parameter, as uncertain as the arm has it; readings may be worth less than in the fit."""
+        known = self.arm.certainty and self.arm.certainty.among(self.fit.parameters)
+        stds = np.zeros(len(self.fit.values)) if known is None else np.sqrt(np.diag(known))
+        pairs = zip(parameters(self.fit), stds.tolist(), strict=True)
+        return tuple(replace(one, std=max(one.std, std)) for one, std in pairs)
 
     @property
     def findings(self) -> tuple[FittedParameter, ...]:
@@ -225,8 +228,8 @@ def calibrate(
         rows: (M,) numbers of the rows to use; every measured row when not given.
         progress: Called with (steps done, steps at most).
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
-            target is turned on the tool, are fitted. The covariance of what is kept stays as it was, as if it were
-            independent of the new frames'.
+            target is turned on the tool, are fitted. The covariance of what is kept stays as it was, and the frames
+            are as uncertain as it makes them; see `certainty_of`.
         as_stated: Weigh readings by their stated noise alone, as a search for what the arm lacks must.
         seen: Loads that learned laws are made for, by flexure; those of the rows when not given.
         anyway: Take the campaign as it is, also where it is plausible only in another convention.
@@ -259,8 +262,8 @@ def calibrate(
         found, flags = _fit(declared, blocks, begun, used, rounds, progress, placed), ()
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
-    known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
-    calibrated = replace(with_posteriors(found.setup.arm, found), **known)
+    calibrated = with_posteriors(found.setup.arm, found, certainty_of(found))
+    calibrated = replace(calibrated, instrument=found.setup.instrument)
     errors = _held_out(placed, found, measurements)
     sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
     fitted = zip(found.parameters, sizes, strict=True)

@@ -212,13 +212,24 @@ class Fit:
         return found
 
     @property
+    def scatter_by_number(self) -> Array:
+        """(d,) `noise` of the instrument that each number of a row is read by."""
+        found = np.ones(self.view.readings.size)
+        for place, (noise, _) in zip(self.view.readings.groups, self.noises, strict=True):
+            found[place] = noise
+        return found
+
+    @property
     def misfit(self) -> float:
-        """Standard deviation of each coordinate [m] beyond the stated one, where readings had to be weighed by it."""
-        if not self.factors or self.view.readings.unit != "m":
+        """Standard deviation of each coordinate [m] beyond the stated one, 0 where the readings scatter as stated."""
+        pairs = zip(self.scatters, self.noises, strict=True)
+        if self.view.readings.unit != "m" or all(by_chance(scatter, freedom) for scatter, (_, freedom) in pairs):
             return 0.0
-        now, before = (sigma[:, self.view.foremost] for sigma in (self.view.sigma, self.stated))
-        stated, weighed = (float((sigma[np.isfinite(sigma)] ** 2).mean()) for sigma in (before, now))
-        return float(np.sqrt(max(self.noise**2 * weighed - stated, 0.0)))
+        now, before = (
+            sigma[:, self.view.foremost] for sigma in (self.view.sigma * self.scatter_by_number, self.stated)
+        )
+        stated, found = (float((sigma[np.isfinite(sigma)] ** 2).mean()) for sigma in (before, now))
+        return float(np.sqrt(max(found - stated, 0.0)))
 
     @cached_property
     def posterior(self) -> LinearGaussian:
@@ -275,15 +286,20 @@ class Weighed:
         """Return the readings weighed by how they scatter about a fit to these."""
         factors = []
         for before, (noise, freedom) in zip(self.factors or (1.0,) * len(found.noises), found.noises, strict=True):
-            scatter, spread = before * noise, 2.0 / (9.0 * freedom)
-            by_chance = scatter ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread)
-            factors.append(1.0 if by_chance else max(float(scatter), 1.0))
+            scatter = before * noise
+            factors.append(1.0 if by_chance(scatter, freedom) else max(float(scatter), 1.0))
         return replace(self, factors=tuple(factors) if max(factors, default=1.0) > 1.0 else ())
 
     def close_to(self, other: Weighed) -> bool:
         """Return whether nothing is gained by one after the other."""
         pairs = zip_longest(self.factors, other.factors, fillvalue=1.0)
         return all(abs(np.log(one / before)) <= EVEN for one, before in pairs)
+
+
+def by_chance(scatter: float, freedom: float) -> bool:
+    """Return whether so many readings scatter by chance so many times as much as they state; see `CHANCE`."""
+    spread = 2.0 / (9.0 * freedom)
+    return bool(scatter ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread))
 
 
 def prior_of(blocks: Sequence[Block]) -> Array:

@@ -12,9 +12,18 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View
-from armflex.linear_gaussian import LinearGaussian, most_probable, squared
+from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
 
 FOLDS = 5
+
+PARTS = 4
+"""Parts of joint space that predict each other, where it is asked how far a fit is off elsewhere."""
+
+SETTLED = 0.02
+"""Of the logarithm of a design effect, to which it is found."""
+
+EXACT = 1e-9
+"""Share of the stated noise below which readings scatter by rounding."""
 
 BELIEVED = 0.5
 """Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
@@ -115,6 +124,79 @@ def _of_others(parts: Sequence[Array]) -> list[Array]:
     before = accumulate(parts[:-1], initial=np.zeros_like(parts[0]))
     after = list(accumulate(parts[:0:-1], initial=np.zeros_like(parts[0])))[::-1]
     return [one + other for one, other in zip(before, after, strict=True)]
+
+
+def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
+    """Return how many readings tell as much of a fit's parameters as one that is independent of the others would.
+
+    What an arm lacks is alike at neighbouring poses, so that many readings repeat one another: parameters are off by
+    more than readings with independent noise would leave. The design effect (Kish 1965, "Survey Sampling") divides the
+    readings' information. It is the most probable one for the errors e in each part of joint space, predicted from the
+    other parts: with the information N_k of those readings over k, and of the priors,
+
+        e ~ N(0, s^2 + J N_k^-1 J'),    s the scatter about the fit.
+
+    Rows that the fit does not believe, and readings that depend on what the other parts leave open, do not count. From
+    fewer poses than `FOLDS` nothing is concluded.
+
+    Args:
+        fit: The fit.
+        others: (M d, K) whitened and weighted columns of what was not fitted and is uncertain nevertheless.
+        covariance: (K, K) of that.
+    """
+    from scipy.optimize import minimize_scalar  # not needed to import the package
+
+    view = fit.view
+    if len(np.unique(view.driven.pose_number[view.rows])) < FOLDS or not len(fit.values):
+        return 1.0
+    folds = apart_folds(view.driven.q[view.rows], PARTS)
+    data, counted, told, parts = fit.residual + fit.regressors @ fit.values, near(view), told_by_others(fit, folds), []
+    counted[:, view.foremost.stop :] = False
+    scale = 1.0 / (np.maximum(fit.scatter_by_number, EXACT) * np.sqrt(fit.weights)).ravel()
+    rows = _readings_of(fit, folds)
+    scores = _of_others([fit.regressors[own].T @ np.column_stack([data[own], others[own]]) for own in rows])
+    for known, own, score in zip(told, rows, scores, strict=True):
+        own = own[counted.ravel()[own]]
+        own = own[~depend_on(fit.regressors[own][:, None], known.null_space)[:, 0]]
+        error = scale[own] * (data[own] - fit.regressors[own] @ known.solve(score[:, 0]))
+        columns, more = (scale[own, None] * each[own] for each in (fit.regressors, others))
+        information = known.information - np.diag(fit.precision)
+        parts.append((information, score[:, 1:], columns, columns.any(axis=0), more, error))
+    noise = max(fit.noise**2, 1.0)
+
+    def cost(logarithm: float) -> float:
+        """Return -2 log likelihood but for a constant."""
+        total, share = 0.0, np.exp(-logarithm) / noise
+        for information, crossed, columns, moving, more, error in parts:
+            root = LinearGaussian(information * share).with_precision(fit.precision).root
+            spread = columns[:, moving] @ root[moving]  # random twists of other poses do not move these
+            more = more - spread @ (root.T @ crossed) * share
+            variance = 1.0 + (spread**2).sum(axis=1) + ((more @ covariance) * more).sum(axis=1)
+            total += float((np.log(variance) + error**2 / variance).sum())
+        return total
+
+    most = np.log(max(sum(len(error) for *_, error in parts), 2))
+    found = minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": SETTLED}).x
+    return float(np.exp(found)) if cost(found) < cost(0.0) else 1.0
+
+
+def apart_folds(q: Array, count: int) -> np.ndarray:
+    """Return (M,) parts of joint space: rows by the nearest of some poses, each chosen farthest from those before.
+
+    Args:
+        q: (M, nq) joint positions [rad or m]; each counts by its range.
+        count: How many parts.
+    """
+    q, chosen = q / np.maximum(np.ptp(q, axis=0), 1e-9), [0]
+    for _ in range(4 * count - 1):
+        nearest = np.linalg.norm(q[:, None] - q[chosen], axis=2).min(axis=1)
+        chosen.append(int(nearest.argmax()))
+    cells = np.linalg.norm(q[:, None] - q[chosen], axis=2).argmin(axis=1)
+    part, size = np.zeros(len(q), dtype=int), np.zeros(count, dtype=int)
+    for cell in np.argsort(-np.bincount(cells, minlength=4 * count)):  # the largest first, each to the smallest part
+        part[cells == cell] = size.argmin()
+        size[size.argmin()] += (cells == cell).sum()
+    return part
 
 
 def pose_folds(groups: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from armflex.estimate.fit import Effort, Fit, Weighed, fit
 from armflex.estimate.sample import LawSamples
 from armflex.laws.learned import LearnedLaw
 from armflex.parallel import Progress
+from armflex.parameters import Certainty
 
 FIRM = 4.0
 """How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,
@@ -106,13 +107,16 @@ def fit_learning(
     return replace(found, factors=weighed.factors), tuple(flags)
 
 
-def with_posteriors(arm: Arm, found: Fit) -> Arm:
-    """Return a fitted arm whose learned laws carry the covariance of their values, and how far corrections go."""
+def with_posteriors(arm: Arm, found: Fit, certainty: Certainty) -> Arm:
+    """Return a fitted arm with how well it is known, of which learned laws carry their part, and how far they go."""
+    arm = replace(arm, certainty=certainty)
     block = next((block for block in found.blocks if isinstance(block, LawBlock)), None)
     if block is None:
         return arm
-    line, names, covariance = found.view.line, arm.flexure_names, found.posterior.covariance
-    laws, places = learned_laws(arm), dict(zip(block.flexures, block.split(found.places(block)), strict=True))
+    line, names, covariance = found.view.line, arm.flexure_names, certainty.among(block.parameters)
+    assert covariance is not None
+    places = dict(zip(block.flexures, block.split(np.arange(len(covariance))), strict=True))
+    laws = learned_laws(arm)
     return with_laws(
         arm,
         {

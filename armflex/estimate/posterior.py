@@ -13,7 +13,10 @@ from armflex.errors import Flag, listing
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import design_effect
 from armflex.estimate.view import View, look, untold_shifts
+from armflex.laws.effects.in_arm import excess
+from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, Certainty, ParameterKind, fitted_group
 from armflex.readings import Orientation, Position, Readings, unread
 from armflex.readings.instrument import Instrument
@@ -27,22 +30,33 @@ OTHER_PARAMETERS = Flag(
 def certainty_of(fit: Fit) -> Certainty:
     """Return what a fit leaves behind; a random twist per pose is kept by its size, not by its values.
 
-    Where the declared arm was fitted before, what is known of it stays known; only frames are of one campaign.
+    Readings count as `design_effect` finds them independent. Where the declared arm was fitted before, what is known of
+    it stays as it was and only frames are new: it is considered, not estimated (Schmidt 1966, "Application of
+    State-Space Methods to Navigation Problems"). What is fitted makes up for its errors x by -G x, so that with the
+    fit's own covariance P, and the covariance S of x, all together have
+
+        [S, -S G'; -G S, P + G S G'],    G = P J'X for the whitened columns J of what is fitted and X of x.
     """
     # A `PoseBlock`, which is made above.
     random: list[Any] = [block for block in fit.blocks if block.kind is ParameterKind.UNEXPLAINED]
-    every, known = parameters_of(fit.blocks), fit.posterior
-    directions = known.null_space if len(known.null_space) else None
-    unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else None
-    whole = Certainty(every, known.covariance, unexplained, directions, fit.misfit)
-    found = whole.part([i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED])
-    earlier = fit.declared.arm.certainty
-    if earlier is None:
-        return found
-    kept = earlier.part([i for i, one in enumerate(earlier.parameters) if one.group.kind not in FRAMES])
-    both = kept.beside(found)
-    effects = [one.group.kind is ParameterKind.EFFECT for one in both.parameters]
-    return both.part(sorted(range(len(effects)), key=effects.__getitem__))  # declared parameters first
+    kept = fit.declared.arm.certainty or Certainty((), np.zeros((0, 0)))
+    kept = kept.part([i for i, one in enumerate(kept.parameters) if one.group.kind not in FRAMES])
+    columns = _jacobian(kept, fit.view) if kept.parameters else None
+    columns = np.zeros((*fit.view.residual.shape, len(kept.parameters))) if columns is None else columns
+    columns = (columns * (np.sqrt(fit.weights) / fit.view.sigma)[:, :, None]).reshape(fit.view.residual.size, -1)
+    effect = design_effect(fit, columns, kept.covariance)
+    noise = effect * max(fit.noise, 1.0) ** 2
+    known = LinearGaussian(fit.told / noise).with_precision(fit.precision)
+    follows = np.vstack([np.eye(len(kept.parameters)), -known.covariance @ (fit.regressors.T @ columns) / noise])
+    covariance = follows @ kept.covariance @ follows.T
+    covariance[len(kept.parameters) :, len(kept.parameters) :] += known.covariance
+    directions = np.pad(known.null_space, ((0, 0), (len(kept.parameters), 0)))
+    directions = directions if kept.directions is None else np.vstack([kept.directions @ follows.T, directions])
+    every = (*kept.parameters, *parameters_of(fit.blocks))
+    unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else kept.unexplained
+    whole = Certainty(every, covariance, unexplained, directions, fit.misfit, effect)
+    places = [i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED]
+    return whole.part(sorted(places, key=lambda i: every[i].group.kind is ParameterKind.EFFECT))
 
 
 def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | None, tuple[Flag, ...]]:
@@ -67,6 +81,7 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view)
+    variance += (_extrapolated(view) ** 2).sum(axis=0)
     flags = (_open(arm.certainty),) if left.any() else ()
     return variance, (*flags, *_lacking(arm.certainty))
 
@@ -103,7 +118,7 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] @ turn.T
         covariance += along[:, :, None] * along[:, None]
     covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
-    shifts = untold_shifts(view.setup, rows, tip) @ turn.T
+    shifts = np.concatenate([untold_shifts(view.setup, rows, tip), _extrapolated(view)]) @ turn.T
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
     diagonal = np.arange(6)
@@ -160,6 +175,21 @@ def _unforeseen(arm: Arm, view: View) -> Array:
         site, axis, size = arm.certainty.unexplained
         variance += (size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]) ** 2
     return variance
+
+
+def _extrapolated(view: View) -> Array:
+    """Return (K, N, d) what effects that are no law do to readings beyond the range that they were found in [m, rad].
+
+    A law goes on beyond the rows that showed it, a free shape may not. How much of it is doubtful grows with the
+    distance, to all of it where that is as long as the range.
+    """
+    found, row = [np.zeros((0, *view.residual.shape))], view.line.row
+    for effect in view.arm.effects:
+        beyond = [np.clip(excess(row, *one), 0.0, 1.0) for one in effect.seen if not effect.law.physical]
+        if beyond and np.any(beyond):
+            motion = view.effect_jacobian(effect, view.context) @ effect.acting
+            found.append((np.max(beyond, axis=0)[:, None] * motion)[None])
+    return np.concatenate(found)
 
 
 def _jacobian(certainty: Certainty, view: View) -> Array | None:

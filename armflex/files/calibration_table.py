@@ -319,6 +319,8 @@ def certainty_table(certainty: Certainty) -> dict[str, Any]:
     table: dict[str, Any] = {}
     if certainty.misfit:
         table["misfit_m"] = certainty.misfit
+    if certainty.design_effect > 1.0:
+        table["design_effect"] = certainty.design_effect
     if certainty.unexplained is not None:
         table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
     table["parameters"] = list(certainty.labels)
@@ -356,6 +358,9 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
         arm: With everything that its file declares, effects and learned laws, too: parameters are looked up in it. One
             that it has no more (another preset) is kept as what it is called.
     """
+    misfit, effect = table.std("misfit_m", 0.0), table.number("design_effect", 1.0)
+    if effect < 1.0:
+        raise table.fail("design_effect", f"expected 1 or more, got {effect:g}")
     if not all([table.has("parameters"), table.has("covariance") or table.has("covariance_file")]):
         return None
     labels = table.texts("parameters")
@@ -378,13 +383,13 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
     if (known & (np.diag(covariance) == 0.0)).any():
         label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
         raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
-    misfit, unexplained = table.std("misfit_m", 0.0), None
+    unexplained = None
     if table.has("unexplained"):
         part = table.sub("unexplained")
         site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
         unexplained = site, axis, part.std("std")
         part.finish()
-    return Certainty(arm.named(labels), covariance, unexplained, directions, misfit)
+    return Certainty(arm.named(labels), covariance, unexplained, directions, misfit, effect)
 
 
 def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:

@@ -180,6 +180,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "sensors": Key("what was found of the instruments beside the tracker, by instrument", "each its own"),
         "law": Key("what was learned of a law, by flexure"),
         "misfit_m": Key("scatter beyond what the readings state: what the arm still lacks", "m"),
+        "design_effect": Key("readings that told as much of the parameters as one independent reading would", "1"),
         "unexplained": Key("where something without a recorded cause acts"),
         "parameters": Key("names of the fitted parameters, in the order of the covariance"),
         "covariance": Key("posterior covariance: rows of the lower triangle", "products of the parameters' units"),

@@ -57,6 +57,8 @@ class Prediction(Result):
             what neither a campaign nor a prior determined.
         displacement: (N, 6) flexed minus rigid, base axes [m, rad].
         flags: Flags, each with the first row it concerns; those about a law with the worst, and how many there are.
+        outside: For every row flags about what is beyond the range in which a law or an effect was found, with that
+            range; empty where the arm has nothing that was found in one.
     """
 
     TOLD = ("position", "rotation", "sigma", "displacement", "flags")
@@ -69,6 +71,7 @@ class Prediction(Result):
     displacement: Array
     flags: tuple[Flag, ...]
     sensors: tuple[tuple[Kind, Array | None], ...] = ()
+    outside: tuple[tuple[Flag, ...], ...] = ()
 
     @property
     def table(self) -> dict[str, Array]:
@@ -110,7 +113,7 @@ def predict(
     certain = without_declared_uncertainty(arm)
     for piece in pieces:
         one, batch, fitted = _predicted(arm, certain, _with_constants(arm, piece, covariates or {}))
-        met.add(one.rows, batch, fitted)
+        met.add(one, batch, fitted)
         found.append(one)
         if progress:
             progress(met.rows, len(rows))
@@ -126,7 +129,8 @@ def predict(
         std = np.concatenate(stds) if stds else None
         sensors.append((replace(kind, values=values, sigma=np.concatenate([one.sigma for one, _ in own])), std))
     asked = _with_constants(arm, rows, covariates or {})
-    return Prediction(asked, position, rotation, sigma, displacement, met.flags, tuple(sensors))
+    outside = tuple(flags for one in found for flags in one.outside)
+    return Prediction(asked, position, rotation, sigma, displacement, met.flags, tuple(sensors), outside)
 
 
 def predict_file(
@@ -147,7 +151,8 @@ def predict_file(
     Args:
         arm, progress, covariates: As of `predict`.
         path: The rows; see `stream_inputs`.
-        output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, and the displacement dx to rz.
+        output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, the displacement dx to rz, and of
+            an arm with trained laws or traced effects `outside`, what of a row is beyond what they were found in.
         unnamed: What loads rows that name no payload, or no force.
         table_path: Loads by the length of path [m] that the rigid tip has gone from row to row; see `read_force_table`.
 
@@ -184,7 +189,7 @@ def predict_file(
                 if answer is None:
                     return met.rows, (*about, *met.flags)
                 found, batch, fitted = answer
-                met.add(found.rows, batch, fitted)
+                met.add(found, batch, fitted)
                 write(_columns(found))
             if progress:
                 progress(met.rows, None)
@@ -237,7 +242,11 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
             own = replace(kind, values=kind.predicted(view.at))
             sensors.append((own, None if variance is None else np.sqrt(variance[:, place])))
     sigma = None if variance is None else np.sqrt(variance[:, tip])
-    return Prediction(rows, position, rotation, sigma, found.displacement, (), tuple(sensors)), found, about
+    outside: tuple[tuple[Flag, ...], ...] = ()
+    if arm.stack.trained or any(effect.seen for effect in arm.effects):
+        beyond = dict(found.unseen())
+        outside = tuple(beyond.get(i, ()) for i in range(len(rows)))
+    return Prediction(rows, position, rotation, sigma, found.displacement, (), tuple(sensors), outside), found, about
 
 
 def _with_constants(arm: Arm, rows: Measurements, constants: Mapping[str, float]) -> Measurements:
@@ -274,9 +283,9 @@ class _Flags:
         self._worst: dict[tuple[str, str], tuple[int, int, Flag]] = {}
         self._fitted: dict[Flag, None] = {}
 
-    def add(self, rows: Measurements, found: DeflectionBatch, fitted: tuple[Flag, ...]) -> None:
+    def add(self, predicted: Prediction, found: DeflectionBatch, fitted: tuple[Flag, ...]) -> None:
         """Add what is doubtful about the next rows."""
-        arm = self._arm
+        arm, rows = self._arm, predicted.rows
         untold = {name: int(unknown.sum()) for name, _, unknown in directions(arm.effects, rows)}
         self._untold |= {name: self._untold.get(name, 0) + count for name, count in untold.items()}
         known = {*arm.instrument.sessions, *arm.instrument.targets} if arm.instrument else ()
@@ -285,7 +294,7 @@ class _Flags:
         for number, flag in sorted(found.flags_by_row, key=lambda pair: pair[0]):
             said = flag if flag in arm.flags else Flag(flag.code, f"row {self.rows + number}: {flag.text}")
             self._first.setdefault(flag.code, said)
-        for number, flags in found.unseen():
+        for number, flags in enumerate(predicted.outside):
             for key in dict.fromkeys((flag.code, flag.about) for flag in flags):
                 own = max((flag for flag in flags if (flag.code, flag.about) == key), key=lambda flag: flag.size)
                 count, row, worst = self._worst.get(key, (0, self.rows + number, own))
@@ -329,4 +338,6 @@ def _columns(prediction: Prediction) -> dict[str, list]:
     for kind, std in prediction.sensors:
         names = kind.columns(kind.name)
         columns |= named(names, kind.values) | named([f"sigma_{name}" for name in names], std)
-    return columns | named(TWIST_NAMES, prediction.displacement)
+    columns |= named(TWIST_NAMES, prediction.displacement)
+    outside = ["; ".join(flag.text for flag in flags) for flags in prediction.outside]
+    return columns | ({"outside": outside} if outside else {})

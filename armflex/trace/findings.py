@@ -441,9 +441,9 @@ def _summed_up(
     folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
     # A random twist stays behind, because nobody can foresee it.
     effects = (*calibration.arm.effects, *state.fitted)
-    arm, instrument = with_posteriors(fit.setup.arm, fit), fit.setup.instrument
+    arm = with_posteriors(fit.setup.arm, fit, certainty_of(fit))
     return Trace(
-        arm=replace(arm, effects=effects, instrument=instrument, certainty=certainty_of(fit)),
+        arm=replace(arm, effects=effects, instrument=fit.setup.instrument),
         calibration=calibration,
         before=state.calibrated,
         state=state,
@@ -614,5 +614,6 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
         for effect, std in trace.added
     ]
     setup = realise(fit.declared, trace.state.blocks, fit.values)  # effects are written by themselves
-    arm = replace(with_posteriors(setup.arm, fit), instrument=setup.instrument, certainty=certainty_of(fit))
+    assert trace.arm.certainty is not None
+    arm = replace(with_posteriors(setup.arm, fit, trace.arm.certainty), instrument=setup.instrument)
     return write_arm(declared, arm, campaign, path, effects, trace.unfinished)

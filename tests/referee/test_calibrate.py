@@ -432,4 +432,5 @@ def test_what_the_arm_lacks_is_in_the_stated_uncertainty(tmp_path):
     z = (told.position - test.position)[read] / np.hypot(told.sigma[read], test.sigma[read])
     assert 0.7 < np.sqrt((z**2).mean()) < 1.4
     assert "lacking" in [flag.code for flag in told.flags]
-    assert calibrate(arm, train, as_stated=True).arm.certainty.misfit == 0.0
+    as_stated = calibrate(arm, train, as_stated=True).arm.certainty  # what it lacks is none the less for that
+    assert as_stated.misfit == pytest.approx(found.arm.certainty.misfit, rel=0.2)

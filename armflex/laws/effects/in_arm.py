@@ -136,6 +136,12 @@ MARGIN = 0.05
 """Part of the range in which an effect was found, by which a column may be beyond it and nothing is said."""
 
 
+def excess(row: Row, name: str, low: float, high: float) -> Array:
+    """Return by how much of a range from low to high a column is beyond it, below zero where it is within."""
+    values = column_of(row, name)
+    return np.maximum(low - values, values - high) / max(high - low, 1e-9 * max(abs(low), abs(high)), 1e-300)
+
+
 def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
     """Return flags about the rows in which columns are beyond those that effects were found in, by the row's number.
 
@@ -146,11 +152,10 @@ def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
     found: dict[int, list[Flag]] = {}
     for effect in effects:
         for name, low, high in effect.seen:
-            values = np.atleast_1d(column_of(row, name))
-            span = max(high - low, 1e-9 * max(abs(low), abs(high)), 1e-300)
-            size = np.maximum(low - values, values - high) / span
+            values, size = np.atleast_1d(column_of(row, name)), np.atleast_1d(excess(row, name, low, high))
             for i in np.flatnonzero(size > MARGIN).tolist():
                 text = f"{name} = {values[i]:.4g} is outside the {low:.4g} to {high:.4g} it was found in"
+                text += "" if effect.law.physical else ", where it is no law: the arm without it may be nearer there"
                 flag = Flag("extrapolating", f"{effect.title}: {text}", f"{effect.title} {name}", float(size[i]))
                 found.setdefault(i, []).append(flag)
     return found
