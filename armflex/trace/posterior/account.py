@@ -141,11 +141,11 @@ def _errors(state: State) -> dict:
     """Return the parts of an account that every state has."""
     fit, calibration = state.fit, state.calibration
     folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
-    arm, instrument = with_posteriors(fit.setup.arm, fit), fit.setup.instrument
+    arm = with_posteriors(fit.setup.arm, fit, certainty_of(fit))
     # A random twist stays behind, because nobody can foresee it.
     effects = (*calibration.arm.effects, *state.fitted)
     return {
-        "arm": replace(arm, effects=effects, instrument=instrument, certainty=certainty_of(fit)),
+        "arm": replace(arm, effects=effects, instrument=fit.setup.instrument),
         "calibration": calibration,
         "before": state.calibrated,
         "state": state,

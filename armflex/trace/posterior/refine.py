@@ -70,7 +70,7 @@ class _At:
 
     inner: Values
     value: float
-    amplitudes: Array
+    amplitudes: np.ndarray
     columns: Array
 
 
@@ -168,7 +168,7 @@ class _Search:
         inners = [self.law.inner[i] for i in free]
         cells = [self._cell(one, here.inner[i]) for one, i in zip(inners, free, strict=True)]
 
-        def moved(inner: Values, steps: Array) -> Values:
+        def moved(inner: Values, steps: np.ndarray) -> Values:
             for one, i, cell, step in zip(inners, free, cells, steps.tolist(), strict=True):
                 inner = _with(inner, i, one.moved(inner[i], cell * step))
             return inner

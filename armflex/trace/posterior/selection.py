@@ -134,7 +134,8 @@ class Evidence(ABC):
     def grown(self) -> None:
         """Forget what was known of all hypotheses, of which there are more now."""
         for name in ("batches", "priors", "_known"):
-            self.__dict__.pop(name, None)
+            if name in vars(self):
+                delattr(self, name)
 
     def beside(self, model: Model) -> Beside:
         """Return the problem beside a model."""
@@ -178,9 +179,9 @@ class Beside:
 
     evidence: Evidence
     model: Model
-    across: Array
-    root: Array
-    pull: Array
+    across: np.ndarray
+    root: np.ndarray
+    pull: np.ndarray
     volume: float
 
     @property

@@ -135,7 +135,7 @@ def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array
     apart = float(fall.mean() / (fall.std() / np.sqrt(len(fall)) + 1e-300))
     blocks = [state.effects[i] for i in state.units[index]]
     sessions = sessions_held_out(state.calibrated, state.fit, blocks, state.sessions) or (None, None)
-    return Proof(folds.rms(before), folds.rms(after), *sessions, apart, null)
+    return Proof(folds.rms(before), folds.rms(after), sessions[0], sessions[1], apart, null)
 
 
 def chance(here: Standing, seed: int = 0) -> float:
