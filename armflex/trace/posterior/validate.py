@@ -134,8 +134,9 @@ def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array
     fall = before[judged] - after[judged]
     apart = float(fall.mean() / (fall.std() / np.sqrt(len(fall)) + 1e-300))
     blocks = [state.effects[i] for i in state.units[index]]
-    sessions = sessions_held_out(state.calibrated, state.fit, blocks, state.sessions) or (None, None)
-    return Proof(folds.rms(before), folds.rms(after), sessions[0], sessions[1], apart, null)
+    sessions = sessions_held_out(state.calibrated, state.fit, blocks, state.sessions)
+    without, with_it = sessions or (None, None)
+    return Proof(folds.rms(before), folds.rms(after), without, with_it, apart, null)
 
 
 def chance(here: Standing, seed: int = 0) -> float:
