@@ -38,7 +38,7 @@ NAMELESS = 0.05
 FAMILIAL = 0.1
 """Prior: share of them that all drives have in common."""
 
-PLAIN = 0.002
+PLAIN = 0.01
 """Prior: a law is less likely than the one before it in the catalogue by this share, and a link by it than a joint."""
 
 FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)

@@ -125,8 +125,8 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
         names.append(sum(led) / count)
         without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
         proofs.append(_proof(here, folds, i, without, whole, null))
-    rms = [folds.rms(one) for one in (bare, chosen, bare, whole)]
-    return Validated(*rms, tuple(names), tuple(proofs))
+    before, after = folds.rms(bare), folds.rms(chosen)
+    return Validated(before, after, before, folds.rms(whole), tuple(names), tuple(proofs))
 
 
 def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:
