@@ -147,6 +147,7 @@ class ConventionError(InputError):
 
     def __init__(self, problem: str, names: Sequence[str]) -> None:
         super().__init__(f"{problem}. To take it as it is all the same: --anyway (in Python anyway=True)")
+        self.problem = problem
         self.names = tuple(names)
 
 

@@ -1,103 +1,233 @@
 """Whether a campaign says what its columns claim, or was written in another convention than the arm's.
 
-Most first campaigns are wrong in a convention: two joints exchanged, a sign, a home position, degrees, readings that
-belong to the row before. A fit then drives everything that is free to where it makes up for that. So before anything is
-fitted, the readings are compared with what the arm and its priors can explain. With r the (n,) residuals of the
-declared arm, J the Jacobian of everything that [prior] frees, P its prior covariance and s^2 a variance of one reading,
+Most first campaigns are wrong in a convention: two joints exchanged, a sign, a home position, a unit, Euler angles, a
+target that somebody knocked. A fit then drives everything that is free to where it makes up for that. So before
+anything is fitted, the readings are compared with what the arm and its priors can explain, as they are written and as
+each of the `hypotheses` would have them. With the instrument placed, J the Jacobian of everything that [prior] frees
+and r what is left of the readings, the cost of a campaign is minus the logarithm of
 
-    r ~ N(0, s^2 1 + J P J'),        misfit = r' (s^2 1 + J P J')^-1 r / n,
+    max over t, s   N(t; 0, P)  prod over readings  student(r - J t; s)^k,      s >= what is stated, and `FINE`.
 
-which is about 1 or less for a campaign of this arm. s is the stated standard deviation, or a part of the reach if that
-is larger: what an arm lacks is no business of this test, but only to be found by tracing. Where the misfit is
-implausible the hypotheses are tried, each a transformation of the table or of the arm file, with a misfit of its own.
-One is named only if it explains nearly all that the table as it stands does not.
+Each instrument has a scatter s of its own, so that one that is wrong does not spoil what the others say. What an arm
+lacks is the same in many readings: they count as `LOOKS` independent ones, which is the power k. Tails are long
+(Lange, Little and Taylor 1989): a lost beam is no convention, a session of them is. A hypothesis is named where the
+logarithm of its odds against the campaign as written, its prior among them, is beyond `NAMED`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import cached_property
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from armflex.arm import Arm, Setup
-from armflex.conventions import STANDARD_GRAVITY, Array, in_mm
-from armflex.errors import ArmflexError, ConventionError
+from armflex.arm import Arm
+from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
+from armflex.errors import ArmflexError, ConventionError, Flag
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.placement import check_readings, placed_rigidly
-from armflex.estimate.view import look
-from armflex.files.dh_table import in_other_form
-from armflex.laws.joint.carried import scaled
-from armflex.laws.law import anywhere
+from armflex.estimate.fit import Fit
+from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, Written, hypotheses, moved
+from armflex.estimate.placement import first_guess
+from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.measured.repeats import repeats
-from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, ArmParameter, ParameterKind
-from armflex.readings import Position
-from armflex.readings.instrument import Instrument
+from armflex.mechanics.many_rows import rigid_tips
+from armflex.parameters import FRAMES, ParameterKind
+from armflex.readings import Orientation
+from armflex.readings.instrument import Instrument, rigid_fit
 
-COARSE, FINE = 1e-3, 3e-5
-"""Parts of the reach that an arm may be off by, beyond its priors, before conventions are thought of: of kinematics,
-which put readings off by parts of the reach, and of loads, which bend the arm a little more or less."""
+NAMED = 12.0
+"""Confidence: the logarithm of the odds at which a hypothesis is named, and by which the next best is out of it."""
 
-IMPLAUSIBLE = 9.0
-"""Misfit beyond which the campaign is not that of this arm as it is written: three standard deviations."""
+LOOKS = 20.0
+"""Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
 
-DROP, DROP_OF_LOADS = 9.0, 3.0
-"""Fall of the misfit at which a hypothesis is named: of kinematics many are tried, and what an arm lacks is a larger
-part of what loads do."""
+FINE = 3e-5
+"""Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
-ALIKE = 3.0
-"""Hypotheses whose misfits differ by less are named together."""
-
-MOST_ROWS = 120
-"""Rows looked at: no convention hides in more."""
+SLIP = 1.5e-3
+"""Prior: standard deviation of how far something on an arm slips [m, rad], which is a cause to be traced."""
 
 GROSS = 0.05
-"""Part of the reach that is left by no arm: a beam of steel that bends so far stays bent."""
+"""Prior: part of the reach that is left by no arm: a beam of steel that bends so far stays bent."""
 
-ROUNDS = 4
-"""Rounds of robust weights, after which a lost beam counts as little as it will."""
+SCATTERED = 100.0
+"""Prior: scatter over the stated standard deviation at which something is wrong, whatever it is."""
 
-EXACT = 0.05
-"""A standard deviation of a part `COARSE` of the reach is a mistaken one where so little of it is left."""
+ABSURD = 10.0
+"""Confidence: prior standard deviations beyond which a value is none that was thought of with that prior."""
 
-SCATTERED = 30.0
-"""Scatter of repeats over the stated standard deviation that is a mistaken unit rather than a bad day."""
+TAILS = 4.0
+"""Prior: degrees of freedom of the readings' distribution (Lange, Little and Taylor 1989)."""
 
-RADIANS = np.pi / 180.0
+MOST_ROWS, ROUNDS, MOST_TRIED, MOST_SAID = 120, 10, 8, 3
+"""Tolerances: rows looked at (no convention hides in more), rounds of weights, hypotheses judged after a first look,
+and said."""
 
-Told = tuple[Arm, Measurements]
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """How badly a campaign fits an arm within its priors; see the head of this module.
+
+    Attributes:
+        view: The rows, instruments placed and nothing else fitted.
+        cost: Minus the logarithm of the density, readings counted as so many.
+        rows: (M, G) each reading's part of it beyond that of noise as stated, of every kind.
+        ideal: What it would be if nothing were left but what is stated.
+        left: (M, d) residuals with everything fitted, in their units.
+        scatter: (G,) of what each instrument read over what is stated, 1 or more.
+        free: Whether anything but frames is free or learned.
+    """
+
+    view: View
+    cost: float
+    rows: Array
+    ideal: float
+    left: Array
+    scatter: Array
+    free: bool
+
+    @property
+    def excess_at_tip(self) -> float:
+        """How much of the cost is not of noise, orientations left out."""
+        kinds = enumerate(kind for kind, _ in self.view.readings.placed)
+        return sum(float(self.rows[:, i].sum()) for i, kind in kinds if not isinstance(kind, Orientation) or kind.name)
+
+    def excess_in(self, rows: np.ndarray) -> float:
+        """Return the same of (M,) rows, of all that was read there."""
+        return float(self.rows[rows].sum())
+
+    @property
+    def placed(self) -> float:
+        """What is left of the foremost readings with the instrument placed, the median row's, in their unit."""
+        return _median(self.view, self.view.residual)
+
+    @cached_property
+    def suspects(self) -> tuple[str, ...]:
+        """The sensors that scatter beyond what is stated, '' for orientations of the tip's target."""
+        pairs = enumerate(kind for kind, _ in self.view.readings.placed)
+        far = [kind for number, kind in pairs if self.rows[:, number].sum() > NAMED]
+        return tuple(kind.name for kind in far if kind.name or isinstance(kind, Orientation))
+
+
+def _median(view: View, errors: Array) -> float:
+    squares = view.readings.row_squares(errors)[view.readings.foremost_count > 0]
+    return float(np.sqrt(np.median(squares))) if len(squares) else 0.0
+
+
+def misfit(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, known: View | None = None) -> Misfit:
+    """Return how badly some rows of a campaign fit an arm.
+
+    Args:
+        arm: The arm as declared.
+        measurements: The campaign.
+        rows: (M,) numbers of the rows.
+        keep: Whether nothing but frames is free.
+        known: The same rows of an arm that rests in them as this one does, if any.
+
+    Raises:
+        ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
+    """
+    setup, line = first_guess(arm, measurements, rows, None if known is None else known.line)
+    view = look(setup, measurements, rows, line=line)
+    begun = sensor_start(view)
+    blocks = [one for one in declared_blocks(setup, measurements) if not keep or one.kind in FRAMES]
+    for block in blocks:
+        if block.kind is ParameterKind.SENSOR and all(one in begun for one in block.parameters):
+            setup = block.apply(setup, np.array([begun[one] for one in block.parameters]))
+    view = look(setup, measurements, rows, line=line)
+    start = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
+    precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
+    jacobian = np.concatenate(
+        [np.zeros((*view.residual.shape, 0)), *(block.jacobian(view) for block in blocks)], axis=2
+    )
+    size = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}
+    floor = np.maximum(
+        view.sigma, view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE * size[kind.unit]))
+    )
+    places = [place for _, place in view.readings.placed]
+    return Misfit(view, *_settled(jacobian, precision, start, view.residual, floor, places), _frees(arm, blocks))
+
+
+def _frees(arm: Arm, blocks: Sequence) -> bool:
+    return any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
+
+
+def _settled(
+    jacobian: Array, precision: Array, start: Array, residual: Array, floor: Array, places: Sequence[slice]
+) -> tuple[float, Array, float, Array, Array]:
+    """Return cost, (M, G) parts of it, ideal, (M, d) what is left, and (G,) scatters, by rounds of weights.
+
+    Args:
+        jacobian: (M, d, P) changes of the readings per parameter.
+        precision: (P,) prior precisions, about values that are `start` (P,) less than those of the residual.
+        start: See there.
+        residual: (M, d) in their units.
+        floor: (M, d) least standard deviations, infinite where nothing was read.
+        places: Where each instrument's numbers stand among the d.
+    """
+    left, steps = residual / floor, jacobian / floor[:, :, None]
+    count = np.array([np.isfinite(floor[:, place]).sum(axis=1) for place in places], dtype=float).T
+    worth = LOOKS / np.maximum(count.sum(axis=0), LOOKS)
+
+    def squares() -> Array:
+        return np.array([(left[:, place] ** 2).sum(axis=1) for place in places]).T
+
+    def spread(weights: Array) -> Array:
+        return np.maximum((weights * squares()).sum(axis=0) / np.maximum(count.sum(axis=0), 1.0), 1.0)
+
+    own = squares()
+    variance = np.array(
+        [max(float(np.median(one[read > 0.0] / read[read > 0.0])), 1.0) if read.any() else 1.0
+         for one, read in zip(own.T, count.T, strict=True)]
+    )  # fmt: skip
+    values, whole = np.zeros(len(precision)), left
+    for _ in range(ROUNDS):
+        weights = (TAILS + count) / (TAILS + squares() / variance)
+        each = np.zeros_like(left)
+        for number, place in enumerate(places):
+            each[:, place] = (worth[number] * weights[:, number] / variance[number])[:, None]
+        if len(precision):
+            flat = (steps * np.sqrt(each)[:, :, None]).reshape(-1, len(precision))
+            score = flat.T @ (whole * np.sqrt(each)).ravel() - precision * start
+            values = LinearGaussian.of(flat, precision).solve(score)
+            left = whole - steps @ values
+        variance = spread((TAILS + count) / (TAILS + squares() / variance))
+
+    def cost(squared: Array, variance: Array) -> Array:
+        sizes = np.where(np.isfinite(floor), np.log(np.where(np.isfinite(floor), floor, 1.0)), 0.0)
+        scale = np.array([sizes[:, place].sum(axis=1) for place in places]).T + 0.5 * count * np.log(variance)
+        return worth * (0.5 * (TAILS + count) * np.log1p(squared / variance / TAILS) + scale)
+
+    parts, held = cost(squares(), variance), 0.5 * float((precision * (values + start) ** 2).sum())
+    least = np.minimum(cost(count, np.ones(len(places))), parts)
+    errors = np.where(np.isfinite(floor), left * np.where(np.isfinite(floor), floor, 0.0), 0.0)
+    return float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(variance)
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """A convention that the campaign or the arm file may have been written in.
+class Named:
+    """A convention in which a campaign is plausible: how much the likelier, and how far off it then is, as said."""
 
-    Attributes:
-        name: What would be wrong, as the end of a sentence.
-        remedy: How to write it right.
-        told: The arm and the campaign as they were then meant.
-        axes: Whether it is about the axes of x, y and z, of which `check_axes` says more.
-        loads: Whether it is about what bends the arm, and how far.
-        tracked: Whether it is about x, y and z alone.
-    """
-
+    hypothesis: Hypothesis
     name: str
-    remedy: str
-    told: Callable[[Arm, Measurements], Told]
-    axes: bool = False
-    loads: bool = False
-    tracked: bool = False
+    gain: float
+    then: str
+
+    @property
+    def said(self) -> str:
+        """As the end of a sentence: the name, what is left then, and the remedy."""
+        return f"{self.name}? Then they are {self.then} off: {self.hypothesis.remedy}"
 
 
 def check_conventions(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False, searched: bool = False
-) -> None:
-    """Raise where the readings are implausible for an arm, and plausible in another convention.
+) -> tuple[Flag, ...]:
+    """Return flags about instruments that are implausible; raise where a campaign is, and is not in another convention.
 
     Args:
         arm: The arm as declared.
@@ -108,322 +238,360 @@ def check_conventions(
 
     Raises:
         ConventionError: With the hypotheses that make the campaign plausible, the likeliest first, and how to write
-            each of them right; or standard deviations that cannot be meant; or nothing that [prior] frees where
-            readings are far off.
+            each of them right; or errors larger than any arm's; or nothing that [prior] frees where readings are off.
     """
-    rows = rows[measurements.positioned[rows]]
-    if not len(rows):
-        return
-    some = _spread(rows)
-    found = _misfit(arm, measurements, some, keep, in_general=True)
-    likely = [] if found is not None and found.ratio < IMPLAUSIBLE else _likely(arm, measurements, some, keep, found)
-    if likely:
-        if all(one.axes for _, one in likely):  # of which this says more, where nothing else is far off
-            points = (arm.instrument or Instrument()).in_base(_tips(arm, measurements, rows))
-            check_readings(arm, points, measurements, rows)
-        raise ConventionError(_said(measurements, rows, found, likely), [one.name for _, one in likely])
-    if found is not None and not likely:
-        _check_sigma(measurements, rows, found)
-        off = found.coarse if searched else found.ratio
-        if off >= IMPLAUSIBLE and not keep and not found.free:
-            text = f"readings are {in_mm(found.placed)} off the arm, and [prior] frees nothing: there is nothing to fit"
-            more = "give it joint_offset, compliance, tool or geometry, one standard deviation each"
-            raise ConventionError(f"{text} ({more})", ["[prior] frees nothing"])
-        if found.left > GROSS * found.reach and not keep:
-            text = f"readings are {in_mm(found.placed)} off the arm, {in_mm(found.left)} with all that [prior] frees"
-            text += ": no defect of an arm is so large, and no convention that is tried explains it"
-            more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
-            raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
-
-
-def without_positions(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False) -> tuple[str, ...]:
-    """Return in words the conventions in which what sensors alone read becomes plausible, the likeliest first.
-
-    Where they stand is found anew for each, so some do as much as another place of theirs would.
-
-    Args:
-        arm, measurements, rows, keep: As of `check_conventions`.
-    """
-    some = _spread(rows)
-    found = _misfit(arm, measurements, some, keep, in_general=True)
-    if found is not None and found.ratio < IMPLAUSIBLE:
+    if len(rows) > MOST_ROWS:
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))]
+    found = None
+    with suppress(ArmflexError):
+        found = misfit(arm, measurements, rows, keep)
+    if found is not None and found.cost - found.ideal < NAMED:
         return ()
-    return tuple(f"{one.name} ({one.remedy})" for _, one in _likely(arm, measurements, some, keep, found))
+    named = _named(arm, measurements, rows, keep, searched, found)
+    where = f"{measurements.places[rows[0]].file}: " if measurements.places and measurements.places[rows[0]] else ""
+    if named:
+        said = "; or ".join([named[0].said[0].upper() + named[0].said[1:], *(one.said for one in named[1:])])
+        raise ConventionError(f"{where}{_begun(found)}. {said}", [one.name for one in named])
+    if found is None or keep:
+        return ()
+    off, left = found.placed, _median(found.view, found.left)
+    if found.view.readings.unit == "m" and left > GROSS * arm.robot.reach:
+        text = f"{where}readings are {in_mm(off)} off the arm, {in_mm(left)} with all that [prior] frees"
+        text += ": no defect of an arm is so large, and no convention that is tried explains it"
+        more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
+        raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
+    return tuple(_elsewhere(found))
 
 
-def _spread(rows: np.ndarray) -> np.ndarray:
-    """Return at most `MOST_ROWS` of some rows."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))] if len(rows) > MOST_ROWS else rows
+def _begun(found: Misfit | None) -> str:
+    if found is None:
+        return "the arm has no equilibrium at these rows as they are declared"
+    said = said_of(found.placed, found.view.readings.unit)
+    sensors = [kind.title for kind, _ in found.view.readings.placed if kind.name and kind.name in found.suspects]
+    return f"readings are {said} off the arm{f' ({chr(44).join(sensors)})' if sensors else ''}, further than [prior] explains"
 
 
-def _likely(
-    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, found: _Misfit | None
-) -> list[tuple[_Misfit, Hypothesis]]:
-    """Return the hypotheses that explain nearly all that the table as it stands does not, the likeliest first."""
-    tried, placed = [], measurements.positioned[rows].all()
-    as_it_stands = _placed_off(arm, measurements, rows) if placed else np.inf
-    for hypothesis in hypotheses(arm, measurements):
-        if hypothesis.tracked and not placed:
-            continue
-        said = hypothesis.told(arm, measurements)
-        # Kinematics that do not bring the points nearer to their places cannot explain them: most need no fit.
-        able = found is None or hypothesis.loads or found.coarse >= IMPLAUSIBLE
-        quick = placed and found is not None and not hypothesis.loads
-        if not able or (quick and _placed_off(*said, rows) > as_it_stands):
-            continue
-        other, least = _misfit(*said, rows, keep), DROP_OF_LOADS if hypothesis.loads else DROP
-        if other is not None and (found is None or least * other.ratio < found.ratio):
-            tried.append((other, hypothesis))
-    tried.sort(key=lambda pair: pair[0].ratio)
-    return [pair for pair in tried if pair[0].ratio < ALIKE * max(tried[0][0].ratio, 1.0)]
+def _elsewhere(found: Misfit) -> Iterator[Flag]:
+    """Yield flags about sensors whose readings nothing explains; raise where another place of theirs would."""
+    for kind, _ in found.view.readings.placed:
+        if kind.name in found.suspects and kind.name:
+            read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
+            own, at = kind.some(read), found.view.at.some(read)
+            off = said_of(float(np.median(np.linalg.norm(own.residual(at), axis=1))), kind.unit)
+            text = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
+            elsewhere = own.elsewhere(at)
+            if elsewhere is not None:
+                raise ConventionError(f"{text}: {elsewhere}", [elsewhere])
+            yield Flag("instrument_implausible", f"{text}: is it where [instrument.{kind.name}] says?", about=kind.name)
 
 
-def hypotheses(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
-    """Yield every convention that is thought of, for an arm and a campaign."""
-    joints, turning = arm.joint_names, [joint.kind != "prismatic" for joint in arm.robot.moving]
-    at = np.eye(len(joints))
-    for i, j in combinations(range(len(joints)), 2):
-        if turning[i] == turning[j]:
-            name = f"the columns q_{joints[i]} and q_{joints[j]} are exchanged"
-            order = np.arange(len(at))
-            order[[i, j]] = j, i
-            yield Hypothesis(name, "exchange their headers", _rewritten(at[order]))
-    every = [i for i, turns in enumerate(turning) if turns]
-    for i, joint in enumerate(joints):
-        remedy = f"turn the signs of q_{joint}, or the joint's axis in the URDF"
-        yield Hypothesis(f"the sign of q_{joint} is turned", remedy, _rewritten(np.diag(1.0 - 2.0 * at[i])))
-        if turning[i]:
-            for degrees in (90, -90, 180):
-                name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
-                remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-                yield Hypothesis(name, remedy, _rewritten(at, np.radians(degrees) * at[i]))
-    for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
-        name = what.removesuffix(" is").removesuffix(" are")
-        if len(place) == 1 or len(every) > 1:
-            head = f"{name}_deg" if len(place) == 1 else "q_..._deg"
-            own = np.isin(np.arange(len(at)), place)
-            in_degrees, in_radians = (_rewritten(np.diag(np.where(own, one, 1.0))) for one in (RADIANS, 1.0 / RADIANS))
-            yield Hypothesis(f"{what} in degrees", f"write {head} into the header", in_degrees)
-            yield Hypothesis(f"{what} in radians", "take _deg from the header", in_radians)
-    if arm.robot.urdf.dh:
-        other = in_other_form(arm.robot)
-        name, remedy = f"the rows of [robot.joint] are of the {other.urdf.dh} form", f'write dh = "{other.urdf.dh}"'
-        yield Hypothesis(name, remedy, lambda arm, measurements: (replace(arm, robot=other), measurements))
-    for step, whose in ((1, "before"), (-1, "after")):
-        if measurements.measured.sum() > abs(step):
-            read = "x, y, z" if measurements.positioned.any() else "readings"
-            remedy = f"move {read} by one row against the joints"
-            yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step))
-    remedy = "exchange two of the columns x, y, z"
-    yield Hypothesis("x, y, z are a left-handed frame's", remedy, _mirrored, axes=True, tracked=True)
-    if arm.measurement.frame == "base":
-        remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
-        yield Hypothesis("x, y, z are not in the arm's base frame", remedy, _placed_anywhere, tracked=True)
-    named = sorted({name for name in measurements.payload if name in arm.payloads})
-    for one, other in combinations(named, 2):
-        name = f"the payloads {one!r} and {other!r} are exchanged"
-        yield Hypothesis(
-            name, "exchange their names in the column payload", _payloads_exchanged(one, other), loads=True
+def _named(
+    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, searched: bool, found: Misfit | None
+) -> list[Named]:
+    """Return the hypotheses whose odds against the campaign as written are beyond `NAMED`, the likeliest first."""
+    tried = list(_candidates(arm, measurements, rows, found, keep))
+    if found is not None and not found.free and not keep and not searched:
+        prior = replace(USUAL_PRIOR, session_target=arm.prior.session_target)
+        more = (
+            "there is nothing to fit: give it joint_offset, compliance, tool or geometry, one standard deviation each"
         )
-    if any(payload.mass for payload in arm.payloads.values()):
-        yield Hypothesis("payload masses are in tonnes", "write them in kg", _masses_times(1e3), loads=True)
-        yield Hypothesis("payload masses are in grams", "write them in kg", _masses_times(1e-3), loads=True)
-    if any(flexure.law.freed(anywhere(arm.robot)) for flexure in arm.flexures):
-        for factor, unit in ((1e3, "a thousand times too small"), (1e-3, "a thousand times too large")):
-            remedy = "give it in rad/Nm and m/N, check mrad, kN, kNm and mm"
-            yield Hypothesis(f"the compliance is {unit}", remedy, _compliance_times(factor), loads=True)
+        freed = Hypothesis("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
+        tried.append((freed, None))
+    cost, named = np.inf if found is None else found.cost, []
+    for hypothesis, some in tried:
+        with suppress(ArmflexError):
+            one, rewritten = _written(hypothesis, arm, measurements, some)
+            other = misfit(one, rewritten, rows, keep, _at_rest(arm, measurements, one, rewritten, found))
+            gain = cost - other.cost
+            if hypothesis.slip is not None:  # an arm that slips as far explains as much
+                gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)
+            gain -= hypothesis.prior + _choice(measurements, some, rows)
+            if gain > NAMED:
+                said = said_of(other.placed, other.view.readings.unit)
+                named.append(Named(hypothesis, f"{hypothesis.name}{_in_words(measurements, some)}", gain, said))
+    named.sort(key=lambda one: -one.gain)
+    return [one for one in named if one.gain > named[0].gain - NAMED / 4.0][:MOST_SAID]
 
 
-@dataclass(frozen=True)
-class _Misfit:
-    """How badly readings fit an arm within its priors.
+def _written(hypothesis: Hypothesis, arm: Arm, measurements: Measurements, some: np.ndarray | None) -> Written:
+    """Return the arm and the campaign as they were meant in (N,) some of the rows, in all where None."""
+    one, rewritten = hypothesis.rewritten(arm, measurements)
+    if some is None:
+        return one, rewritten
+    pairs = zip(measurements.readings.kinds, rewritten.readings.kinds, strict=True)
+    kinds = tuple(
+        replace(
+            kind,
+            values=np.where(some[:, None], other.values, kind.values),
+            sigma=np.where(some[:, None], other.sigma, kind.sigma),
+        )
+        for kind, other in pairs
+    )
+    named = zip(measurements.payload, rewritten.payload, some.tolist(), strict=True)
+    payload = tuple(new if own else old for old, new, own in named)
+    q = np.where(some[:, None], rewritten.q, measurements.q)
+    return one, replace(rewritten, q=q, payload=payload, readings=replace(measurements.readings, kinds=kinds))
 
-    Attributes:
-        ratio, coarse: The misfit, see the head of this file, where an arm may be off by `FINE` and by `COARSE`.
-        placed: What is left with the instrument placed and nothing else fitted, the median row's [m].
-        left: What is left with everything fitted, the median row's [m].
-        reach: Of the rows [m].
-        free: Whether anything but frames is free or learned.
+
+def _at_rest(arm: Arm, measurements: Measurements, one: Arm, other: Measurements, found: Misfit | None) -> View | None:
+    """Return the view of rows in which another arm rests as this one does, None where it may not."""
+    same = all(getattr(arm, name) is getattr(one, name) for name in ("robot", "flexures", "payloads", "effects"))
+    same = same and np.array_equal(measurements.q, other.q) and measurements.payload == other.payload
+    return found.view if found is not None and same else None
+
+
+def _choice(measurements: Measurements, some: np.ndarray | None, rows: np.ndarray) -> float:
+    """Return what it costs to say in which rows a hypothesis holds: one of the sessions, or each row by itself."""
+    if some is None:
+        return 0.0
+    sessions = np.array(measurements.session)
+    if len(set(sessions[some])) == 1 and some.sum() == (sessions == sessions[some][0]).sum():
+        return float(np.log(len(set(sessions))))
+    share = float(np.clip(some[rows].mean(), 1e-3, 1.0 - 1e-3))
+    return -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
+
+
+def _in_words(measurements: Measurements, some: np.ndarray | None) -> str:
+    """Return in which rows a hypothesis holds, '' where in all."""
+    if some is None:
+        return ""
+    names = sorted({measurements.session[row] for row in np.flatnonzero(some)})
+    if len(names) == 1 and some.sum() == measurements.session.count(names[0]):
+        return f" in session {names[0]!r}"
+    first = int(np.flatnonzero(some)[0])
+    where = measurements.places[first].short if measurements.places else f"row {first}"
+    return f" in some rows ({int(some.sum())} of {len(some)}, first {where})"
+
+
+def _candidates(
+    arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit | None, keep: bool
+) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
+    """Yield what is worth being judged: a hypothesis, and (N,) in which rows it holds, None for all.
+
+    Hypotheses that move points by parts of the reach have to bring them nearer to their places, rigid and nothing
+    fitted, or they explain nothing: of many the most promising are judged.
     """
-
-    ratio: float
-    coarse: float
-    placed: float
-    left: float
-    reach: float
-    free: bool
-
-
-def _misfit(
-    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, in_general: bool = False
-) -> _Misfit | None:
-    """Return how badly rows fit, None where the arm has no equilibrium there or does not know what they are."""
+    suspects = ("",) if found is None else found.suspects
+    every = list(hypotheses(arm, measurements, suspects))
+    if found is not None:
+        every += [one for one in _moves(measurements, rows, found)]
+    tip = found is None or found.excess_at_tip > NAMED
     tracked = bool(measurements.positioned[rows].all())
-    try:
-        view = look(Setup(arm, arm.instrument or Instrument()), measurements, rows)
-        base = view.setup.instrument.in_base(view.line.tip, view.sessions)
-        begun: dict[ArmParameter, float] = {}
-        if not tracked:
-            begun = sensor_start(view)
-            sensors = [one for one in declared_blocks(view.setup, measurements) if one.kind is ParameterKind.SENSOR]
-            placed = view.setup
-            for block in sensors:
-                placed = block.apply(placed, np.array([begun[one] for one in block.parameters]))
-            view = look(placed, measurements, rows, line=view.line)
-        elif arm.measurement.frame != "base":
-            placed = placed_rigidly(view.setup, base, measurements, rows, view.line.tip[:, :3, :3])
-            turned = not np.allclose(placed.arm.robot.gravity, arm.robot.gravity)
-            view = look(placed, measurements, rows, line=None if turned else view.line)
-        blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
-        where = view.foremost if tracked else slice(None)
-        parts = [block.jacobian(view)[:, where] for block in blocks]
-    except ArmflexError:
-        return None
-    residual = view.residual[:, where]
-    jacobian = np.concatenate([np.zeros((*residual.shape, 0)), *parts], axis=2)
-    precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
-    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
-        return None
-    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, where]
-    sizes = {"m": reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}
-    size = np.concatenate([np.full(kind.dimension, sizes[kind.unit]) for kind in view.readings.kinds])[where]
-    fine = np.maximum(np.minimum(stated, COARSE * size), FINE * size)
-    coarse = np.maximum(stated, COARSE * size)
-    fine[np.isinf(stated)] = np.inf
-    start = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
-    ratio, rest, _ = explained(jacobian / fine[:, :, None], precision, residual / fine, start)
-    wide = explained(jacobian / coarse[:, :, None], precision, residual / coarse, start)[0] if in_general else ratio
-    left = float(np.median(np.linalg.norm(np.where(np.isinf(fine), 0.0, rest * fine), axis=1)))
-    placed_off = float(np.sqrt(np.median((residual**2).sum(axis=1))))
-    free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
-    return _Misfit(ratio, wide, placed_off, left, reach, free)
+    turned = [one for one in every if one.of == "orientation"]
+    yield from ((one, None) for one in _likeliest_turns(turned, arm, measurements, rows, found))
+    points = [one for one in every if one.of == "points" and one.slip is None]
+    if tip and tracked:
+        yield from _first_look(points, arm, measurements, rows, found)
+    elif tip or suspects:
+        yield from ((one, None) for one in points)
+    for one in every:
+        if one.of == "loads" and (tip or suspects):
+            yield one, None
+            if one.some and found is not None:
+                for some in _rows_of(one, arm, measurements, rows, found, keep):
+                    yield one, some
+        elif one.of not in ("points", "loads", "orientation") or one.slip is not None:
+            yield one, None
 
 
-def explained(jacobian: Array, precision: Array, residual: Array, start: Array) -> tuple[float, Array, Array]:
-    """Return the misfit of (M, n) whitened residuals, what is left of them, and the (P,) values; lost beams count less.
+def _first_look(
+    points: Sequence[Hypothesis], arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit | None
+) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
+    """Yield the hypotheses about joints and positions that bring points nearest to their places, for all rows or some."""
+
+    def at(arm: Arm, campaign: Measurements) -> tuple[Array, Array]:
+        rigid, target = arm.loaded(None), (arm.instrument or Instrument()).target
+        tips = rigid_tips(rigid.nominal or rigid.chain, campaign.q[rows])
+        return tips[:, :3, 3] + tips[:, :3, :3] @ target, campaign.position[rows]
+
+    def off(points: Array, seen: Array, unknown: bool) -> tuple[float, Array]:
+        there = points
+        if unknown:
+            turn, shift, _ = rigid_fit(points, seen)
+            there = points @ turn.T + shift
+        elif arm.instrument is not None:
+            there = arm.instrument.seen(points)
+        squares = ((seen - there) ** 2).sum(axis=1)
+        least = max(float(np.median(squares)) / 3.0, (FINE * arm.robot.reach) ** 2)
+        parts = 0.5 * (TAILS + 3.0) * np.log1p(squares / least / TAILS) + 1.5 * np.log(least)
+        return LOOKS / 3.0 * float(parts.mean()), squares
+
+    unknown, here = arm.measurement.frame != "base", at(arm, measurements)
+    before, squares = off(*here, unknown)
+    sessions = np.array([measurements.session[row] for row in rows])
+    names = [
+        name for name in dict.fromkeys(sessions.tolist()) if found is None or found.excess_in(sessions == name) > NAMED
+    ]
+    names = names if len(set(sessions.tolist())) > 1 else []
+    looked: list[tuple[float, int, Hypothesis, np.ndarray | None]] = []
+    for hypothesis in points:
+        one, rewritten = hypothesis.rewritten(arm, measurements)
+        there, anywhere_ = at(one, rewritten), one.measurement.frame != "base"
+        if one.measurement is arm.measurement and all(np.array_equal(a, b) for a, b in zip(here, there, strict=True)):
+            yield hypothesis, None  # it moves no point: sigma, say
+            continue
+        looked.append((off(*there, anywhere_)[0] + hypothesis.prior, len(looked), hypothesis, None))
+        masks = [(sessions == name, np.array(measurements.session) == name) for name in names]
+        if hypothesis.some:
+            own = np.zeros(len(rows), bool)
+            now = squares
+            for _ in range(3):  # which rows are nearer to their places when rewritten, instrument placed by the rest
+                mixed = [np.where(own[:, None], b, a) for a, b in zip(here, there, strict=True)]
+                fitted = rigid_fit(*mixed)[:2] if unknown else None
+                now, then = (_squares(a, b, fitted, arm) for a, b in (here, there))
+                own = 4.0 * then < now
+            if 0 < own.sum() < len(rows):
+                masks.append((own, np.isin(np.arange(len(measurements)), rows[own])))
+        for own, whole in masks if hypothesis.some else ():
+            mixed = [np.where(own[:, None], b, a) for a, b in zip(here, there, strict=True)]
+            looked.append(
+                (off(mixed[0], mixed[1], unknown)[0] + hypothesis.prior + 2.0, len(looked), hypothesis, whole)
+            )
+    looked.sort(key=lambda one: one[:2])
+    yield from ((one, some) for cost, _, one, some in looked[:MOST_TRIED] if cost < before)
+
+
+def _squares(points: Array, seen: Array, fitted: tuple[Array, Array] | None, arm: Arm) -> Array:
+    """Return the (M,) squared distances of (M, 3) points from where they were seen [m^2]."""
+    if fitted is not None:
+        there = points @ fitted[0].T + fitted[1]
+    else:
+        there = (arm.instrument or Instrument()).seen(points)
+    return ((seen - there) ** 2).sum(axis=1)
+
+
+def _likeliest_turns(
+    turned: Sequence[Hypothesis], arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit | None
+) -> list[Hypothesis]:
+    """Return the hypotheses about orientations after which a target is turned on the tool alike in most rows."""
+    if found is None or not turned:
+        return []
+    view, spread = found.view, []
+    axes = view.at.axes @ view.line.tip[:, :3, :3]
+    for hypothesis in turned:
+        kind = hypothesis.rewritten(arm, measurements)[1].some(rows).readings.of(Orientation)
+        assert kind is not None
+        read = np.isfinite(kind.sigma).all(axis=1)
+        mounted = axes[read].swapaxes(1, 2) @ Rotation.from_rotvec(kind.values[read]).as_matrix()
+        left, _, right = np.linalg.svd(np.median(mounted, axis=0))
+        spread.append(float(np.median(((mounted - left @ right) ** 2).sum(axis=(1, 2)))))
+    return [turned[i] for i in np.argsort(spread, kind="stable")[: MOST_SAID + 1]]
+
+
+def _rows_of(
+    hypothesis: Hypothesis, arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit, keep: bool
+) -> Iterator[np.ndarray]:
+    """Yield (N,) rows in which a hypothesis about loads may hold: where what is left of the readings is less with it."""
+    open_ = np.flatnonzero(
+        np.array(measurements.payload) != np.array(hypothesis.rewritten(arm, measurements)[1].payload)
+    )
+    open_ = np.isin(rows, open_)
+    own, fitted = np.zeros(len(rows), bool), found
+    for _ in range(3):
+        some = np.isin(np.arange(len(measurements)), rows[own])
+        flipped = np.isin(np.arange(len(measurements)), rows[open_ & ~own])
+        with suppress(ArmflexError):
+            here = _written(hypothesis, arm, measurements, some)
+            there = _written(hypothesis, arm, measurements, some | flipped)
+            if own.any():
+                fitted = misfit(*here, rows, keep)
+            setup = replace(fitted.view.setup, arm=replace(fitted.view.setup.arm, payloads=arm.payloads))
+            other = look(setup, there[1], rows).residual - look(setup, here[1], rows).residual
+            where = fitted.view.foremost
+            back = look(setup, measurements, rows).residual - look(setup, here[1], rows).residual
+            left = fitted.left[:, where]
+            sizes = [((left + step[:, where]) ** 2).sum(axis=1) for step in (0.0 * other, other, back)]
+            own = open_ & np.where(own, sizes[0] < sizes[2], sizes[1] < sizes[0])
+        if not own.any():
+            return
+    yield np.isin(np.arange(len(measurements)), rows[own])
+
+
+def _moves(measurements: Measurements, rows: np.ndarray, found: Misfit) -> Iterator[Hypothesis]:
+    """Yield the likeliest hypothesis of each instrument, and of the target, that it was moved at some row.
+
+    What is left of the readings, in the axes of what was moved, is then one constant before and another after.
+    """
+    view, sessions = found.view, np.array([measurements.session[row] for row in rows])
+    for number, (kind, place) in enumerate(view.readings.placed):
+        if isinstance(kind, Orientation) or found.rows[:, number].sum() < NAMED:
+            continue
+        read = np.isfinite(kind.sigma).all(axis=1)
+        left = found.left[:, place]
+        kinds = [(kind.name, kind.title if kind.name else "the instrument", left, sessions)]
+        if not kind.name:
+            tip = (view.at.axes @ view.line.tip[:, :3, :3]).swapaxes(1, 2)
+            kinds.append(("target", "the target", np.einsum("nij,nj->ni", tip, left), np.zeros(len(rows))))
+        for name, title, motion, within in kinds:
+            if name and name != "target" and not len(view.arm.sensors[name].movable):
+                continue
+            best: tuple[float, np.ndarray, float] | None = None
+            for one in dict.fromkeys(within.tolist()):
+                own = np.flatnonzero((within == one) & read)
+                for k in range(3, len(own) - 2):
+                    before, after = motion[own[:k]], motion[own[k:]]
+                    step = np.median(after, axis=0) - np.median(before, axis=0)
+                    gain = float(k * (len(own) - k) / len(own) * (step**2).sum())
+                    if best is None or gain > best[0]:
+                        best = gain, own[k:], float(np.linalg.norm(step))
+            if best is not None:
+                first, last = rows[best[1][0]], rows[best[1][-1]]
+                whole = np.arange(len(measurements))
+                late = (whole >= first) & ((whole <= last) | (name == "target"))
+                if name != "target":
+                    late &= np.array(measurements.session) == measurements.session[first]
+                start = measurements.places[first].short if measurements.places else f"row {first}"
+                yield moved(name, title, start, late, best[2])
+
+
+def beyond_priors(found: Fit) -> Iterator[Flag]:
+    """Yield a flag where several fitted values are absurdly far outside their priors."""
+    pulls = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0)
+    known = [one.group.kind is not ParameterKind.LAW for one in found.parameters]
+    far = [int(i) for i in np.argsort(-pulls) if known[i] and pulls[i] > ABSURD]
+    if len(far) > 1:
+        said = ", ".join(f"{found.parameters[i].label} by {pulls[i]:.0f} prior standard deviations" for i in far[:3])
+        text = f"{len(far)} values are absurdly far from what was declared ({said})"
+        yield Flag("beyond_priors", f"{text}: units, conventions and priors are more likely wrong than the arm is")
+
+
+def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
+    """Yield flags about sensors whose stated standard deviation cannot be meant, by how they scatter.
+
+    One scatters more than stated where the arm lacks something, too, but then so do others by as much.
 
     Args:
-        jacobian: (M, n, P) whitened change of the readings per unit of a parameter.
-        precision: (P,) prior precisions, 0 where nothing was known.
-        residual: (M, n) whitened residuals.
-        start: (P,) values at which they are.
-
-    The priors are about values that are (P,) `start` less than those at which the residuals are.
+        found: The fit, each instrument weighed by its scatter.
+        about: Flags on sensors that are implausible for another reason.
     """
-    weights, left = np.ones(len(residual)), residual
-    values, flat = np.zeros(len(precision)), jacobian.reshape(residual.size, len(precision))
-    for _ in range(ROUNDS):
-        root = np.repeat(np.sqrt(weights), residual.shape[1])
-        if len(precision):
-            weighted = flat * root[:, None]
-            score = weighted.T @ (residual.ravel() * root) - precision * start
-            values = LinearGaussian.of(weighted, precision).solve(score)
-        left = residual - jacobian @ values
-        length = np.linalg.norm(left, axis=1)
-        weights = np.minimum(1.0, 3.0 * max(float(np.median(length)), 1e-9) / np.maximum(length, 1e-300)) ** 2
-    misfit = (weights[:, None] * left**2).sum() / (residual.shape[1] * weights.sum())
-    return float(misfit + (precision * (values + start) ** 2).sum() / residual.size), left, values + start
+    readings, suspects = found.view.readings, {flag.about for flag in about}
+    for number, (name, scatter) in enumerate(zip(readings.names, found.scatters, strict=True)):
+        others = [one for i, one in enumerate(found.scatters) if i != number]
+        large = others and scatter > ABSURD * max(1.0, min(others))
+        small = found.noises[number][1] >= ABSURD and scatter < 1.0 / ABSURD
+        if name and name not in suspects and (large or small):
+            kind = next(kind for kind in readings.kinds if kind.name == name)
+            place = next(own for one, own in readings.placed if one is kind)
+            stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
+            seen = f"{said_of(stated, kind.unit)}, and its readings scatter by {said_of(scatter * stated, kind.unit)}"
+            ask = "is it stated in the right unit, or does the arm lack what this instrument alone sees?"
+            ask = ask if large else "is it stated in the right unit?"
+            text = f"{kind.title}: its sigma is {seen}, {scatter:.2g} times as much: {ask}"
+            yield Flag("sigma_implausible", text, about=name)
 
 
-def _tips(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Array:
-    """Return the (M, 4, 4) tip poses of rows, to first order in how the arm bends."""
-    known, some = known_rows(arm, measurements), measurements.some(rows)
-    given = {name: values[rows] for name, values in known.items()}
-    how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
-    return arm.deflection(some.q, some.payload, covariates=given, wrenches=some.wrenches, **how).pose
+def check_scatter(found: Fit) -> None:
+    """Raise where readings scatter about a fit `SCATTERED` times as far as they state, whatever the reason.
 
-
-def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
-    """Return how far the median point is off, only the instrument placed [m]; infinite where the arm has no answer."""
-    instrument, some = arm.instrument or Instrument(), measurements.some(rows)
-    try:
-        tip = _tips(arm, measurements, rows)
-    except ArmflexError:
-        return np.inf
-    if arm.measurement.frame != "base":
-        instrument = placed_rigidly(
-            Setup(arm, instrument), instrument.in_base(tip, some.session), measurements, rows
-        ).instrument
-    left = measurements.position[rows] - instrument.readings(tip, some.session)
-    return float(np.sqrt(np.median((left**2).sum(axis=1))))
-
-
-def _check_sigma(measurements: Measurements, rows: np.ndarray, found: _Misfit) -> None:
-    """Raise where standard deviations are far above what is left, or far below the scatter of repeats."""
-    stated = float(np.median(measurements.sigma[rows]))
-    if stated > COARSE * found.reach and found.left < EXACT * stated:
-        text = f"readings are stated to {in_mm(stated)}, and are {in_mm(found.left)} off the fitted arm"
-        raise ConventionError(f"{text}: mm taken for m? (write sigma_mm into the header)", ["sigma is in mm"])
-    again = repeats(measurements.some(rows)) if stated < FINE * found.reach else None
-    if again is not None and again.same_session.freedom >= 3 and again.same_session.ratio.min() > SCATTERED:
-        scatter = float(np.sqrt((again.same_session.sigma**2).mean()))
-        text = f"readings of one pose scatter by {in_mm(scatter)}, and are stated to {in_mm(stated)}"
-        raise ConventionError(f"{text}: give sigma the unit that its header says", ["sigma is too small"])
-
-
-def _said(
-    measurements: Measurements, rows: np.ndarray, found: _Misfit | None, likely: Sequence[tuple[_Misfit, Hypothesis]]
-) -> str:
-    """Return what is wrong, what it would be, and how it is written right."""
-    where = f"{measurements.places[rows[0]].file}: " if measurements.places and measurements.places[rows[0]] else ""
-    if found is None:
-        begun = "the arm has no equilibrium at these rows as they are declared"
-    else:
-        begun = f"readings are {in_mm(found.placed)} off the arm, further than [prior] explains"
-    told = [f"{one.name}? Then they are {in_mm(other.placed)} off: {one.remedy}" for other, one in likely]
-    return f"{where}{begun}. " + "; or ".join([told[0][0].upper() + told[0][1:], *told[1:]])
-
-
-def _rewritten(by: Array, shift: Array | float = 0.0) -> Callable[[Arm, Measurements], Told]:
-    """Return the change of joint positions to q times a (nq, nq) matrix and a (nq,) shift."""
-    return lambda arm, measurements: (arm, replace(measurements, q=measurements.q @ by + shift))
-
-
-def _read_apart(step: int) -> Callable[[Arm, Measurements], Told]:
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        measured, kinds = np.flatnonzero(measurements.measured), []
-        for kind in measurements.readings.kinds:  # an orientation has a row of its own, as ever
-            if isinstance(kind, Position) or kind.name:
-                after = np.arange(len(measurements))
-                after[measured] = np.roll(measured, -step)
-                kind = replace(kind, values=kind.values[after], sigma=kind.sigma[after] if kind.name else kind.sigma)
-            kinds.append(kind)
-        return arm, Measurements.of(measurements, replace(measurements.readings, kinds=tuple(kinds)))
-
-    return told
-
-
-def _mirrored(arm: Arm, measurements: Measurements) -> Told:
-    return arm, replace(measurements, position=measurements.position * [1.0, 1.0, -1.0])
-
-
-def _placed_anywhere(arm: Arm, measurements: Measurements) -> Told:
-    return replace(arm, measurement=replace(arm.measurement, frame="unknown")), measurements
-
-
-def _payloads_exchanged(one: str, other: str) -> Callable[[Arm, Measurements], Told]:
-    names = {one: other, other: one}
-
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        return arm, replace(measurements, payload=tuple(names.get(name, name) for name in measurements.payload))
-
-    return told
-
-
-def _masses_times(factor: float) -> Callable[[Arm, Measurements], Told]:
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        heavy = {name: replace(payload, mass=factor * payload.mass) for name, payload in arm.payloads.items()}
-        return replace(arm, payloads=heavy), measurements
-
-    return told
-
-
-def _compliance_times(factor: float) -> Callable[[Arm, Measurements], Told]:
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        row, factors = anywhere(arm.robot), np.full(6, np.sqrt(factor))
-        flexures = tuple(
-            replace(one, law=scaled(one.law, factors)) if one.law.freed(row) else one for one in arm.flexures
-        )
-        return replace(arm, flexures=flexures), measurements
-
-    return told
+    Raises:
+        ConventionError: With the instrument, its scatter and what it states.
+    """
+    for name, scatter in zip(found.view.readings.names, found.scatters, strict=True):
+        if scatter > SCATTERED:
+            kind = next(kind for kind in found.view.readings.kinds if kind.name == name)
+            place = next(own for one, own in found.view.readings.placed if one is kind)
+            stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
+            text = f"what {kind.title} read scatters by {said_of(scatter * stated, kind.unit)} about the fitted arm, "
+            text += f"{scatter:.0f} times the {said_of(stated, kind.unit)} that it states"
+            more = "no convention that is tried explains it, nor does what [prior] frees: nothing is written"
+            raise ConventionError(f"{text}; {more}", ["readings scatter"])
