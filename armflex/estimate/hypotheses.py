@@ -21,6 +21,7 @@ from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
 from armflex.readings import Kind, Orientation, Position
 from armflex.readings.acceleration import OPPOSITE, Acceleration
+from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 
 Written = tuple[Arm, Measurements]
@@ -265,37 +266,36 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
             yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), RARE, of=name)
 
 
-def moved(name: str, title: str, start: str, rows: np.ndarray, slip: float) -> Hypothesis:
-    """Return the hypothesis that an instrument or its target was moved in (N,) rows, as if no session had begun.
+def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> Iterator[Hypothesis]:
+    """Yield the hypotheses that an instrument or its target was moved in (N,) rows, as if no session had begun.
 
     Args:
         name: Of a sensor; '' is the tracker, 'target' the target that it looks at.
         title: What people are shown.
         start: Where the first of them is.
         rows: (N,) which rows those are.
-        slip: How far [m, rad].
+        step: (n,) by how much its readings change there [their unit], of the target in tip axes [m].
     """
 
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        session = tuple(
-            f"{one} moved" if late else one for one, late in zip(measurements.session, rows.tolist(), strict=True)
-        )
-        prior = arm.prior
+    def in_sessions(arm: Arm, measurements: Measurements) -> Written:
+        pairs = zip(measurements.session, rows.tolist(), strict=True)
+        session = tuple(f"{one} moved" if late else one for one, late in pairs)
         if name == "target":
-            prior = replace(prior, session_target=max(1.0, prior.session_target))
-        elif not name:
-            prior = replace(prior, session_translation=max(1.0, prior.session_translation), session_rotation=0.1)
-        sensors = dict(arm.sensors)
-        if name in sensors:
-            loose = sensors[name].std.copy()
-            loose[sensors[name].movable] = 1.0
-            sensors[name] = replace(sensors[name], std=loose)
-        return replace(arm, prior=prior, sensors=sensors), replace(measurements, session=session)
+            instrument = arm.instrument or Instrument()
+            before = {one: instrument.targets.get(one.removesuffix(" moved"), np.zeros(6)) for one in session}
+            after = {one: here + np.append(step, np.zeros(3)) for one, here in before.items() if one.endswith(" moved")}
+            arm = replace(arm, instrument=replace(instrument, targets=before | after))
+        return arm, replace(measurements, session=session)
 
     text = f"{title} was moved, unnoticed, from {start} on"
     remedy = "give the rows from there on a session of their own"
     remedy += ", and session_target under [prior]" if name == "target" else ""
-    return Hypothesis(text, remedy, rewritten, of=name or "points", slip=slip)
+    more = {"of": name or "points", "slip": float(np.linalg.norm(step))}
+    if name != "target":
+        back = _values({name: lambda values: values - rows[:, None] * step}, Position if not name else Kind)
+        yield Hypothesis(text, remedy, back, **more)
+    if name in ("", "target"):
+        yield Hypothesis(text, remedy, in_sessions, **more)
 
 
 def _factors(unit: str) -> Iterator[tuple[str, str, float]]:

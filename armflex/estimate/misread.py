@@ -64,6 +64,9 @@ ABSURD = 10.0
 TAILS = 4.0
 """Prior: degrees of freedom of the readings' distribution (Lange, Little and Taylor 1989)."""
 
+NOTHING = 1e9
+"""Tolerance: cost of an arm that has no equilibrium at all."""
+
 MOST_ROWS, ROUNDS, MOST_TRIED, MOST_SAID = 120, 10, 8, 3
 """Tolerances: rows looked at (no convention hides in more), rounds of weights, hypotheses judged after a first look,
 and said."""
@@ -79,7 +82,7 @@ class Misfit:
         rows: (M, G) each reading's part of it beyond that of noise as stated, of every kind.
         ideal: What it would be if nothing were left but what is stated.
         left: (M, d) residuals with everything fitted, in their units.
-        scatter: (G,) of what each instrument read over what is stated, 1 or more.
+        scatter: (G,) of what each kind read over what is stated.
         free: Whether anything but frames is free or learned.
     """
 
@@ -206,7 +209,8 @@ def _settled(
     parts, held = cost(squares(), variance), 0.5 * float((precision * (values + start) ** 2).sum())
     least = np.minimum(cost(count, np.ones(len(places))), parts)
     errors = np.where(np.isfinite(floor), left * np.where(np.isfinite(floor), floor, 0.0), 0.0)
-    return float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(variance)
+    small = (weights * squares()).sum(axis=0) / np.maximum(count.sum(axis=0), 1.0)
+    return float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(small)
 
 
 @dataclass(frozen=True)
@@ -245,7 +249,8 @@ def check_conventions(
     found = None
     with suppress(ArmflexError):
         found = misfit(arm, measurements, rows, keep)
-    if found is not None and found.cost - found.ideal < NAMED:
+    small = found is not None and found.scatter[:1].min(initial=1.0) < 1.0 / ABSURD  # stated in another unit
+    if found is not None and found.cost - found.ideal < NAMED and not small:
         return ()
     named = _named(arm, measurements, rows, keep, searched, found)
     where = f"{measurements.places[rows[0]].file}: " if measurements.places and measurements.places[rows[0]] else ""
@@ -297,7 +302,7 @@ def _named(
         )
         freed = Hypothesis("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
         tried.append((freed, None))
-    cost, named = np.inf if found is None else found.cost, []
+    cost, named = NOTHING if found is None else found.cost, dict[str, Named]()
     for hypothesis, some in tried:
         with suppress(ArmflexError):
             one, rewritten = _written(hypothesis, arm, measurements, some)
@@ -307,10 +312,12 @@ def _named(
                 gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)
             gain -= hypothesis.prior + _choice(measurements, some, rows)
             if gain > NAMED:
-                said = said_of(other.placed, other.view.readings.unit)
-                named.append(Named(hypothesis, f"{hypothesis.name}{_in_words(measurements, some)}", gain, said))
-    named.sort(key=lambda one: -one.gain)
-    return [one for one in named if one.gain > named[0].gain - NAMED / 4.0][:MOST_SAID]
+                said, name = said_of(other.placed, other.view.readings.unit), hypothesis.name
+                name += _in_words(measurements, some, rows)
+                if name not in named or named[name].gain < gain:
+                    named[name] = Named(hypothesis, name, gain, said)
+    ranked = sorted(named.values(), key=lambda one: -one.gain)
+    return [one for one in ranked if one.gain > ranked[0].gain - NAMED / 4.0][:MOST_SAID]
 
 
 def _written(hypothesis: Hypothesis, arm: Arm, measurements: Measurements, some: np.ndarray | None) -> Written:
@@ -351,16 +358,16 @@ def _choice(measurements: Measurements, some: np.ndarray | None, rows: np.ndarra
     return -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
 
 
-def _in_words(measurements: Measurements, some: np.ndarray | None) -> str:
+def _in_words(measurements: Measurements, some: np.ndarray | None, rows: np.ndarray) -> str:
     """Return in which rows a hypothesis holds, '' where in all."""
     if some is None:
         return ""
-    names = sorted({measurements.session[row] for row in np.flatnonzero(some)})
+    own = rows[some[rows]]
+    names = sorted({measurements.session[row] for row in own})
     if len(names) == 1 and some.sum() == measurements.session.count(names[0]):
         return f" in session {names[0]!r}"
-    first = int(np.flatnonzero(some)[0])
-    where = measurements.places[first].short if measurements.places else f"row {first}"
-    return f" in some rows ({int(some.sum())} of {len(some)}, first {where})"
+    where = measurements.places[own[0]].short if measurements.places else f"row {own[0]}"
+    return f" in some rows ({100.0 * len(own) / len(rows):.0f} %, the first {where})"
 
 
 def _candidates(
@@ -375,17 +382,17 @@ def _candidates(
     every = list(hypotheses(arm, measurements, suspects))
     if found is not None:
         every += [one for one in _moves(measurements, rows, found)]
-    tip = found is None or found.excess_at_tip > NAMED
+    tip = found is None or found.excess_at_tip > NAMED or found.scatter[:1].min(initial=1.0) < 1.0 / ABSURD
     tracked = bool(measurements.positioned[rows].all())
     turned = [one for one in every if one.of == "orientation"]
     yield from ((one, None) for one in _likeliest_turns(turned, arm, measurements, rows, found))
     points = [one for one in every if one.of == "points" and one.slip is None]
     if tip and tracked:
         yield from _first_look(points, arm, measurements, rows, found)
-    elif tip or suspects:
+    elif tip:
         yield from ((one, None) for one in points)
     for one in every:
-        if one.of == "loads" and (tip or suspects):
+        if one.of == "loads" and tip:
             yield one, None
             if one.some and found is not None:
                 for some in _rows_of(one, arm, measurements, rows, found, keep):
@@ -525,7 +532,7 @@ def _moves(measurements: Measurements, rows: np.ndarray, found: Misfit) -> Itera
         for name, title, motion, within in kinds:
             if name and name != "target" and not len(view.arm.sensors[name].movable):
                 continue
-            best: tuple[float, np.ndarray, float] | None = None
+            best: tuple[float, np.ndarray, Array] | None = None
             for one in dict.fromkeys(within.tolist()):
                 own = np.flatnonzero((within == one) & read)
                 for k in range(3, len(own) - 2):
@@ -533,7 +540,7 @@ def _moves(measurements: Measurements, rows: np.ndarray, found: Misfit) -> Itera
                     step = np.median(after, axis=0) - np.median(before, axis=0)
                     gain = float(k * (len(own) - k) / len(own) * (step**2).sum())
                     if best is None or gain > best[0]:
-                        best = gain, own[k:], float(np.linalg.norm(step))
+                        best = gain, own[k:], step
             if best is not None:
                 first, last = rows[best[1][0]], rows[best[1][-1]]
                 whole = np.arange(len(measurements))
@@ -541,7 +548,7 @@ def _moves(measurements: Measurements, rows: np.ndarray, found: Misfit) -> Itera
                 if name != "target":
                     late &= np.array(measurements.session) == measurements.session[first]
                 start = measurements.places[first].short if measurements.places else f"row {first}"
-                yield moved(name, title, start, late, best[2])
+                yield from moved(name, title, start, late, best[2])
 
 
 def beyond_priors(found: Fit) -> Iterator[Flag]:

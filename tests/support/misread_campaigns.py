@@ -163,18 +163,15 @@ def silent(arm: Arm, rows: Measurements) -> Iterator[Fault]:
             lambda arm, rows: (arm, replace(rows, position=rows.position + half[:, None] * shift)),
             "target moved 10 mm",
         )
-    heavy = max(arm.payloads.values(), key=lambda one: one.mass, default=Payload("none"))
-    if heavy.mass > 0.0:
+    masses = {name: one.mass for name, one in arm.payloads.items()}
+    heaviest = max(masses, key=masses.__getitem__, default="none")
+    if masses.get(heaviest):
         empty = next((name for name, one in arm.payloads.items() if not one.mass and name != "none"), "none")
         for name in dict.fromkeys((empty, "none")):
 
             def forgotten(arm: Arm, rows: Measurements, name: str = name) -> Written:
                 named = (name if late else one for one, late in zip(rows.payload, half, strict=True))
                 return arm, replace(rows, payload=tuple(named))
-
-            def loaded(arm: Arm, rows: Measurements, name: str = name) -> Written:
-                names = tuple(name if late else heavy.name for late in half)
-                return arm, replace(rows, payload=names)
 
             yield Fault("payload", forgotten, f"payload {name} in half of the rows")
     flipped = np.where(np.arange(rows.q.shape[1]) == place, -1.0, 1.0)
