@@ -14,14 +14,15 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import row_numbers, said_of
-from armflex.errors import ArmflexError, ConventionError, Flag, InputError, Place, UnsupportedError, listing
+from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import beyond_priors, check_conventions, check_scatter, wrong_sigma
+from armflex.estimate.misread import beyond_priors, check_conventions, scattered, wrong_sigma
+from armflex.estimate.outliers import FAR, Outlier, outliers_of
 from armflex.estimate.placement import check_enough, first_guess
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
@@ -39,28 +40,10 @@ from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Kind
 from armflex.result import Result
 
-OUTLIER = 0.5
-"""Robust weight below which a row is listed as an outlier."""
-
 FEWEST_ROWS = 4
 
 MANY, SOME = 4096, 8
 """Rows beyond which a fit begins where one in so many of them leads."""
-
-
-@dataclass(frozen=True)
-class Outlier:
-    """What the fit does not believe of a row: its place, its error [m, or `unit`], and what became of it.
-
-    `instrument` is the sensor that read it, '' the instrument at the tip.
-    """
-
-    row: int
-    place: Place | None
-    error_m: float
-    kind: str = "counted less"
-    instrument: str = ""
-    unit: str = "m"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -160,17 +143,9 @@ class Calibration(Result):
 
     @property
     def outliers(self) -> tuple[Outlier, ...]:
-        """Rows with little weight, the worst first."""
-        view, places, found = self.fit.view, self.measurements.places, []
-        weights = instrument_weights(view)
-        for number, group in enumerate(view.readings.groups):
-            own = next(kind for kind, place in view.readings.placed if place.start == group.start)
-            error = np.linalg.norm(view.residual[:, group.start : group.start + own.dimension], axis=1)
-            far = np.flatnonzero(weights[:, number] < OUTLIER)
-            for i in far[np.argsort(-error[far])]:
-                place = places[view.rows[i]] if places else None
-                found.append(Outlier(int(view.rows[i]), place, float(error[i]), instrument=own.name, unit=own.unit))
-        return tuple(found)
+        """Readings with little weight, the worst of every instrument first."""
+        far = instrument_weights(self.fit.view) < FAR
+        return tuple(outliers_of(self.fit.view, far, self.measurements, "counted less"))
 
 
 def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
@@ -230,10 +205,7 @@ def calibrate(
         if not anyway:
             raise
         about = (Flag("convention", error.problem),)
-    found = fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
-    if not (anyway or as_stated):
-        check_scatter(found.fit)
-    return found
+    return fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
 
 
 def fitted_to(
@@ -265,7 +237,7 @@ def fitted_to(
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(with_posteriors(found.setup.arm, found), **known)
     errors = _held_out(placed, found, measurements)
-    judgement = tuple(wrong_sigma(found, about))
+    judgement = (*wrong_sigma(found, about), *(() if as_stated else scattered(found)))
     flags = (
         *derived,
         *about,

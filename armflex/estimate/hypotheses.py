@@ -37,6 +37,9 @@ UNITS = {
 }
 """SI unit -> unit that numbers may have been written in, or taken for -> factor to SI."""
 
+ANYWHERE = 5.0
+"""Prior: standard deviation of where a sensor stands that may stand anywhere [m, rad]."""
+
 USUAL_PRIOR = Prior(joint_offset=2e-3, compliance=0.3, tool=0.01, geometry=1e-3)
 """Priors: what is usually open of an arm where nobody says."""
 
@@ -264,6 +267,12 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
         if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):
             text = f"{kind.title} is on {link!r}"
             yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), RARE, of=name)
+
+
+def elsewhere(sensor: Sensor, text: str) -> Hypothesis:
+    """Return the hypothesis that a sensor stands somewhere else than it is declared to, as a text says."""
+    std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, ANYWHERE), sensor.std)
+    return Hypothesis(text, "declare it there", _sensor(replace(sensor, std=std)), of=sensor.name)
 
 
 def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> Iterator[Hypothesis]:

@@ -29,15 +29,16 @@ from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
 from armflex.errors import ArmflexError, ConventionError, Flag
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.fit import Fit
-from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, Written, hypotheses, moved
+from armflex.estimate.fit import Fit, realise
+from armflex.estimate.fit import moved as moved_by
+from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, Written, elsewhere, hypotheses, moved
 from armflex.estimate.placement import first_guess
 from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.parameters import FRAMES, ParameterKind
-from armflex.readings import Orientation
+from armflex.readings import Kind, Orientation
 from armflex.readings.instrument import Instrument, rigid_fit
 
 NAMED = 12.0
@@ -67,9 +68,12 @@ TAILS = 4.0
 NOTHING = 1e9
 """Tolerance: cost of an arm that has no equilibrium at all."""
 
-MOST_ROWS, ROUNDS, MOST_TRIED, MOST_SAID = 120, 10, 8, 3
-"""Tolerances: rows looked at (no convention hides in more), rounds of weights, hypotheses judged after a first look,
-and said."""
+STEPS = 3
+"""Tolerance: Gauss and Newton's steps where nothing but sensors read, which begin from further off."""
+
+MOST_ROWS, ROUNDS, STILL, MOST_TRIED, MOST_SAID = 120, 15, 0.02, 8, 3
+"""Tolerances: rows looked at (no convention hides in more), rounds of weights and the change of log variances that ends
+them, hypotheses judged after a first look, and said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +113,15 @@ class Misfit:
         """What is left of the foremost readings with the instrument placed, the median row's, in their unit."""
         return _median(self.view, self.view.residual)
 
+    def said(self, of: str) -> str:
+        """Return what is left of the foremost readings, or of the orientations that are asked about, in words."""
+        turned = [(kind, place) for kind, place in self.view.readings.placed if isinstance(kind, Orientation)]
+        if of != "orientation" or not turned:
+            return said_of(self.placed, self.view.readings.unit)
+        (kind, place), *_ = turned
+        read = np.isfinite(kind.sigma).all(axis=1)
+        return said_of(float(np.median(np.linalg.norm(self.view.residual[read, place], axis=1))), kind.unit)
+
     @cached_property
     def suspects(self) -> tuple[str, ...]:
         """The sensors that scatter beyond what is stated, '' for orientations of the tip's target."""
@@ -122,7 +135,14 @@ def _median(view: View, errors: Array) -> float:
     return float(np.sqrt(np.median(squares))) if len(squares) else 0.0
 
 
-def misfit(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, known: View | None = None) -> Misfit:
+def misfit(
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray,
+    keep: bool,
+    known: View | None = None,
+    instrument: Instrument | None = None,
+) -> Misfit:
     """Return how badly some rows of a campaign fit an arm.
 
     Args:
@@ -131,39 +151,35 @@ def misfit(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, k
         rows: (M,) numbers of the rows.
         keep: Whether nothing but frames is free.
         known: The same rows of an arm that rests in them as this one does, if any.
+        instrument: Where it stands, near enough; it is placed where not given.
 
     Raises:
         ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
     """
-    setup, line = first_guess(arm, measurements, rows, None if known is None else known.line)
-    view = look(setup, measurements, rows, line=line)
-    begun = sensor_start(view)
+    setup, line = first_guess(arm, measurements, rows, None if known is None else known.line, instrument)
+    begun = sensor_start(look(setup, measurements, rows, line=line))
     blocks = [one for one in declared_blocks(setup, measurements) if not keep or one.kind in FRAMES]
-    for block in blocks:
-        if block.kind is ParameterKind.SENSOR and all(one in begun for one in block.parameters):
-            setup = block.apply(setup, np.array([begun[one] for one in block.parameters]))
-    view = look(setup, measurements, rows, line=line)
-    start = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
+    values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
-    jacobian = np.concatenate(
-        [np.zeros((*view.residual.shape, 0)), *(block.jacobian(view) for block in blocks)], axis=2
-    )
-    size = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}
-    floor = np.maximum(
-        view.sigma, view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE * size[kind.unit]))
-    )
-    places = [place for _, place in view.readings.placed]
-    return Misfit(view, *_settled(jacobian, precision, start, view.residual, floor, places), _frees(arm, blocks))
-
-
-def _frees(arm: Arm, blocks: Sequence) -> bool:
-    return any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
+    size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}, None
+    for _ in range(1 if measurements.positioned[rows].any() else STEPS):
+        view = look(realise(setup, blocks, values), measurements, rows, line=line if first is None else None)
+        first = first or view
+        jacobian = np.zeros((*view.residual.shape, 0))
+        jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
+        least = view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE * size[kind.unit]))
+        places, floor = [place for _, place in view.readings.placed], np.maximum(view.sigma, least)
+        step, *found = _settled(jacobian, precision, values, view.residual, floor, places)
+        values = moved_by(blocks, values, step)
+    free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
+    assert first is not None
+    return Misfit(first, *found, free)
 
 
 def _settled(
     jacobian: Array, precision: Array, start: Array, residual: Array, floor: Array, places: Sequence[slice]
-) -> tuple[float, Array, float, Array, Array]:
-    """Return cost, (M, G) parts of it, ideal, (M, d) what is left, and (G,) scatters, by rounds of weights.
+) -> tuple[Array, float, Array, float, Array, Array]:
+    """Return (P,) the step, then what `Misfit` has: cost, rows, ideal, left and scatter; by rounds of weights.
 
     Args:
         jacobian: (M, d, P) changes of the readings per parameter.
@@ -199,7 +215,9 @@ def _settled(
             score = flat.T @ (whole * np.sqrt(each)).ravel() - precision * start
             values = LinearGaussian.of(flat, precision).solve(score)
             left = whole - steps @ values
-        variance = spread((TAILS + count) / (TAILS + squares() / variance))
+        before, variance = variance, spread((TAILS + count) / (TAILS + squares() / variance))
+        if np.abs(np.log(variance / before)).max(initial=0.0) < STILL:
+            break
 
     def cost(squared: Array, variance: Array) -> Array:
         sizes = np.where(np.isfinite(floor), np.log(np.where(np.isfinite(floor), floor, 1.0)), 0.0)
@@ -210,7 +228,7 @@ def _settled(
     least = np.minimum(cost(count, np.ones(len(places))), parts)
     errors = np.where(np.isfinite(floor), left * np.where(np.isfinite(floor), floor, 0.0), 0.0)
     small = (weights * squares()).sum(axis=0) / np.maximum(count.sum(axis=0), 1.0)
-    return float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(small)
+    return values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(small)
 
 
 @dataclass(frozen=True)
@@ -254,9 +272,12 @@ def check_conventions(
         return ()
     named = _named(arm, measurements, rows, keep, searched, found)
     where = f"{measurements.places[rows[0]].file}: " if measurements.places and measurements.places[rows[0]] else ""
+    if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
+        text = f"{named[0].name}: {named[0].hypothesis.remedy}"  # the others say where the arm is
+        return (Flag("instrument_moved", text, about=named[0].hypothesis.of),)
     if named:
-        said = "; or ".join([named[0].said[0].upper() + named[0].said[1:], *(one.said for one in named[1:])])
-        raise ConventionError(f"{where}{_begun(found)}. {said}", [one.name for one in named])
+        said = "; or ".join(one.said for one in named)
+        raise ConventionError(f"{where}{_begun(found)}: {said}", [one.name for one in named])
     if found is None or keep:
         return ()
     off, left = found.placed, _median(found.view, found.left)
@@ -265,29 +286,28 @@ def check_conventions(
         text += ": no defect of an arm is so large, and no convention that is tried explains it"
         more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
         raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
-    return tuple(_elsewhere(found))
+    far = [i for i, (kind, _) in enumerate(found.view.readings.placed) if kind.name and found.scatter[i] > ABSURD]
+    return tuple(_implausible(found.view, found.view.readings.kinds[i]) for i in far)
 
 
 def _begun(found: Misfit | None) -> str:
     if found is None:
         return "the arm has no equilibrium at these rows as they are declared"
-    said = said_of(found.placed, found.view.readings.unit)
-    sensors = [kind.title for kind, _ in found.view.readings.placed if kind.name and kind.name in found.suspects]
-    return f"readings are {said} off the arm{f' ({chr(44).join(sensors)})' if sensors else ''}, further than [prior] explains"
+    sensors = ", ".join(kind.title for kind in found.view.readings.kinds if kind.name and kind.name in found.suspects)
+    off = f"readings are {said_of(found.placed, found.view.readings.unit)} off the arm"
+    if not found.excess_at_tip and isinstance(found.view.readings.kinds[-1], Orientation):
+        off = f"orientations are {found.said('orientation')} off the arm"
+    return f"{off}{f' ({sensors})' if sensors else ''}, further than [prior] explains"
 
 
-def _elsewhere(found: Misfit) -> Iterator[Flag]:
-    """Yield flags about sensors whose readings nothing explains; raise where another place of theirs would."""
-    for kind, _ in found.view.readings.placed:
-        if kind.name in found.suspects and kind.name:
-            read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
-            own, at = kind.some(read), found.view.at.some(read)
-            off = said_of(float(np.median(np.linalg.norm(own.residual(at), axis=1))), kind.unit)
-            text = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
-            elsewhere = own.elsewhere(at)
-            if elsewhere is not None:
-                raise ConventionError(f"{text}: {elsewhere}", [elsewhere])
-            yield Flag("instrument_implausible", f"{text}: is it where [instrument.{kind.name}] says?", about=kind.name)
+def _implausible(view: View, kind: Kind) -> Flag:
+    """Return the flag about a sensor whose readings nothing explains."""
+    read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
+    off = float(np.median(np.linalg.norm(kind.some(read).residual(view.at.some(read)), axis=1)))
+    text = (
+        f"{kind.title}: what it read is {said_of(off, kind.unit)} off, further than its declaration and [prior] explain"
+    )
+    return Flag("instrument_implausible", f"{text}: is it where [instrument.{kind.name}] says?", about=kind.name)
 
 
 def _named(
@@ -306,13 +326,17 @@ def _named(
     for hypothesis, some in tried:
         with suppress(ArmflexError):
             one, rewritten = _written(hypothesis, arm, measurements, some)
-            other = misfit(one, rewritten, rows, keep, _at_rest(arm, measurements, one, rewritten, found))
+            near = found.view.setup.instrument if found is not None and hypothesis.of == "loads" else None
+            same = _at_rest(arm, measurements, one, rewritten, found)
+            other = misfit(one, rewritten, rows, keep, same, near)
             gain = cost - other.cost
-            if hypothesis.slip is not None:  # an arm that slips as far explains as much
+            if (
+                hypothesis.slip is not None and hypothesis.of not in arm.sensors
+            ):  # an arm that slips as far explains as much
                 gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)
             gain -= hypothesis.prior + _choice(measurements, some, rows)
             if gain > NAMED:
-                said, name = said_of(other.placed, other.view.readings.unit), hypothesis.name
+                said, name = other.said(hypothesis.of), hypothesis.name
                 name += _in_words(measurements, some, rows)
                 if name not in named or named[name].gain < gain:
                     named[name] = Named(hypothesis, name, gain, said)
@@ -404,7 +428,7 @@ def _candidates(
 def _first_look(
     points: Sequence[Hypothesis], arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit | None
 ) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
-    """Yield the hypotheses about joints and positions that bring points nearest to their places, for all rows or some."""
+    """Yield the hypotheses about joints and positions that bring points nearest to their places, in all rows or some."""
 
     def at(arm: Arm, campaign: Measurements) -> tuple[Array, Array]:
         rigid, target = arm.loaded(None), (arm.instrument or Instrument()).target
@@ -460,10 +484,8 @@ def _first_look(
 
 def _squares(points: Array, seen: Array, fitted: tuple[Array, Array] | None, arm: Arm) -> Array:
     """Return the (M,) squared distances of (M, 3) points from where they were seen [m^2]."""
-    if fitted is not None:
-        there = points @ fitted[0].T + fitted[1]
-    else:
-        there = (arm.instrument or Instrument()).seen(points)
+    known = (arm.instrument or Instrument()).seen(points)
+    there = known if fitted is None else points @ fitted[0].T + fitted[1]
     return ((seen - there) ** 2).sum(axis=1)
 
 
@@ -488,7 +510,7 @@ def _likeliest_turns(
 def _rows_of(
     hypothesis: Hypothesis, arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit, keep: bool
 ) -> Iterator[np.ndarray]:
-    """Yield (N,) rows in which a hypothesis about loads may hold: where what is left of the readings is less with it."""
+    """Yield (N,) rows in which a hypothesis about loads may hold: where less is left of the readings with it."""
     open_ = np.flatnonzero(
         np.array(measurements.payload) != np.array(hypothesis.rewritten(arm, measurements)[1].payload)
     )
@@ -524,6 +546,9 @@ def _moves(measurements: Measurements, rows: np.ndarray, found: Misfit) -> Itera
         if isinstance(kind, Orientation) or found.rows[:, number].sum() < NAMED:
             continue
         read = np.isfinite(kind.sigma).all(axis=1)
+        away = kind.some(np.flatnonzero(read)).elsewhere(view.at.some(np.flatnonzero(read)))
+        if away is not None:
+            yield elsewhere(view.arm.sensors[kind.name], f"{kind.title}: {away}")
         left = found.left[:, place]
         kinds = [(kind.name, kind.title if kind.name else "the instrument", left, sessions)]
         if not kind.name:
@@ -541,7 +566,8 @@ def _moves(measurements: Measurements, rows: np.ndarray, found: Misfit) -> Itera
                     gain = float(k * (len(own) - k) / len(own) * (step**2).sum())
                     if best is None or gain > best[0]:
                         best = gain, own[k:], step
-            if best is not None:
+            least = 0.0 if name in view.arm.sensors else NAMED
+            if best is not None and 0.5 * (np.linalg.norm(best[2]) / SLIP) ** 2 > least:
                 first, last = rows[best[1][0]], rows[best[1][-1]]
                 whole = np.arange(len(measurements))
                 late = (whole >= first) & ((whole <= last) | (name == "target"))
@@ -587,18 +613,20 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
             yield Flag("sigma_implausible", text, about=name)
 
 
-def check_scatter(found: Fit) -> None:
-    """Raise where readings scatter about a fit `SCATTERED` times as far as they state, whatever the reason.
-
-    Raises:
-        ConventionError: With the instrument, its scatter and what it states.
-    """
+def scattered(found: Fit) -> tuple[Flag, ...]:
+    """Return flags about instruments that scatter about a fit `SCATTERED` times as far as they state, or further."""
+    flags = []
     for name, scatter in zip(found.view.readings.names, found.scatters, strict=True):
         if scatter > SCATTERED:
-            kind = next(kind for kind in found.view.readings.kinds if kind.name == name)
-            place = next(own for one, own in found.view.readings.placed if one is kind)
+            kind, place = next((one, own) for one, own in found.view.readings.placed if one.name == name)
             stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
-            text = f"what {kind.title} read scatters by {said_of(scatter * stated, kind.unit)} about the fitted arm, "
-            text += f"{scatter:.0f} times the {said_of(stated, kind.unit)} that it states"
-            more = "no convention that is tried explains it, nor does what [prior] frees: nothing is written"
-            raise ConventionError(f"{text}; {more}", ["readings scatter"])
+            text = f"{kind.title}: readings scatter by {said_of(scatter * stated, kind.unit)} about the fitted arm, "
+            text += f"{scatter:.0f} times the {said_of(stated, kind.unit)} that they state"
+            flags.append(Flag("scattered", f"{text}: sigma, or a convention, is wrong, or the arm lacks much"))
+    return tuple(flags)
+
+
+def check_scatter(found: Fit) -> None:
+    """Raise `ConventionError` where readings are `scattered`, before anything is written that rests on them."""
+    if flags := scattered(found):
+        raise ConventionError(flags[0].text, ["readings scatter"])

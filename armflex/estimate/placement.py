@@ -34,7 +34,11 @@ PLACED = 2
 
 
 def first_guess(
-    arm: Arm, measurements: Measurements, rows: np.ndarray, line: Response | None = None
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray,
+    line: Response | None = None,
+    instrument: Instrument | None = None,
 ) -> tuple[Setup, Response]:
     """Return the arm with its instrument placed by a best rigid fit where its frame is unknown, and its response.
 
@@ -45,34 +49,28 @@ def first_guess(
         measurements: The campaign.
         rows: (M,) numbers of the rows.
         line: The linearised arm at those rows, where it is known.
+        instrument: Where it stands, near enough; it is placed where not given.
     """
-    setup, some, seen = (
-        Setup(arm, arm.instrument or Instrument()),
-        measurements.some(rows),
-        measurements.positioned[rows],
-    )
+    some, seen = measurements.some(rows), measurements.positioned[rows]
+    setup = Setup(arm, instrument or arm.instrument or Instrument())
 
     def rested(arm: Arm) -> Response:
         known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
         return respond(arm, some.q, some.payload, known, wrenches=some.wrenches)
 
     line = rested(arm) if line is None else line
-    unknown, turns = arm.measurement.frame != "base", arm.measurement.gravity_in == "measurement"
-    for _ in range(PLACED if turns else 1):
-        if unknown and seen.any():
+    turns, open_ = arm.measurement.gravity_in == "measurement", arm.measurement.frame != "base" and instrument is None
+    targets = [kind for kind in some.readings.kinds if kind.name and isinstance(kind, Position)]
+    for _ in range((PLACED if turns else 1) if open_ else 0):
+        if seen.any():
             points = setup.instrument.in_base(line.tip, some.session)[seen]
             setup = placed_rigidly(setup, points, measurements, rows[seen], line.tip[seen, :3, :3])
-            line = rested(setup.arm) if turns else line
-    at, framed = (
-        postures(setup, line, some.session),
-        [kind for kind in some.readings.kinds if kind.framed and kind.name],
-    )
-    read = [(kind, np.isfinite(kind.sigma).all(axis=1)) for kind in framed if isinstance(kind, Position)]
-    if unknown and read and not seen.any():  # further targets are all there is to see where it stands
-        points = np.concatenate([kind.predicted(at)[own] for kind, own in read])
-        setup = setup.placed(
-            fit_frame(points, np.concatenate([kind.values[own] for kind, own in read])) * setup.instrument.pose
-        )
+        elif targets:  # further ones are all there is to see where it stands
+            at, read = postures(setup, line, some.session), [np.isfinite(kind.sigma).all(axis=1) for kind in targets]
+            points = np.concatenate([kind.predicted(at)[own] for kind, own in zip(targets, read, strict=True)])
+            there = np.concatenate([kind.values[own] for kind, own in zip(targets, read, strict=True)])
+            setup = setup.placed(fit_frame(points, there) * setup.instrument.pose)
+        line = rested(setup.arm) if turns else line
     return replace(setup, instrument=_mounted(setup, line.tip, measurements, rows)), line
 
 

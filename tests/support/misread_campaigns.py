@@ -241,7 +241,7 @@ def exchanged_targets(arm: Arm, rows: Measurements) -> Iterator[Fault]:
         kinds = tuple(replace(own[names.get(kind.name, kind.name)], name=kind.name) for kind in rows.readings.kinds)
         return arm, Measurements.of(rows, Readings(len(rows), kinds))
 
-    yield Fault("smr1 and smr2 are exchanged", written, "smr1 and smr2 exchanged")
+    yield Fault("columns of smr1 and those of smr2 are exchanged", written, "smr1 and smr2 exchanged")
 
 
 def along(arm: Arm, direction: tuple[float, float, float]) -> Arm:
