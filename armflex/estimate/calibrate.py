@@ -21,7 +21,7 @@ from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import beyond_priors, check_conventions, scattered, wrong_sigma
+from armflex.estimate.misread import beyond_priors, check_conventions, wrong_sigma
 from armflex.estimate.outliers import FAR, Outlier, outliers_of
 from armflex.estimate.placement import check_enough, first_guess
 from armflex.estimate.posterior import certainty_of
@@ -237,7 +237,7 @@ def fitted_to(
     known = {"instrument": found.setup.instrument, "certainty": certainty_of(found)}
     calibrated = replace(with_posteriors(found.setup.arm, found), **known)
     errors = _held_out(placed, found, measurements)
-    judgement = (*wrong_sigma(found, about), *(() if as_stated else scattered(found)))
+    judgement = tuple(wrong_sigma(found, about, as_stated))
     flags = (
         *derived,
         *about,

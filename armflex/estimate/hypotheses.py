@@ -6,7 +6,7 @@ meant. It knows nothing of how well they fit each other; `misread` judges that.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
 
@@ -57,6 +57,7 @@ class Hypothesis:
             ('loads'), 'orientation', or the name of a sensor.
         some: Whether it may be true of one session alone, or of some of the rows.
         slip: How far something was moved [m, rad], where an arm that slips as far explains as much.
+        of_rows: Whether some rows are rewritten as they are among all: it is not about the order of the rows.
     """
 
     name: str
@@ -66,23 +67,24 @@ class Hypothesis:
     of: str = "points"
     some: bool = False
     slip: float | None = None
+    of_rows: bool = True
 
 
-def hypotheses(arm: Arm, measurements: Measurements, sensors: tuple[str, ...] = ()) -> Iterator[Hypothesis]:
+def hypotheses(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Hypothesis]:
     """Yield every convention that is thought of.
 
     Args:
         arm: The arm as declared.
         measurements: The campaign as read.
-        sensors: Names of the sensors whose readings are far off, '' for the orientations of the tip's target.
+        suspects: Names of the sensors whose readings are far off, None for the orientations of the tip's target.
     """
     yield from _of_joints(arm)
     yield from _of_positions(arm, measurements)
     yield from _of_loads(arm, measurements)
     for kind in measurements.readings.kinds:
-        if kind.name in sensors and isinstance(kind, Orientation) and not kind.name:
-            yield from _of_orientations(kind)
-        elif kind.name and kind.name in sensors:
+        if isinstance(kind, Orientation) and not kind.name:
+            yield from _of_orientations() if None in suspects else ()
+        elif kind.name and kind.name in suspects:
             yield from _of_sensor(kind, arm, measurements)
 
 
@@ -126,7 +128,7 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
         if measurements.measured.sum() > abs(step):
             read = "x, y, z" if measurements.positioned.any() else "readings"
             remedy = f"move {read} by one row against the joints"
-            yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step))
+            yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step), of_rows=False)
     if measurements.readings.of(Position) is None:
         return
     for unit, taken, factor in _factors("m"):
@@ -148,7 +150,7 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             name = f"x, y, z are a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
             remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
             proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
-            yield Hypothesis(name, remedy, _positions(axes), RARE if proper else USUAL + len(turned), some=True)
+            yield Hypothesis(name, remedy, _positions(axes), 2.0 * RARE if proper else USUAL + len(turned), some=True)
     if arm.measurement.frame == "base":
         remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
         measurement = replace(arm.measurement, frame="unknown")
@@ -187,7 +189,7 @@ def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             yield Hypothesis(f"the compliance is {unit}", remedy, _compliance_times(factor), of="loads")
 
 
-def _of_orientations(kind: Orientation) -> Iterator[Hypothesis]:
+def _of_orientations() -> Iterator[Hypothesis]:
     """Yield what may have been written into rx, ry, rz instead of a rotation vector in the unit of the header."""
     forms: dict[str, tuple[Callable[[Array], Rotation], str]] = {
         "a rotation vector": (Rotation.from_rotvec, ""),
@@ -257,11 +259,9 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
             yield Hypothesis(what, "write its columns so", _values({name: _linear(axes)}), prior, of=name)
     for other in measurements.readings.kinds:
         if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
-            both = (
-                f"the columns of {other.name or 'x, y, z'} and {name}" if not other.name else f"{name} and {other.name}"
-            )
-            text = f"the columns {both} are exchanged" if not other.name else f"{both} are exchanged, column by column"
-            yield Hypothesis(text, "exchange their headers", _exchanged(name, other.name), of=name)
+            one, last = sorted([name, other.name])
+            text = f"the columns of {one or 'the tip: x, y, z,'} and those of {last} are exchanged"
+            yield Hypothesis(text, "exchange their headers", _exchanged(one, last), of=name)
     robot = arm.robot
     for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
         if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):

@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -31,7 +30,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
-from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, Written, elsewhere, hypotheses, moved
+from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, elsewhere, hypotheses, moved
 from armflex.estimate.placement import first_guess
 from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
@@ -83,8 +82,8 @@ class Misfit:
     Attributes:
         view: The rows, instruments placed and nothing else fitted.
         cost: Minus the logarithm of the density, readings counted as so many.
-        rows: (M, G) each reading's part of it beyond that of noise as stated, of every kind.
-        ideal: What it would be if nothing were left but what is stated.
+        excess: (M, G) each reading's part of it beyond that of noise as stated, of every kind.
+        ideal: What the cost would be if nothing were left but what is stated.
         left: (M, d) residuals with everything fitted, in their units.
         scatter: (G,) of what each kind read over what is stated.
         free: Whether anything but frames is free or learned.
@@ -92,78 +91,104 @@ class Misfit:
 
     view: View
     cost: float
-    rows: Array
+    excess: Array
     ideal: float
     left: Array
     scatter: Array
     free: bool
 
     @property
-    def excess_at_tip(self) -> float:
-        """How much of the cost is not of noise, orientations left out."""
-        kinds = enumerate(kind for kind, _ in self.view.readings.placed)
-        return sum(float(self.rows[:, i].sum()) for i, kind in kinds if not isinstance(kind, Orientation) or kind.name)
-
-    def excess_in(self, rows: np.ndarray) -> float:
-        """Return the same of (M,) rows, of all that was read there."""
-        return float(self.rows[rows].sum())
+    def kinds(self) -> tuple[Kind, ...]:
+        """What was read."""
+        return self.view.readings.kinds
 
     @property
-    def placed(self) -> float:
-        """What is left of the foremost readings with the instrument placed, the median row's, in their unit."""
-        return _median(self.view, self.view.residual)
+    def suspects(self) -> tuple[str | None, ...]:
+        """Whose readings cost more than noise: sensors by name, '' for the tip's position, None its orientation."""
+        far = self.excess.sum(axis=0) > NAMED
+        far |= self.scatter < 1.0 / ABSURD  # stated in another unit
+        names = [None if isinstance(kind, Orientation) and not kind.name else kind.name for kind in self.kinds]
+        return tuple(name for name, one in zip(names, far.tolist(), strict=True) if one)
+
+    def off(self, errors: Array, number: int = 0) -> float:
+        """Return the median length of (M, d) errors of what one kind read, in its unit."""
+        kind, place = self.view.readings.placed[number]
+        read = np.isfinite(kind.sigma).any(axis=1)
+        return float(np.median(np.linalg.norm(errors[read, place], axis=1))) if read.any() else 0.0
 
     def said(self, of: str) -> str:
-        """Return what is left of the foremost readings, or of the orientations that are asked about, in words."""
-        turned = [(kind, place) for kind, place in self.view.readings.placed if isinstance(kind, Orientation)]
-        if of != "orientation" or not turned:
-            return said_of(self.placed, self.view.readings.unit)
-        (kind, place), *_ = turned
-        read = np.isfinite(kind.sigma).all(axis=1)
-        return said_of(float(np.median(np.linalg.norm(self.view.residual[read, place], axis=1))), kind.unit)
-
-    @cached_property
-    def suspects(self) -> tuple[str, ...]:
-        """The sensors that scatter beyond what is stated, '' for orientations of the tip's target."""
-        pairs = enumerate(kind for kind, _ in self.view.readings.placed)
-        far = [kind for number, kind in pairs if self.rows[:, number].sum() > NAMED]
-        return tuple(kind.name for kind in far if kind.name or isinstance(kind, Orientation))
+        """Return how far off is what a hypothesis is about with the instruments placed, in words."""
+        turned = [i for i, kind in enumerate(self.kinds) if isinstance(kind, Orientation) and not kind.name]
+        number = turned[0] if of == "orientation" and turned else 0
+        return said_of(self.off(self.view.residual, number), self.kinds[number].unit)
 
 
-def _median(view: View, errors: Array) -> float:
-    squares = view.readings.row_squares(errors)[view.readings.foremost_count > 0]
-    return float(np.sqrt(np.median(squares))) if len(squares) else 0.0
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What is judged: an arm and some rows of its campaign, as written or as they may have been meant.
+
+    Attributes:
+        arm: The arm.
+        rows: The rows.
+        keep: Whether nothing but frames is free.
+        every: The whole campaign, and `some` (M,) the numbers of the rows in it.
+    """
+
+    arm: Arm
+    rows: Measurements
+    keep: bool
+    every: Measurements
+    some: np.ndarray
+
+    @property
+    def sessions(self) -> np.ndarray:
+        """(M,) session of every row."""
+        return np.array(self.rows.session)
+
+    def meant(self, hypothesis: Hypothesis, own: np.ndarray | None = None) -> Case:
+        """Return the case as a hypothesis has it in (M,) own rows, in all where None."""
+        before = self.rows if hypothesis.of_rows else self.every
+        arm, after = hypothesis.rewritten(self.arm, before)
+        after = after if hypothesis.of_rows else after.some(self.some)
+        if own is not None:
+            place, old = own[:, None], self.rows
+            kinds = [
+                replace(b, values=np.where(place, b.values, a.values), sigma=np.where(place, b.sigma, a.sigma))
+                for a, b in zip(old.readings.kinds, after.readings.kinds, strict=True)
+            ]
+            names = zip(old.payload, after.payload, own.tolist(), strict=True)
+            payload = tuple(b if there else a for a, b, there in names)
+            readings = replace(old.readings, kinds=tuple(kinds))
+            after = replace(after, q=np.where(place, after.q, old.q), payload=payload, readings=readings)
+        return replace(self, arm=arm, rows=after)
+
+    def rests_as(self, other: Case) -> bool:
+        """Return whether the arm rests in its rows as that of another case does."""
+        parts = ("robot", "flexures", "payloads", "effects", "corrections")
+        same = all(getattr(self.arm, name) is getattr(other.arm, name) for name in parts)
+        return same and np.array_equal(self.rows.q, other.rows.q) and self.rows.payload == other.rows.payload
 
 
-def misfit(
-    arm: Arm,
-    measurements: Measurements,
-    rows: np.ndarray,
-    keep: bool,
-    known: View | None = None,
-    instrument: Instrument | None = None,
-) -> Misfit:
-    """Return how badly some rows of a campaign fit an arm.
+def misfit(case: Case, known: View | None = None, instrument: Instrument | None = None) -> Misfit:
+    """Return how badly rows fit an arm.
 
     Args:
-        arm: The arm as declared.
-        measurements: The campaign.
-        rows: (M,) numbers of the rows.
-        keep: Whether nothing but frames is free.
+        case: Arm and rows.
         known: The same rows of an arm that rests in them as this one does, if any.
         instrument: Where it stands, near enough; it is placed where not given.
 
     Raises:
         ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
     """
-    setup, line = first_guess(arm, measurements, rows, None if known is None else known.line, instrument)
-    begun = sensor_start(look(setup, measurements, rows, line=line))
-    blocks = [one for one in declared_blocks(setup, measurements) if not keep or one.kind in FRAMES]
+    arm, campaign, rows = case.arm, case.rows, np.arange(len(case.rows))
+    setup, line = first_guess(arm, campaign, rows, None if known is None else known.line, instrument)
+    begun = sensor_start(look(setup, campaign, rows, line=line))
+    blocks = [one for one in declared_blocks(setup, campaign) if not case.keep or one.kind in FRAMES]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}, None
-    for _ in range(1 if measurements.positioned[rows].any() else STEPS):
-        view = look(realise(setup, blocks, values), measurements, rows, line=line if first is None else None)
+    for _ in range(1 if campaign.positioned[rows].any() else STEPS):
+        view = look(realise(setup, blocks, values), campaign, rows, line=line if first is None else None)
         first = first or view
         jacobian = np.zeros((*view.residual.shape, 0))
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
@@ -249,7 +274,7 @@ class Named:
 def check_conventions(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False, searched: bool = False
 ) -> tuple[Flag, ...]:
-    """Return flags about instruments that are implausible; raise where a campaign is, and is not in another convention.
+    """Return flags about sensors that were moved or are implausible; raise where a campaign is in another convention.
 
     Args:
         arm: The arm as declared.
@@ -264,317 +289,212 @@ def check_conventions(
     """
     if len(rows) > MOST_ROWS:
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))]
-    found = None
+    case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None
     with suppress(ArmflexError):
-        found = misfit(arm, measurements, rows, keep)
-    small = found is not None and found.scatter[:1].min(initial=1.0) < 1.0 / ABSURD  # stated in another unit
-    if found is not None and found.cost - found.ideal < NAMED and not small:
+        found = misfit(case)
+    if found is not None and found.cost - found.ideal < NAMED and not found.suspects:
         return ()
-    named = _named(arm, measurements, rows, keep, searched, found)
-    where = f"{measurements.places[rows[0]].file}: " if measurements.places and measurements.places[rows[0]] else ""
+    named = _named(case, found, searched)
     if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
         text = f"{named[0].name}: {named[0].hypothesis.remedy}"  # the others say where the arm is
         return (Flag("instrument_moved", text, about=named[0].hypothesis.of),)
+    where = f"{case.rows.places[0].file}: " if case.rows.places and case.rows.places[0] else ""
+    if found is None:
+        begun = "the arm has no equilibrium at these rows as they are declared"
+    else:
+        of = "orientation" if found.suspects == (None,) else ""
+        sensors = ", ".join(kind.title for kind in found.kinds if kind.name and kind.name in found.suspects)
+        begun = f"{of or 'reading'}s are {found.said(of)} off the arm{f' ({sensors})' if sensors else ''}"
+        begun += ", further than [prior] explains"
     if named:
         said = "; or ".join(one.said for one in named)
-        raise ConventionError(f"{where}{_begun(found)}: {said}", [one.name for one in named])
+        raise ConventionError(f"{where}{begun}: {said}", [one.name for one in named])
     if found is None or keep:
         return ()
-    off, left = found.placed, _median(found.view, found.left)
-    if found.view.readings.unit == "m" and left > GROSS * arm.robot.reach:
-        text = f"{where}readings are {in_mm(off)} off the arm, {in_mm(left)} with all that [prior] frees"
+    if found.kinds[0].unit == "m" and (left := found.off(found.left)) > GROSS * arm.robot.reach:
+        text = f"{where}{begun}, {in_mm(left)} of which is left with all that [prior] frees"
         text += ": no defect of an arm is so large, and no convention that is tried explains it"
         more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
         raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
-    far = [i for i, (kind, _) in enumerate(found.view.readings.placed) if kind.name and found.scatter[i] > ABSURD]
-    return tuple(_implausible(found.view, found.view.readings.kinds[i]) for i in far)
+    flags = []
+    for number, kind in enumerate(found.kinds):
+        if kind.name and found.scatter[number] > ABSURD:
+            off = said_of(found.off(found.view.residual, number), kind.unit)
+            text = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
+            text += f": is it where [instrument.{kind.name}] says?"
+            flags.append(Flag("instrument_implausible", text, about=kind.name))
+    return tuple(flags)
 
 
-def _begun(found: Misfit | None) -> str:
-    if found is None:
-        return "the arm has no equilibrium at these rows as they are declared"
-    sensors = ", ".join(kind.title for kind in found.view.readings.kinds if kind.name and kind.name in found.suspects)
-    off = f"readings are {said_of(found.placed, found.view.readings.unit)} off the arm"
-    if not found.excess_at_tip and isinstance(found.view.readings.kinds[-1], Orientation):
-        off = f"orientations are {found.said('orientation')} off the arm"
-    return f"{off}{f' ({sensors})' if sensors else ''}, further than [prior] explains"
-
-
-def _implausible(view: View, kind: Kind) -> Flag:
-    """Return the flag about a sensor whose readings nothing explains."""
-    read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
-    off = float(np.median(np.linalg.norm(kind.some(read).residual(view.at.some(read)), axis=1)))
-    text = (
-        f"{kind.title}: what it read is {said_of(off, kind.unit)} off, further than its declaration and [prior] explain"
-    )
-    return Flag("instrument_implausible", f"{text}: is it where [instrument.{kind.name}] says?", about=kind.name)
-
-
-def _named(
-    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, searched: bool, found: Misfit | None
-) -> list[Named]:
+def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
     """Return the hypotheses whose odds against the campaign as written are beyond `NAMED`, the likeliest first."""
-    tried = list(_candidates(arm, measurements, rows, found, keep))
-    if found is not None and not found.free and not keep and not searched:
-        prior = replace(USUAL_PRIOR, session_target=arm.prior.session_target)
-        more = (
-            "there is nothing to fit: give it joint_offset, compliance, tool or geometry, one standard deviation each"
-        )
+    tried = list(_candidates(case, found))
+    if found is not None and not found.free and not case.keep and not searched:
+        more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
+        prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         freed = Hypothesis("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
         tried.append((freed, None))
     cost, named = NOTHING if found is None else found.cost, dict[str, Named]()
-    for hypothesis, some in tried:
+    for hypothesis, own in tried:
         with suppress(ArmflexError):
-            one, rewritten = _written(hypothesis, arm, measurements, some)
+            other = case.meant(hypothesis, own)
+            known = found.view if found is not None and other.rests_as(case) else None
             near = found.view.setup.instrument if found is not None and hypothesis.of == "loads" else None
-            same = _at_rest(arm, measurements, one, rewritten, found)
-            other = misfit(one, rewritten, rows, keep, same, near)
-            gain = cost - other.cost
-            if (
-                hypothesis.slip is not None and hypothesis.of not in arm.sensors
-            ):  # an arm that slips as far explains as much
-                gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)
-            gain -= hypothesis.prior + _choice(measurements, some, rows)
-            if gain > NAMED:
-                said, name = other.said(hypothesis.of), hypothesis.name
-                name += _in_words(measurements, some, rows)
-                if name not in named or named[name].gain < gain:
-                    named[name] = Named(hypothesis, name, gain, said)
+            then, (words, choice) = misfit(other, known, near), _choice(case, own)
+            gain = cost - then.cost
+            if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
+                gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)  # an arm that slips as far explains as much
+            gain, name = gain - hypothesis.prior - choice, f"{hypothesis.name}{words}"
+            if gain > NAMED and (name not in named or named[name].gain < gain):
+                named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
     ranked = sorted(named.values(), key=lambda one: -one.gain)
     return [one for one in ranked if one.gain > ranked[0].gain - NAMED / 4.0][:MOST_SAID]
 
 
-def _written(hypothesis: Hypothesis, arm: Arm, measurements: Measurements, some: np.ndarray | None) -> Written:
-    """Return the arm and the campaign as they were meant in (N,) some of the rows, in all where None."""
-    one, rewritten = hypothesis.rewritten(arm, measurements)
-    if some is None:
-        return one, rewritten
-    pairs = zip(measurements.readings.kinds, rewritten.readings.kinds, strict=True)
-    kinds = tuple(
-        replace(
-            kind,
-            values=np.where(some[:, None], other.values, kind.values),
-            sigma=np.where(some[:, None], other.sigma, kind.sigma),
-        )
-        for kind, other in pairs
-    )
-    named = zip(measurements.payload, rewritten.payload, some.tolist(), strict=True)
-    payload = tuple(new if own else old for old, new, own in named)
-    q = np.where(some[:, None], rewritten.q, measurements.q)
-    return one, replace(rewritten, q=q, payload=payload, readings=replace(measurements.readings, kinds=kinds))
+def _choice(case: Case, own: np.ndarray | None) -> tuple[str, float]:
+    """Return in which (M,) own rows a hypothesis holds, '' for all, and what it costs to say so."""
+    if own is None:
+        return "", 0.0
+    sessions = case.sessions
+    (first, *others), count = dict.fromkeys(sessions[own].tolist()), len(set(sessions.tolist()))
+    if not others and own.sum() == (sessions == first).sum():
+        return f" in session {first!r}", float(np.log(count))
+    share = float(np.clip(own.mean(), 1e-3, 1.0 - 1e-3))
+    cost = -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
+    return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(own)))})", cost
 
 
-def _at_rest(arm: Arm, measurements: Measurements, one: Arm, other: Measurements, found: Misfit | None) -> View | None:
-    """Return the view of rows in which another arm rests as this one does, None where it may not."""
-    same = all(getattr(arm, name) is getattr(one, name) for name in ("robot", "flexures", "payloads", "effects"))
-    same = same and np.array_equal(measurements.q, other.q) and measurements.payload == other.payload
-    return found.view if found is not None and same else None
+def _place(case: Case, row: int) -> str:
+    return case.rows.places[row].short if case.rows.places else f"row {case.some[row]}"
 
 
-def _choice(measurements: Measurements, some: np.ndarray | None, rows: np.ndarray) -> float:
-    """Return what it costs to say in which rows a hypothesis holds: one of the sessions, or each row by itself."""
-    if some is None:
-        return 0.0
-    sessions = np.array(measurements.session)
-    if len(set(sessions[some])) == 1 and some.sum() == (sessions == sessions[some][0]).sum():
-        return float(np.log(len(set(sessions))))
-    share = float(np.clip(some[rows].mean(), 1e-3, 1.0 - 1e-3))
-    return -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
-
-
-def _in_words(measurements: Measurements, some: np.ndarray | None, rows: np.ndarray) -> str:
-    """Return in which rows a hypothesis holds, '' where in all."""
-    if some is None:
-        return ""
-    own = rows[some[rows]]
-    names = sorted({measurements.session[row] for row in own})
-    if len(names) == 1 and some.sum() == measurements.session.count(names[0]):
-        return f" in session {names[0]!r}"
-    where = measurements.places[own[0]].short if measurements.places else f"row {own[0]}"
-    return f" in some rows ({100.0 * len(own) / len(rows):.0f} %, the first {where})"
-
-
-def _candidates(
-    arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit | None, keep: bool
-) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
-    """Yield what is worth being judged: a hypothesis, and (N,) in which rows it holds, None for all.
-
-    Hypotheses that move points by parts of the reach have to bring them nearer to their places, rigid and nothing
-    fitted, or they explain nothing: of many the most promising are judged.
-    """
+def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
+    """Yield what is worth being judged: a hypothesis, and (M,) in which rows it holds, None for all."""
     suspects = ("",) if found is None else found.suspects
-    every = list(hypotheses(arm, measurements, suspects))
-    if found is not None:
-        every += [one for one in _moves(measurements, rows, found)]
-    tip = found is None or found.excess_at_tip > NAMED or found.scatter[:1].min(initial=1.0) < 1.0 / ABSURD
-    tracked = bool(measurements.positioned[rows].all())
-    turned = [one for one in every if one.of == "orientation"]
-    yield from ((one, None) for one in _likeliest_turns(turned, arm, measurements, rows, found))
-    points = [one for one in every if one.of == "points" and one.slip is None]
-    if tip and tracked:
-        yield from _first_look(points, arm, measurements, rows, found)
-    elif tip:
-        yield from ((one, None) for one in points)
-    for one in every:
-        if one.of == "loads" and tip:
+    every = list(hypotheses(case.arm, case.every, suspects))
+    moves = [] if found is None else list(_moves(case, found))
+    yield from ((one, None) for one in _likeliest_turns([one for one in every if one.of == "orientation"], case, found))
+    if set(suspects) - {None}:
+        points = [one for one in every if one.of == "points"]
+        tracked = bool(case.rows.positioned.all())
+        yield from _first_look(points, case, found) if tracked else ((one, None) for one in points)
+    for one in every + moves:
+        if one.of == "loads" and set(suspects) - {None}:
             yield one, None
             if one.some and found is not None:
-                for some in _rows_of(one, arm, measurements, rows, found, keep):
-                    yield one, some
-        elif one.of not in ("points", "loads", "orientation") or one.slip is not None:
+                own = _rows_of(one, case, found)
+                if own.any():
+                    yield one, own
+        elif one.slip is not None or one.of not in ("points", "loads", "orientation"):
             yield one, None
 
 
 def _first_look(
-    points: Sequence[Hypothesis], arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit | None
+    points: Sequence[Hypothesis], case: Case, found: Misfit | None
 ) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
-    """Yield the hypotheses about joints and positions that bring points nearest to their places, in all rows or some."""
+    """Yield the hypotheses that bring points nearest to their places, in all rows, in a session or in some rows.
 
-    def at(arm: Arm, campaign: Measurements) -> tuple[Array, Array]:
-        rigid, target = arm.loaded(None), (arm.instrument or Instrument()).target
-        tips = rigid_tips(rigid.nominal or rigid.chain, campaign.q[rows])
-        return tips[:, :3, 3] + tips[:, :3, :3] @ target, campaign.position[rows]
+    They move points by parts of the reach, and explain nothing where a rigid arm, nothing fitted, comes no nearer.
+    """
+    unknown, sessions, fixed = case.arm.measurement.frame != "base", case.sessions, case.arm.instrument or Instrument()
 
-    def off(points: Array, seen: Array, unknown: bool) -> tuple[float, Array]:
-        there = points
-        if unknown:
-            turn, shift, _ = rigid_fit(points, seen)
-            there = points @ turn.T + shift
-        elif arm.instrument is not None:
-            there = arm.instrument.seen(points)
-        squares = ((seen - there) ** 2).sum(axis=1)
-        least = max(float(np.median(squares)) / 3.0, (FINE * arm.robot.reach) ** 2)
-        parts = 0.5 * (TAILS + 3.0) * np.log1p(squares / least / TAILS) + 1.5 * np.log(least)
-        return LOOKS / 3.0 * float(parts.mean()), squares
+    def at(case: Case) -> tuple[Array, Array]:
+        rigid = case.arm.loaded(None)
+        return fixed.in_base(rigid_tips(rigid.nominal or rigid.chain, case.rows.q)), case.rows.position
 
-    unknown, here = arm.measurement.frame != "base", at(arm, measurements)
-    before, squares = off(*here, unknown)
-    sessions = np.array([measurements.session[row] for row in rows])
-    names = [
-        name for name in dict.fromkeys(sessions.tolist()) if found is None or found.excess_in(sessions == name) > NAMED
-    ]
-    names = names if len(set(sessions.tolist())) > 1 else []
-    looked: list[tuple[float, int, Hypothesis, np.ndarray | None]] = []
+    def squares(points: Array, seen: Array, near: tuple[Array, Array] | None) -> Array:
+        turn, shift, _ = rigid_fit(*near) if near is not None else (fixed.pose.rotation, fixed.pose.translation, 0.0)
+        return ((seen - points @ turn.T - shift) ** 2).sum(axis=1)
+
+    def cost(points: Array, seen: Array, unknown: bool) -> float:
+        off = squares(points, seen, (points, seen) if unknown else None)
+        least = max(float(np.median(off)) / 3.0, (FINE * case.arm.robot.reach) ** 2)
+        parts = 0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS) + 1.5 * np.log(least)
+        return LOOKS / 3.0 * float(parts.mean())
+
+    def mixed(there: tuple[Array, Array], own: np.ndarray) -> tuple[Array, Array]:
+        return np.where(own[:, None], there[0], here[0]), np.where(own[:, None], there[1], here[1])
+
+    here, names = at(case), list(dict.fromkeys(sessions.tolist()))
+    before, looked = cost(*here, unknown), list[tuple[float, int, Hypothesis, np.ndarray | None]]()
+    odd = [name for name in names if found is None or found.excess[sessions == name].sum() > NAMED]
     for hypothesis in points:
-        one, rewritten = hypothesis.rewritten(arm, measurements)
-        there, anywhere_ = at(one, rewritten), one.measurement.frame != "base"
-        if one.measurement is arm.measurement and all(np.array_equal(a, b) for a, b in zip(here, there, strict=True)):
-            yield hypothesis, None  # it moves no point: sigma, say
+        other = case.meant(hypothesis)
+        there, placed = at(other), other.arm.measurement.frame != "base"
+        if placed == unknown and all(np.array_equal(a, b) for a, b in zip(here, there, strict=True)):
+            yield hypothesis, None  # it moves no point
             continue
-        looked.append((off(*there, anywhere_)[0] + hypothesis.prior, len(looked), hypothesis, None))
-        masks = [(sessions == name, np.array(measurements.session) == name) for name in names]
-        if hypothesis.some:
-            own = np.zeros(len(rows), bool)
-            now = squares
-            for _ in range(3):  # which rows are nearer to their places when rewritten, instrument placed by the rest
-                mixed = [np.where(own[:, None], b, a) for a, b in zip(here, there, strict=True)]
-                fitted = rigid_fit(*mixed)[:2] if unknown else None
-                now, then = (_squares(a, b, fitted, arm) for a, b in (here, there))
-                own = 4.0 * then < now
-            if 0 < own.sum() < len(rows):
-                masks.append((own, np.isin(np.arange(len(measurements)), rows[own])))
-        for own, whole in masks if hypothesis.some else ():
-            mixed = [np.where(own[:, None], b, a) for a, b in zip(here, there, strict=True)]
-            looked.append(
-                (off(mixed[0], mixed[1], unknown)[0] + hypothesis.prior + 2.0, len(looked), hypothesis, whole)
-            )
+        looked.append((cost(*there, placed) + hypothesis.prior, len(looked), hypothesis, None))
+        masks, own = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool)
+        for _ in range(MOST_SAID if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
+            near = mixed(there, own) if unknown else None
+            own = 4.0 * squares(*there, near) < squares(*here, near)
+        for some in (*masks, own) if hypothesis.some else ():
+            if 0 < some.sum() < len(some):
+                price = cost(*mixed(there, some), unknown) + hypothesis.prior + _choice(case, some)[1]
+                looked.append((price, len(looked), hypothesis, some))
     looked.sort(key=lambda one: one[:2])
-    yield from ((one, some) for cost, _, one, some in looked[:MOST_TRIED] if cost < before)
+    yield from ((one, own) for price, _, one, own in looked[:MOST_TRIED] if price < before)
 
 
-def _squares(points: Array, seen: Array, fitted: tuple[Array, Array] | None, arm: Arm) -> Array:
-    """Return the (M,) squared distances of (M, 3) points from where they were seen [m^2]."""
-    known = (arm.instrument or Instrument()).seen(points)
-    there = known if fitted is None else points @ fitted[0].T + fitted[1]
-    return ((seen - there) ** 2).sum(axis=1)
-
-
-def _likeliest_turns(
-    turned: Sequence[Hypothesis], arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit | None
-) -> list[Hypothesis]:
+def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | None) -> list[Hypothesis]:
     """Return the hypotheses about orientations after which a target is turned on the tool alike in most rows."""
-    if found is None or not turned:
-        return []
-    view, spread = found.view, []
-    axes = view.at.axes @ view.line.tip[:, :3, :3]
-    for hypothesis in turned:
-        kind = hypothesis.rewritten(arm, measurements)[1].some(rows).readings.of(Orientation)
-        assert kind is not None
+    spread = []
+    for hypothesis in turned if found is not None else ():
+        kind = case.meant(hypothesis).rows.readings.of(Orientation)
+        assert kind is not None and found is not None
         read = np.isfinite(kind.sigma).all(axis=1)
-        mounted = axes[read].swapaxes(1, 2) @ Rotation.from_rotvec(kind.values[read]).as_matrix()
+        axes = (found.view.at.axes @ found.view.line.tip[:, :3, :3])[read]
+        mounted = axes.swapaxes(1, 2) @ Rotation.from_rotvec(kind.values[read]).as_matrix()
         left, _, right = np.linalg.svd(np.median(mounted, axis=0))
         spread.append(float(np.median(((mounted - left @ right) ** 2).sum(axis=(1, 2)))))
     return [turned[i] for i in np.argsort(spread, kind="stable")[: MOST_SAID + 1]]
 
 
-def _rows_of(
-    hypothesis: Hypothesis, arm: Arm, measurements: Measurements, rows: np.ndarray, found: Misfit, keep: bool
-) -> Iterator[np.ndarray]:
-    """Yield (N,) rows in which a hypothesis about loads may hold: where less is left of the readings with it."""
-    open_ = np.flatnonzero(
-        np.array(measurements.payload) != np.array(hypothesis.rewritten(arm, measurements)[1].payload)
-    )
-    open_ = np.isin(rows, open_)
-    own, fitted = np.zeros(len(rows), bool), found
-    for _ in range(3):
-        some = np.isin(np.arange(len(measurements)), rows[own])
-        flipped = np.isin(np.arange(len(measurements)), rows[open_ & ~own])
+def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:
+    """Return (M,) in which rows a hypothesis about payloads holds: where less is left of the readings with it."""
+    meant, fitted = case.meant(hypothesis), found
+    open_ = np.array(meant.rows.payload) != np.array(case.rows.payload)
+    own, every, where = np.zeros(len(open_), bool), np.arange(len(open_)), found.view.foremost
+    for _ in range(MOST_SAID):
         with suppress(ArmflexError):
-            here = _written(hypothesis, arm, measurements, some)
-            there = _written(hypothesis, arm, measurements, some | flipped)
-            if own.any():
-                fitted = misfit(*here, rows, keep)
-            setup = replace(fitted.view.setup, arm=replace(fitted.view.setup.arm, payloads=arm.payloads))
-            other = look(setup, there[1], rows).residual - look(setup, here[1], rows).residual
-            where = fitted.view.foremost
-            back = look(setup, measurements, rows).residual - look(setup, here[1], rows).residual
-            left = fitted.left[:, where]
-            sizes = [((left + step[:, where]) ** 2).sum(axis=1) for step in (0.0 * other, other, back)]
-            own = open_ & np.where(own, sizes[0] < sizes[2], sizes[1] < sizes[0])
-        if not own.any():
-            return
-    yield np.isin(np.arange(len(measurements)), rows[own])
+            fitted = misfit(case.meant(hypothesis, own), None, found.view.setup.instrument) if own.any() else found
+            one, other = (look(fitted.view.setup, rows, every).residual for rows in (case.rows, meant.rows))
+            now = np.where(own[:, None], other, one)
+            sizes = [((fitted.left + each - now)[:, where] ** 2).sum(axis=1) for each in (one, other)]
+            own = open_ & (sizes[1] < sizes[0])
+    return own
 
 
-def _moves(measurements: Measurements, rows: np.ndarray, found: Misfit) -> Iterator[Hypothesis]:
-    """Yield the likeliest hypothesis of each instrument, and of the target, that it was moved at some row.
+def _moves(case: Case, found: Misfit) -> Iterator[Hypothesis]:
+    """Yield that each instrument, and the target, was moved where it likeliest was, or stands somewhere else.
 
     What is left of the readings, in the axes of what was moved, is then one constant before and another after.
     """
-    view, sessions = found.view, np.array([measurements.session[row] for row in rows])
+    view, sensors = found.view, case.arm.sensors
     for number, (kind, place) in enumerate(view.readings.placed):
-        if isinstance(kind, Orientation) or found.rows[:, number].sum() < NAMED:
+        if isinstance(kind, Orientation) or found.excess[:, number].sum() < NAMED:
             continue
-        read = np.isfinite(kind.sigma).all(axis=1)
-        away = kind.some(np.flatnonzero(read)).elsewhere(view.at.some(np.flatnonzero(read)))
-        if away is not None:
-            yield elsewhere(view.arm.sensors[kind.name], f"{kind.title}: {away}")
-        left = found.left[:, place]
-        kinds = [(kind.name, kind.title if kind.name else "the instrument", left, sessions)]
+        read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
+        if away := kind.some(read).elsewhere(view.at.some(read)):
+            yield elsewhere(sensors[kind.name], f"{kind.title}: {away}")
+        asked = [(kind.name, kind.title if kind.name else "the instrument", found.left[:, place], case.sessions)]
         if not kind.name:
-            tip = (view.at.axes @ view.line.tip[:, :3, :3]).swapaxes(1, 2)
-            kinds.append(("target", "the target", np.einsum("nij,nj->ni", tip, left), np.zeros(len(rows))))
-        for name, title, motion, within in kinds:
-            if name and name != "target" and not len(view.arm.sensors[name].movable):
-                continue
-            best: tuple[float, np.ndarray, Array] | None = None
+            tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], found.left[:, place])
+            asked.append(("target", "the target", tip, np.zeros(len(tip))))
+        for name, title, motion, within in asked:
+            best, late, step = 0.0, np.zeros(0, int), np.zeros(kind.dimension)
             for one in dict.fromkeys(within.tolist()):
-                own = np.flatnonzero((within == one) & read)
+                own = read[within[read] == one]
                 for k in range(3, len(own) - 2):
-                    before, after = motion[own[:k]], motion[own[k:]]
-                    step = np.median(after, axis=0) - np.median(before, axis=0)
-                    gain = float(k * (len(own) - k) / len(own) * (step**2).sum())
-                    if best is None or gain > best[0]:
-                        best = gain, own[k:], step
-            least = 0.0 if name in view.arm.sensors else NAMED
-            if best is not None and 0.5 * (np.linalg.norm(best[2]) / SLIP) ** 2 > least:
-                first, last = rows[best[1][0]], rows[best[1][-1]]
-                whole = np.arange(len(measurements))
-                late = (whole >= first) & ((whole <= last) | (name == "target"))
-                if name != "target":
-                    late &= np.array(measurements.session) == measurements.session[first]
-                start = measurements.places[first].short if measurements.places else f"row {first}"
-                yield from moved(name, title, start, late, best[2])
+                    jump = np.median(motion[own[k:]], axis=0) - np.median(motion[own[:k]], axis=0)
+                    gain = float(k * (len(own) - k) / len(own) * (jump**2).sum())
+                    if gain > best:
+                        best, late, step = gain, own[k:], jump
+            far = name in sensors or 0.5 * (np.linalg.norm(step) / SLIP) ** 2 > NAMED
+            if len(late) and far and (name not in sensors or len(sensors[name].movable)):
+                rows = np.isin(np.arange(len(motion)), np.arange(late[0], late[-1] + 1)) & (within == within[late[0]])
+                yield from moved(name, title, _place(case, int(late[0])), rows, step)
 
 
 def beyond_priors(found: Fit) -> Iterator[Flag]:
@@ -588,45 +508,39 @@ def beyond_priors(found: Fit) -> Iterator[Flag]:
         yield Flag("beyond_priors", f"{text}: units, conventions and priors are more likely wrong than the arm is")
 
 
-def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
-    """Yield flags about sensors whose stated standard deviation cannot be meant, by how they scatter.
+def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) -> Iterator[Flag]:
+    """Yield flags about instruments whose stated standard deviation cannot be meant, by how they scatter about a fit.
 
-    One scatters more than stated where the arm lacks something, too, but then so do others by as much.
+    A sensor scatters more than stated where the arm lacks something, too, but then so do others by as much.
 
     Args:
         found: The fit, each instrument weighed by its scatter.
         about: Flags on sensors that are implausible for another reason.
+        searched: Whether what the arm lacks is looked for, which may be all that scatters.
     """
     readings, suspects = found.view.readings, {flag.about for flag in about}
     for number, (name, scatter) in enumerate(zip(readings.names, found.scatters, strict=True)):
+        kind, place = next((one, own) for one, own in readings.placed if one.name == name)
         others = [one for i, one in enumerate(found.scatters) if i != number]
         large = others and scatter > ABSURD * max(1.0, min(others))
         small = found.noises[number][1] >= ABSURD and scatter < 1.0 / ABSURD
+        stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
+        text = f"{kind.title}: its sigma is {said_of(stated, kind.unit)}, and its readings scatter by "
+        text += f"{said_of(scatter * stated, kind.unit)}, {scatter:.2g} times as much"
+        if scatter > SCATTERED and not searched:
+            yield Flag("scattered", f"{text}: sigma or a convention is wrong, or the arm lacks much", about=name)
         if name and name not in suspects and (large or small):
-            kind = next(kind for kind in readings.kinds if kind.name == name)
-            place = next(own for one, own in readings.placed if one is kind)
-            stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
-            seen = f"{said_of(stated, kind.unit)}, and its readings scatter by {said_of(scatter * stated, kind.unit)}"
             ask = "is it stated in the right unit, or does the arm lack what this instrument alone sees?"
             ask = ask if large else "is it stated in the right unit?"
-            text = f"{kind.title}: its sigma is {seen}, {scatter:.2g} times as much: {ask}"
-            yield Flag("sigma_implausible", text, about=name)
-
-
-def scattered(found: Fit) -> tuple[Flag, ...]:
-    """Return flags about instruments that scatter about a fit `SCATTERED` times as far as they state, or further."""
-    flags = []
-    for name, scatter in zip(found.view.readings.names, found.scatters, strict=True):
-        if scatter > SCATTERED:
-            kind, place = next((one, own) for one, own in found.view.readings.placed if one.name == name)
-            stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
-            text = f"{kind.title}: readings scatter by {said_of(scatter * stated, kind.unit)} about the fitted arm, "
-            text += f"{scatter:.0f} times the {said_of(stated, kind.unit)} that they state"
-            flags.append(Flag("scattered", f"{text}: sigma, or a convention, is wrong, or the arm lacks much"))
-    return tuple(flags)
+            yield Flag("sigma_implausible", f"{text}: {ask}", about=name)
 
 
 def check_scatter(found: Fit) -> None:
-    """Raise `ConventionError` where readings are `scattered`, before anything is written that rests on them."""
-    if flags := scattered(found):
-        raise ConventionError(flags[0].text, ["readings scatter"])
+    """Raise where readings scatter `SCATTERED` times as far as they state: nothing is to be written that rests on them.
+
+    Raises:
+        ConventionError: With the instrument, what it states and how it scatters.
+    """
+    for flag in wrong_sigma(found):
+        if flag.code == "scattered":
+            raise ConventionError(flag.text, ["readings scatter"])
