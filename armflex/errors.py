@@ -135,10 +135,6 @@ class UnsupportedError(InputError):
     """The input is valid but asks for something this version does not do."""
 
 
-class AxesError(InputError):
-    """Measured positions are those of a mirrored or turned arm: axes are swapped or point the other way."""
-
-
 class ConventionError(InputError):
     """A campaign is implausible for its arm, and plausible in another convention: `names`, the likeliest first.
 

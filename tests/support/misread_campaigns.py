@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from armflex import calibrate, load_arm, read_measurements
 from armflex.arm import Arm, Prior
-from armflex.errors import InputError
+from armflex.errors import ConventionError
+from armflex.estimate.misread import check_conventions
 from armflex.laws.joint.carried import scaled
 from armflex.measured.measurements import Measurements
 from armflex.readings import Position, Readings
@@ -154,8 +155,9 @@ def silent(arm: Arm, rows: Measurements) -> Iterator[Fault]:
 
     if arm.flexures:
         for axis, size in (("y", (0.0, -1.0, 0.0)), ("y up", (0.0, 1.0, 0.0)), ("z up", (0.0, 0.0, 1.0))):
-            yield Fault("gravity points along", lambda arm, rows, size=size: (along(arm, size), rows), f"gravity {axis}")
-    yield Fault("the instrument was moved", position(lambda p: p + [0.03, -0.03, 0.026], within), "tracker jumps 50 mm")
+            yield Fault("gravity points along -z", lambda arm, rows, g=size: (along(arm, g), rows), f"gravity {axis}")
+    jump = np.array([0.03, -0.03, 0.026])
+    yield Fault("the instrument was moved", position(lambda p: p + jump, within), "tracker jumps 50 mm")
     if turns is not None:
         shift = turns @ np.array([6.0e-3, -6.0e-3, 5.3e-3])
         yield Fault(
@@ -268,9 +270,9 @@ def softer(arm: Arm, factor: float) -> Arm:
 
 
 def judged(arm: Arm, rows: Measurements) -> tuple[str, ...]:
-    """Return what a campaign is said to have been misread as; what else is wrong with it, in words."""
+    """Return what a campaign is said to have been misread as; '' where it is refused without a name."""
     try:
-        calibrate(arm, rows)
-    except InputError as error:
-        return getattr(error, "names", None) or (str(error)[:160],)
+        check_conventions(arm, rows, np.flatnonzero(rows.measured))
+    except ConventionError as error:
+        return error.names or ("",)
     return ()
