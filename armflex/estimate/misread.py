@@ -187,6 +187,7 @@ def misfit(case: Case, known: View | None = None, instrument: Instrument | None 
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}, None
+    found = None
     for _ in range(1 if campaign.positioned[rows].any() else STEPS):
         view = look(realise(setup, blocks, values), campaign, rows, line=line if first is None else None)
         first = first or view
@@ -194,11 +195,12 @@ def misfit(case: Case, known: View | None = None, instrument: Instrument | None 
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
         least = view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE * size[kind.unit]))
         places, floor = [place for _, place in view.readings.placed], np.maximum(view.sigma, least)
-        step, *found = _settled(jacobian, precision, values, view.residual, floor, places)
-        values = moved_by(blocks, values, step)
+        found = _settled(jacobian, precision, values, view.residual, floor, places)
+        values = moved_by(blocks, values, found[0])
     free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
-    assert first is not None
-    return Misfit(first, *found, free)
+    assert first is not None and found is not None
+    _, cost, excess, ideal, left, scatter = found
+    return Misfit(first, cost, excess, ideal, left, scatter, free)
 
 
 def _settled(
@@ -385,8 +387,11 @@ def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Hypothesis, 
                 own = _rows_of(one, case, found)
                 if own.any():
                     yield one, own
-        elif one.slip is not None or one.of not in ("points", "loads", "orientation"):
+        elif one.slip is not None:
             yield one, None
+    if found is not None:
+        still = [one for one in every + moves if one.slip is None]
+        yield from ((one, None) for one in _likeliest_readings(still, case, found))
 
 
 def _first_look(
@@ -449,6 +454,23 @@ def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | N
         left, _, right = np.linalg.svd(np.median(mounted, axis=0))
         spread.append(float(np.median(((mounted - left @ right) ** 2).sum(axis=(1, 2)))))
     return [turned[i] for i in np.argsort(spread, kind="stable")[: MOST_SAID + 1]]
+
+
+def _likeliest_readings(every: Sequence[Hypothesis], case: Case, found: Misfit) -> Iterator[Hypothesis]:
+    """Yield the hypotheses about sensors; of those that change what one read those that bring it nearest."""
+    looked: list[tuple[float, int, Hypothesis]] = []
+    for hypothesis in (one for one in every if one.of in case.arm.sensors):
+        other = case.meant(hypothesis)
+        pairs = zip(found.kinds, other.rows.readings.kinds, strict=True)
+        changed = [i for i, (kind, new) in enumerate(pairs) if kind.values is not new.values and kind.name]
+        errors = found.view.residual.copy()
+        for i in changed:
+            errors[:, found.view.readings.slices[i]] += other.rows.readings.kinds[i].values - found.kinds[i].values
+        if other.arm is not case.arm or len(changed) != 1 or isinstance(found.kinds[changed[0]], Orientation):
+            yield hypothesis
+        else:
+            looked.append((found.off(errors, changed[0]), len(looked), hypothesis))
+    yield from (one for _, _, one in sorted(looked, key=lambda one: one[:2])[:MOST_TRIED])
 
 
 def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:

@@ -212,7 +212,7 @@ def _nothing_else(state: State, lost: np.ndarray) -> np.ndarray:
     """Return (A,) which rows hold nothing but (A, G) lost readings."""
     whole = state.calibration.measurements.readings
     read = np.array([np.isfinite(whole.sigma[state.asked][:, place]).any(axis=1) for place in whole.groups]).T
-    return (lost | ~read).all(axis=1)
+    return np.all(lost | ~read, axis=1)
 
 
 def _without_readings(state: State, lost: np.ndarray) -> Measurements:

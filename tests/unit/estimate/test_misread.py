@@ -128,7 +128,8 @@ def test_two_targets_whose_columns_are_exchanged_are_named() -> None:
     assert fault.named in judged(*fault.written(arm, rows))[0]
 
 
-@pytest.mark.parametrize("kind", ["slip_step", "session_frame", "gravity_tilt", "payload_mass"])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["slip_step", "payload_mass"])
 def test_an_effect_of_millimetres_is_no_convention(kind: str) -> None:
     assert judged(*boom(kind, 8)) == ()
     assert judged(*ur5(wave=4e-3)) == ()
@@ -144,14 +145,11 @@ def test_two_readings_in_each_others_row_are_called_exchanged() -> None:
     assert fellows == {row: f"line {rows.places[other].line}" for row, other in ((30, 100), (100, 30))}
 
 
-def test_nothing_is_written_where_readings_scatter_a_hundred_times_what_they_state(
-    armflex: Run, tmp_path: Path
-) -> None:
+def test_nothing_is_written_where_readings_scatter_a_hundred_times_as_stated(armflex: Run, tmp_path: Path) -> None:
     lines = (ROBOTS / "tarm_like" / "campaign.csv").read_text().splitlines()[:101]
-    assert "sigma_mm" in lines[0]
-    place = lines[0].split(",").index("sigma_mm")
+    place = lines[0].split(",").index("sigma")
     cells = [line.split(",") for line in lines[1:]]
-    text = [",".join([*row[:place], "0.001", *row[place + 1 :]]) for row in cells]
+    text = [",".join([*row[:place], "1e-6", *row[place + 1 :]]) for row in cells]
     (tmp_path / "rows.csv").write_text("\n".join([lines[0], *text]) + "\n")
     asked = ("calibrate", ROBOTS / "tarm_like" / "measured.toml", "rows.csv", "-o", "out.toml")
     refused = fine(armflex(*asked), 2).stderr.replace("\n", " ")
