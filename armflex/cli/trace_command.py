@@ -269,6 +269,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
         "rows": len(found.rows) + len(found.unjudged),
+        "flags": found.calibration.flags,
         "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
         "held_out_rms_mm": {stage: 1e3 * rms for stage, rms in held_out.items()},

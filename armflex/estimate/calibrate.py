@@ -22,7 +22,7 @@ from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_fol
 from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import beyond_priors, check_conventions, wrong_sigma
-from armflex.estimate.outliers import FAR, Outlier, outliers_of
+from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
 from armflex.estimate.placement import check_enough, first_guess
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
@@ -144,7 +144,7 @@ class Calibration(Result):
     @property
     def outliers(self) -> tuple[Outlier, ...]:
         """Readings with little weight, the worst of every instrument first."""
-        far = instrument_weights(self.fit.view) < FAR
+        far = instrument_weights(self.fit.view) < DOUBTED
         return tuple(outliers_of(self.fit.view, far, self.measurements, "counted less"))
 
 

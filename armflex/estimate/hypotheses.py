@@ -30,12 +30,12 @@ Rewriting = Callable[[Arm, Measurements], Written]
 USUAL, RARE = 5.0, 8.0
 """Priors: minus the logarithm of the probability of a mistake that is often made, and of one that hardly is."""
 
-UNITS = {
+WRITTEN_IN = {
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254},
     "rad": {"rad": 1.0, "degrees": np.pi / 180.0, "mm/m": 1e-3},
     "m/s^2": {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mm/s^2": 1e-3, "mg": 1e-3 * STANDARD_GRAVITY},
 }
-"""SI unit -> unit that numbers may have been written in, or taken for -> factor to SI."""
+"""Tolerance: SI unit -> unit that numbers may have been written in, or taken for -> factor to SI."""
 
 ANYWHERE = 5.0
 """Prior: standard deviation of where a sensor stands that may stand anywhere [m, rad]."""
@@ -132,8 +132,8 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
     if measurements.readings.of(Position) is None:
         return
     for unit, taken, factor in _factors("m"):
-        remedy = f"write the unit that they are in into the header: x_{unit}, y_{unit}, z_{unit}, or x_in"
-        remedy = remedy if unit != "inches" else "write the unit into the header: x_in, y_in, z_in"
+        remedy = f"write the unit into the header: x_{unit}, y_{unit}, z_{unit}"
+        remedy = remedy if unit != "inches" else "convert them, and write x_mm, y_mm, z_mm into the header"
         name = f"x, y, z are in {unit}, taken for {taken}"
         yield Hypothesis(name, remedy, _positions(np.eye(3) * factor), some=True)
         yield Hypothesis(f"{name}, and so is sigma", remedy, _positions(np.eye(3) * factor, factor))
@@ -310,8 +310,8 @@ def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> I
 def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
     """Yield (unit that numbers are in, unit that they were taken for, factor), of each factor the usual pair."""
     seen = set[float]()
-    for taken, own in sorted(permutations(UNITS[unit], 2), key=lambda pair: pair[0] != unit):
-        factor = UNITS[unit][own] / UNITS[unit][taken]
+    for taken, own in sorted(permutations(WRITTEN_IN[unit], 2), key=lambda pair: pair[0] != unit):
+        factor = WRITTEN_IN[unit][own] / WRITTEN_IN[unit][taken]
         if round(np.log(factor), 6) not in seen:
             seen.add(round(np.log(factor), 6))
             yield own, taken, factor

@@ -485,6 +485,8 @@ def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:
             now = np.where(own[:, None], other, one)
             sizes = [((fitted.left + each - now)[:, where] ** 2).sum(axis=1) for each in (one, other)]
             own = open_ & (sizes[1] < sizes[0])
+            if LOOKS * 0.5 * np.log(sizes[0].sum() / np.minimum(*sizes).sum()) < NAMED and fitted is found:
+                return np.zeros_like(own)  # it cannot explain enough
     return own
 
 

@@ -20,7 +20,7 @@ from armflex.measured.measurements import Measurements
 LOST = 0.1
 """Confidence: robust weight below which a reading may be a lost beam, at forty standard deviations or more."""
 
-FAR = 0.5
+DOUBTED = 0.5
 """Confidence: robust weight below which a reading speaks for its neighbours: they are far off for one reason."""
 
 NEAR = (-2, -1, 1, 2)
@@ -60,7 +60,7 @@ def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: 
         heed: Whether what is far off in company stays, as long as some effect may still explain it.
     """
     weights = instrument_weights(view)
-    far, lost = weights < FAR, weights < LOST
+    far, lost = weights < DOUBTED, weights < LOST
     if heed:
         count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
         beside = np.zeros(far.shape, dtype=int)  # neighbours in time, in the same session, that are far off
