@@ -57,6 +57,8 @@ class Hypothesis:
             ('loads'), 'orientation', or the name of a sensor.
         some: Whether it may be true of one session alone, or of some of the rows.
         slip: How far something was moved [m, rad], where an arm that slips as far explains as much.
+        volume: Logarithm of the factor by which it stretches what is read, the mean over its numbers: numbers that
+            shrink fit anything, and are no likelier for that.
         of_rows: Whether some rows are rewritten as they are among all: it is not about the order of the rows.
     """
 
@@ -68,6 +70,7 @@ class Hypothesis:
     some: bool = False
     slip: float | None = None
     of_rows: bool = True
+    volume: float = 0.0
 
 
 def hypotheses(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Hypothesis]:
@@ -135,11 +138,13 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
         remedy = f"write the unit into the header: x_{unit}, y_{unit}, z_{unit}"
         remedy = remedy if unit != "inches" else "convert them, and write x_mm, y_mm, z_mm into the header"
         name = f"x, y, z are in {unit}, taken for {taken}"
-        yield Hypothesis(name, remedy, _positions(np.eye(3) * factor), some=True)
-        yield Hypothesis(f"{name}, and so is sigma", remedy, _positions(np.eye(3) * factor, factor))
+        volume, every = float(np.log(factor)), np.eye(3) * factor
+        yield Hypothesis(name, remedy, _positions(every), some=True, volume=volume)
+        yield Hypothesis(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
         for axis, one in zip("xyz", np.eye(3), strict=True):
             scale = np.diag(np.where(one > 0.0, factor, 1.0))
-            yield Hypothesis(f"{axis} alone is in {unit}, taken for {taken}", remedy, _positions(scale), RARE)
+            name = f"{axis} alone is in {unit}, taken for {taken}"
+            yield Hypothesis(name, remedy, _positions(scale), RARE, volume=volume / 3.0)
     smaller = "write sigma_mm into the header"
     yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)))
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
@@ -193,7 +198,7 @@ def _of_orientations() -> Iterator[Hypothesis]:
     """Yield what may have been written into rx, ry, rz instead of a rotation vector in the unit of the header."""
     forms: dict[str, tuple[Callable[[Array], Rotation], str]] = {
         "a rotation vector": (Rotation.from_rotvec, ""),
-        "a quaternion's x, y, z": (_from_quaternion, "multiply them by twice the half angle over its sine"),
+        "a quaternion's x, y, z": (_from_quaternion, ""),
     }
     for order in (*permutations("xyz"), *((a, b, a) for a, b in permutations("xyz", 2))):
         for axes in ("".join(order), "".join(order).upper()):
@@ -215,9 +220,10 @@ def _of_orientations() -> Iterator[Hypothesis]:
         wrong += ["the other way about (of the instrument in the target)"] if back else []
         wrong += [f"in {unit}"] if unit else []
         if wrong and not (unit and form.startswith("a quaternion")):
-            remedy = f"write rotation vectors: scipy's Rotation.from_euler({axes!r}, ...).as_rotvec()" if axes else ""
-            remedy = remedy or ("write the unit into the header: rx_deg" if unit == "degrees" else "take _deg from rx")
-            remedy = "write its inverse, as a rotation vector" if back and not axes else remedy
+            remedy = "take _deg from the header" if unit == "radians" else "write the unit into the header: rx_deg"
+            if form != "a rotation vector" or back:
+                remedy = f"write rotation vectors, say by scipy's Rotation.from_euler({axes!r}, ...).as_rotvec()"
+                remedy = remedy if axes else "write its rotation vector" + ", of the target in the instrument" * back
 
             def rewritten(
                 values: Array, made: Callable[[Array], Rotation] = made, back: bool = back, by=factor
@@ -227,7 +233,7 @@ def _of_orientations() -> Iterator[Hypothesis]:
 
             name = f"rx, ry, rz are {', '.join(wrong)}"
             prior = USUAL + 2.0 * (len(wrong) - 1)
-            yield Hypothesis(name, remedy, _values({"": rewritten}, Orientation), prior, of="orientation")
+            yield Hypothesis(name, remedy, _values("", rewritten, Orientation), prior, of="orientation")
 
 
 def _from_quaternion(vectors: Array) -> Rotation:
@@ -242,7 +248,8 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
     for unit, taken, factor in _factors(kind.unit):
         remedy = "write the unit into the header"
         what = f"what {kind.title} read fits better in {unit}, not {taken}"
-        yield Hypothesis(what, remedy, _values({name: lambda values, by=factor: by * values}), of=name)
+        change = _values(name, lambda values, by=factor: by * values)
+        yield Hypothesis(what, remedy, change, of=name, volume=float(np.log(factor)))
     if isinstance(kind, Acceleration):
         remedy, opposite = OPPOSITE[sensor.sign < 0.0], replace(sensor, sign=-sensor.sign)
         yield Hypothesis(f"{kind.title} reads the opposite", f"write {remedy}", _sensor(opposite), USUAL - 1.0, of=name)
@@ -256,7 +263,9 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
             axes = np.eye(kind.dimension)[list(order)] * np.array(signs)[:, None]
             what = f"what {kind.title} read fits better with {', '.join(words)}"
             prior = USUAL + len(away) // 2 + len(turned)
-            yield Hypothesis(what, "write its columns so", _values({name: _linear(axes)}), prior, of=name)
+            yield Hypothesis(
+                what, "write its columns so", _values(name, lambda values, by=axes: values @ by.T), prior, of=name
+            )
     for other in measurements.readings.kinds:
         if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
             one, last = sorted([name, other.name])
@@ -301,7 +310,7 @@ def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> I
     remedy += ", and session_target under [prior]" if name == "target" else ""
     more = {"of": name or "points", "slip": float(np.linalg.norm(step))}
     if name != "target":
-        back = _values({name: lambda values: values - rows[:, None] * step}, Position if not name else Kind)
+        back = _values(name, lambda values: values - rows[:, None] * step, Kind if name else Position)
         yield Hypothesis(text, remedy, back, **more)
     if name in ("", "target"):
         yield Hypothesis(text, remedy, in_sessions, **more)
@@ -317,47 +326,43 @@ def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
             yield own, taken, factor
 
 
-def _linear(by: Array) -> Callable[[Array], Array]:
-    return lambda values: values @ by.T
-
-
-def _values(changes: Mapping[str, Callable[[Array], Array]], of: type[Kind] = Kind) -> Rewriting:
-    """Return the change of what instruments read, by their names."""
+def _read(change: Callable[[Kind, Measurements], Kind]) -> Rewriting:
+    """Return the rewriting of every kind of readings, given the campaign."""
 
     def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        kinds = tuple(
-            replace(kind, values=changes[kind.name](kind.values))
-            if kind.name in changes and isinstance(kind, of)
-            else kind
-            for kind in measurements.readings.kinds
-        )
+        kinds = tuple(change(kind, measurements) for kind in measurements.readings.kinds)
         return arm, replace(measurements, readings=replace(measurements.readings, kinds=kinds))
 
     return rewritten
 
 
-def _positions(by: Array, sigma: float = 1.0) -> Rewriting:
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        position = measurements.position @ by.T
-        return arm, replace(measurements, position=position, sigma=sigma * measurements.sigma)
+def _values(name: str, change: Callable[[Array], Array], of: type[Kind] = Kind) -> Rewriting:
+    """Return the change of what one instrument read, of one kind."""
+    return _read(
+        lambda kind, _: (
+            replace(kind, values=change(kind.values)) if kind.name == name and isinstance(kind, of) else kind
+        )
+    )
 
-    return rewritten
+
+def _positions(by: Array, sigma: float = 1.0) -> Rewriting:
+    return _read(
+        lambda kind, _: (
+            replace(kind, values=kind.values @ by.T, sigma=sigma * kind.sigma)
+            if isinstance(kind, Position) and not kind.name
+            else kind
+        )
+    )
 
 
 def _exchanged(one: str, other: str) -> Rewriting:
     names = {one: other, other: one}
 
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        own = {kind.name: kind for kind in measurements.readings.kinds if type(kind) is not Orientation or kind.name}
-        kinds = tuple(
-            replace(kind, values=own[names[kind.name]].values, sigma=own[names[kind.name]].sigma)
-            if kind.name in names and own.get(kind.name) is kind
-            else kind
-            for kind in measurements.readings.kinds
-        )
-        return arm, replace(measurements, readings=replace(measurements.readings, kinds=kinds))
+    def change(kind: Kind, measurements: Measurements) -> Kind:
+        fellow = measurements.readings.of(type(kind), names[kind.name]) if kind.name in names else None
+        return kind if fellow is None else replace(fellow, name=kind.name)
 
-    return rewritten
+    return _read(change)
 
 
 def _sensor(sensor: Sensor) -> Rewriting:
@@ -370,17 +375,14 @@ def _joints(by: Array, shift: Array | float = 0.0) -> Rewriting:
 
 
 def _read_apart(step: int) -> Rewriting:
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        measured, kinds = np.flatnonzero(measurements.measured), []
-        for kind in measurements.readings.kinds:  # an orientation has a row of its own, as ever
-            if isinstance(kind, Position) or kind.name:
-                after = np.arange(len(measurements))
-                after[measured] = np.roll(measured, -step)
-                kind = replace(kind, values=kind.values[after], sigma=kind.sigma[after] if kind.name else kind.sigma)
-            kinds.append(kind)
-        return arm, Measurements.of(measurements, replace(measurements.readings, kinds=tuple(kinds)))
+    def change(kind: Kind, measurements: Measurements) -> Kind:
+        if not (isinstance(kind, Position) or kind.name):  # an orientation has a row of its own, as ever
+            return kind
+        measured, after = np.flatnonzero(measurements.measured), np.arange(len(measurements))
+        after[measured] = np.roll(measured, -step)
+        return replace(kind, values=kind.values[after], sigma=kind.sigma[after] if kind.name else kind.sigma)
 
-    return rewritten
+    return _read(change)
 
 
 def _pulled(gravity: Array) -> Rewriting:

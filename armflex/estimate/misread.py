@@ -343,7 +343,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
             known = found.view if found is not None and other.rests_as(case) else None
             near = found.view.setup.instrument if found is not None and hypothesis.of == "loads" else None
             then, (words, choice) = misfit(other, known, near), _choice(case, own)
-            gain = cost - then.cost
+            gain = cost - then.cost + LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
             if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
                 gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)  # an arm that slips as far explains as much
             gain, name = gain - hypothesis.prior - choice, f"{hypothesis.name}{words}"
@@ -429,7 +429,8 @@ def _first_look(
         if placed == unknown and all(np.array_equal(a, b) for a, b in zip(here, there, strict=True)):
             yield hypothesis, None  # it moves no point
             continue
-        looked.append((cost(*there, placed) + hypothesis.prior, len(looked), hypothesis, None))
+        price = cost(*there, placed) + hypothesis.prior - LOOKS * hypothesis.volume
+        looked.append((price, len(looked), hypothesis, None))
         masks, own = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool)
         for _ in range(MOST_SAID if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
             near = mixed(there, own) if unknown else None
@@ -437,6 +438,7 @@ def _first_look(
         for some in (*masks, own) if hypothesis.some else ():
             if 0 < some.sum() < len(some):
                 price = cost(*mixed(there, some), unknown) + hypothesis.prior + _choice(case, some)[1]
+                price -= LOOKS * hypothesis.volume * float(some.mean())
                 looked.append((price, len(looked), hypothesis, some))
     looked.sort(key=lambda one: one[:2])
     yield from ((one, own) for price, _, one, own in looked[:MOST_TRIED] if price < before)
