@@ -305,7 +305,7 @@ def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> I
             arm = replace(arm, instrument=replace(instrument, targets=before | after))
         return arm, replace(measurements, session=session)
 
-    text = f"{title} was moved, unnoticed, from {start} on"
+    text = f"{title} was moved, unnoticed, from about {start} on"
     remedy = "give the rows from there on a session of their own"
     remedy += ", and session_target under [prior]" if name == "target" else ""
     more = {"of": name or "points", "slip": float(np.linalg.norm(step))}

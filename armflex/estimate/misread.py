@@ -459,7 +459,7 @@ def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | N
 
 
 def _likeliest_readings(every: Sequence[Hypothesis], case: Case, found: Misfit) -> Iterator[Hypothesis]:
-    """Yield the hypotheses about sensors; of those that change what one read those that bring it nearest."""
+    """Yield the hypotheses about sensors; of those about the axes of one those that bring its readings nearest."""
     looked: list[tuple[float, int, Hypothesis]] = []
     for hypothesis in (one for one in every if one.of in case.arm.sensors):
         other = case.meant(hypothesis)
@@ -468,7 +468,8 @@ def _likeliest_readings(every: Sequence[Hypothesis], case: Case, found: Misfit) 
         errors = found.view.residual.copy()
         for i in changed:
             errors[:, found.view.readings.slices[i]] += other.rows.readings.kinds[i].values - found.kinds[i].values
-        if other.arm is not case.arm or len(changed) != 1 or isinstance(found.kinds[changed[0]], Orientation):
+        turned = len(changed) == 1 and isinstance(found.kinds[changed[0]], Orientation)
+        if other.arm is not case.arm or len(changed) != 1 or turned or hypothesis.volume:
             yield hypothesis
         else:
             looked.append((found.off(errors, changed[0]), len(looked), hypothesis))
