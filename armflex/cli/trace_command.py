@@ -269,7 +269,6 @@ def as_json(found: Trace) -> dict[str, Any]:
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
         "rows": len(found.rows) + len(found.unjudged),
-        "flags": found.calibration.flags,
         "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
         "held_out_rms_mm": {stage: 1e3 * rms for stage, rms in held_out.items()},
@@ -297,6 +296,7 @@ def as_json(found: Trace) -> dict[str, Any]:
             | ({"exchanged_with": one.fellow} if one.fellow else {})
             for one in found.outliers
         ],
+        "flags": found.calibration.flags,
         "held_out_chosen_again_rms_mm": found.compared
         and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
         "held_out_is_of": found.said_of_held_out if found.compared is not None else "nothing was chosen",
