@@ -145,10 +145,6 @@ class UnsupportedError(InputError):
     """The input is valid but asks for something this version does not do."""
 
 
-class AxesError(InputError):
-    """Measured positions are those of a mirrored or turned arm: axes are swapped or point the other way."""
-
-
 class ConventionError(InputError):
     """A campaign is implausible for its arm, and plausible in another convention: `names`, the likeliest first.
 
@@ -157,6 +153,7 @@ class ConventionError(InputError):
 
     def __init__(self, problem: str, names: Sequence[str]) -> None:
         super().__init__(f"{problem}. To take it as it is all the same: --anyway (in Python anyway=True)")
+        self.problem = problem
         self.names = tuple(names)
 
 

@@ -19,6 +19,7 @@ from armflex.estimate.block import learned_laws
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.learn import LearnedAxis, learned_axes
+from armflex.estimate.misread import check_scatter
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.forces import Unnamed
@@ -64,6 +65,8 @@ def command(
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
         found = calibrate(arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway)
+    if not anyway:
+        check_scatter(found.fit)
     samples = None
     if sample:
         with progress("sampling") as tick:
@@ -135,7 +138,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     for outlier in found.outliers[:5]:
         unit, factor = SHOWN[outlier.unit]
         by = f" by {outlier.instrument}" if outlier.instrument else ""
-        say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}")
+        other = f": exchanged with the reading of {outlier.fellow}" if outlier.fellow else ""
+        say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}{other}")
 
 
 def _cells(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -> list[str]:
@@ -226,6 +230,7 @@ def as_json(found: Calibration) -> dict[str, Any]:
         "outliers": [
             {"row": o.row, "place": str(o.place)}
             | ({"instrument": o.instrument} if o.instrument else {})
+            | ({"exchanged_with": o.fellow} if o.fellow else {})
             | ({"error_mm": o.error_m * 1e3} if o.unit == "m" else {"error": o.error_m, "unit": o.unit})
             for o in found.outliers
         ],

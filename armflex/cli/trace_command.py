@@ -14,7 +14,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import complain, doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
-from armflex.errors import FileError, InputError, enough_memory
+from armflex.errors import FileError, InputError, enough_memory, listing
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
@@ -162,7 +162,7 @@ def print_trace(found: Trace) -> None:
     ]
     rows = [[name, *("-" if rms is None else number(rms * 1e3, 3) for rms in pair)] for name, *pair in figures]
     readings = found.state.measurements.readings
-    title = f"RMS of the {readings.error_title} over {len(found.rows)} rows"
+    title = f"RMS of the {readings.error_title} over {len(found.rows) + len(found.unjudged)} rows"
     unit = SHOWN[readings.unit][0]
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     if found.found:
@@ -207,9 +207,12 @@ def _remarks(found: Trace) -> Iterator[str]:
         )
     if found.outliers:
         lost, less = found.told("lost beam"), found.told("counted less")
-        yield f"In no figure: {lost} rows left out as lost beams, and {less} that the fit counts less as outliers."
-    if unknown := found.told("direction unknown"):
-        yield f"{unknown} more rows are left out: nothing tells from where a joint came before it first moved."
+        yield f"In no figure: {lost} readings excluded as lost beams, {less} rows that the fit counts less as outliers."
+    if pairs := [one for one in found.outliers if one.fellow]:
+        said = listing(f"{one.place or one.row} and {one.fellow}" for one in pairs[::2])
+        yield f"Exchanged readings, excluded: {said}."
+    if unknown := len(found.unjudged):
+        yield f"{unknown} of the rows are not in the fit: nothing says from where a joint came before it first moved."
     if far := found.told("unexplained"):
         yield f"{far} more rows, far off together, are left out: nothing explains them."
     for one, which in zip(found.found, found.numbers, strict=True):
@@ -274,7 +277,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         **({} if found.nothing is None else {"nothing": found.nothing}),
         **({"unfinished": True} if found.unfinished else {}),
         **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
-        "rows": len(found.rows),
+        "rows": len(found.rows) + len(found.unjudged),
         "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
         "held_out_rms_mm": {stage: 1e3 * rms for stage, rms in held_out.items()},
@@ -298,8 +301,11 @@ def as_json(found: Trace) -> dict[str, Any]:
         "outliers": [
             {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3, "kind": one.kind}
             | ({} if unit == "m" else {"error": one.error_m, "unit": unit})
+            | ({"instrument": one.instrument} if one.instrument else {})
+            | ({"exchanged_with": one.fellow} if one.fellow else {})
             for one in found.outliers
         ],
+        "flags": found.calibration.flags,
         "held_out_chosen_again_rms_mm": found.compared
         and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
         "held_out_is_of": found.said_of_held_out if found.compared is not None else "nothing was chosen",

@@ -15,7 +15,7 @@ from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import FileError, InputError, Place, naming
-from armflex.estimate.calibrate import FEWEST_ROWS, calibrate, loads_seen
+from armflex.estimate.calibrate import FEWEST_ROWS, fitted_to, loads_seen
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
@@ -155,6 +155,6 @@ def _fitted(
     """Return the names and values of what a fit to one resampled campaign found."""
     chosen = np.random.default_rng(seed).integers(len(poses), size=len(poses))
     with naming(f"resampled campaign {number}"):
-        found = calibrate(arm, measurements, rows=np.concatenate([poses[i] for i in chosen]), seen=seen, anyway=True)
+        found = fitted_to(arm, measurements, np.concatenate([poses[i] for i in chosen]), seen=seen)
     kept = [parameter for parameter in found.parameters if parameter.kind is not ParameterKind.INSTRUMENT]
     return tuple(parameter.name for parameter in kept), np.array([parameter.value for parameter in kept])

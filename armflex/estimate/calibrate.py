@@ -10,21 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
-from armflex.conventions import Array, row_numbers, said_of
-from armflex.errors import ArmflexError, Flag, InputError, Place, UnsupportedError, listing
+from armflex.conventions import row_numbers, said_of
+from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
-from armflex.estimate.instrument_checks import moved_sensors, suspected, wrong_sigma
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import check_conventions, without_positions
-from armflex.estimate.placement import check_readings, placed_rigidly
+from armflex.estimate.misread import check_conventions, wrong_sigma
+from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
+from armflex.estimate.placement import check_enough, first_guess
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
 from armflex.estimate.view import View, foremost_rms, look
@@ -38,39 +37,15 @@ from armflex.laws.law import anywhere
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
-from armflex.mechanics.history import known_rows
-from armflex.mechanics.response import respond
 from armflex.parallel import Progress
 from armflex.parameters import FRAMES, ParameterKind, beyond_priors
 from armflex.readings import Kind
-from armflex.readings.instrument import Instrument, fit_mounting
 from armflex.result import Result
-
-OUTLIER = 0.5
-"""Robust weight below which a row is listed as an outlier."""
 
 FEWEST_ROWS = 4
 
-PLACED = 2
-"""Times that the instrument is placed where gravity turns with it: the second is about a first that is nearly right."""
-
 MANY, SOME = 4096, 8
 """Rows beyond which a fit begins where one in so many of them leads."""
-
-
-@dataclass(frozen=True)
-class Outlier:
-    """What the fit does not believe of a row: its place, its error [m, or `unit`], and what became of it.
-
-    `instrument` is the sensor that read it, '' the instrument at the tip.
-    """
-
-    row: int
-    place: Place | None
-    error_m: float
-    kind: str = "counted less"
-    instrument: str = ""
-    unit: str = "m"
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -180,17 +155,9 @@ class Calibration(Result):
 
     @property
     def outliers(self) -> tuple[Outlier, ...]:
-        """Rows with little weight, the worst first."""
-        view, places, found = self.fit.view, self.measurements.places, []
-        weights = instrument_weights(view)
-        for number, group in enumerate(view.readings.groups):
-            own = next(kind for kind, place in view.readings.placed if place.start == group.start)
-            error = np.linalg.norm(view.residual[:, group.start : group.start + own.dimension], axis=1)
-            far = np.flatnonzero(weights[:, number] < OUTLIER)
-            for i in far[np.argsort(-error[far])]:
-                place = places[view.rows[i]] if places else None
-                found.append(Outlier(int(view.rows[i]), place, float(error[i]), instrument=own.name, unit=own.unit))
-        return tuple(found)
+        """Readings with little weight, the worst of every instrument first."""
+        far = instrument_weights(self.fit.view) < DOUBTED
+        return tuple(outliers_of(self.fit.view, far, self.measurements, "counted less"))
 
 
 def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
@@ -236,25 +203,42 @@ def calibrate(
 
     Raises:
         ConventionError: The campaign is implausible for this arm, and plausible in another convention.
-        InputError: Too few rows were measured, or see `check_readings`.
+        InputError: Too few rows were measured, or they do not determine where the instrument stands.
         MissingCovariateError: An effect of the arm depends on what the campaign does not give.
         UnsupportedError: The arm has effects that change how the instrument stands or reads.
         ConvergenceError: The fit did not settle.
     """
     measurements = as_measurements(measurements, arm)
+    used, _ = _usable(arm, measurements, rows)
+    about: tuple[Flag, ...] = ()
+    try:
+        about = check_conventions(arm, measurements, used, keep, searched=as_stated)
+    except ConventionError as error:
+        if not anyway:
+            raise
+        about = (Flag("convention", error.problem),)
+    return fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
+
+
+def fitted_to(
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray | None = None,
+    progress: Progress | None = None,
+    keep: bool = False,
+    as_stated: bool = False,
+    seen: Mapping[str, Seen] | None = None,
+    about: tuple[Flag, ...] = (),
+) -> Calibration:
+    """Return what `calibrate` does of a campaign that is taken as it is written.
+
+    Args:
+        arm, measurements, rows, progress, keep, as_stated, seen: See there.
+        about: Flags on conventions and instruments that are implausible.
+    """
     used, derived = _usable(arm, measurements, rows)
-    if not anyway:
-        check_conventions(arm, measurements, used, keep, searched=as_stated)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used, keep)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
-    judged, about = declared.arm.sensors and not anyway, ()
-    if judged:
-        alone = not measurements.positioned[used].any()
-
-        def otherwise() -> tuple[str, ...]:
-            return without_positions(arm, measurements, used, keep) if alone else ()
-
-        about = suspected(look(declared, measurements, used), placed, tuple(blocks), otherwise)
     laws = None if keep else law_block(declared, placed.view, seen)
 
     begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
@@ -268,10 +252,7 @@ def calibrate(
     sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
     fitted = zip(found.parameters, sizes, strict=True)
     pulls = {one.label: size for one, size in fitted if one.group.kind is not ParameterKind.LAW}
-    judgement: tuple[Flag, ...] = ()
-    if judged:
-        judgement = tuple(moved_sensors(found, measurements, about))
-        judgement = (*judgement, *wrong_sigma(found, (*about, *judgement)))
+    judgement = tuple(wrong_sigma(found, about, as_stated))
     flags = (
         *derived,
         *about,
@@ -332,10 +313,14 @@ def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:
 
 def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool = False) -> tuple[Setup, Fit]:
     """Return the first guess, and the rows with only the instrument's frame and, unless kept, the target fitted."""
-    declared = first_guess(arm, measurements, used)
+    declared, line = first_guess(arm, measurements, used)
+    seen = measurements.positioned[used]
+    if arm.measurement.frame != "base" and seen.any():
+        points = declared.instrument.seen(declared.instrument.in_base(line.tip[seen]))
+        check_enough(points, measurements.sigma[used[seen]])
     placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR, *(() if keep else (ParameterKind.TOOL,)))
     frame = [block for block in declared_blocks(declared, measurements) if block.kind in placing]
-    view = look(declared, measurements, used)
+    view = look(declared, measurements, used, line=line)
     if frame:
         begun = sensor_start(view)
         return declared, fit(
@@ -383,48 +368,6 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
         text = f"{untold.sum()} rows are left out: nothing tells from where a joint came before it first moved"
         flags = (*flags, Flag("direction_unknown", text))
     return used, flags
-
-
-def first_guess(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Setup:
-    """Return the arm with its instrument, placed by a best rigid fit where its frame is unknown.
-
-    Gravity that is known in the instrument's frame turns with that, and bends the arm otherwise: it is placed again.
-    """
-    setup = Setup(arm, arm.instrument or Instrument())
-    known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
-    some, checked = measurements.some(rows), False
-    for _ in range(PLACED if arm.measurement.gravity_in == "measurement" else 1):
-        tip = respond(setup.arm, some.q, some.payload, known, wrenches=some.wrenches).tip
-        points = setup.instrument.in_base(tip, some.session)
-        seen = measurements.positioned[rows]
-        if not seen.any():
-            break
-        if not checked:
-            check_readings(arm, points[seen], measurements, rows[seen])
-            checked = True
-        if arm.measurement.frame != "base":
-            setup = placed_rigidly(setup, points[seen], measurements, rows[seen], tip[seen, :3, :3])
-    return replace(setup, instrument=_mounted(setup, tip, measurements, rows))
-
-
-def _mounted(setup: Setup, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
-    """Return the instrument with its target turned on the tool as read orientations have it, in each session anew
-    where it was mounted anew.
-    """
-    instrument = setup.instrument
-    if measurements.rotation is None or measurements.sigma_r is None:
-        return instrument
-    read = np.isfinite(measurements.sigma_r[rows])
-    if not read.any():
-        return instrument
-    sessions, turned = np.array([measurements.session[row] for row in rows[read]]), measurements.rotation[rows[read]]
-    axes = instrument.session_turns(sessions.tolist()) @ instrument.axes(tip[read])
-    found = replace(instrument, mounting=fit_mounting(axes, turned))
-    if not setup.arm.prior.session_target:
-        return found
-    back, own = pin.exp3(found.mounting).T, {name: sessions == name for name in dict.fromkeys(sessions.tolist())}
-    each = {name: pin.exp3(fit_mounting(axes[some], turned[some])) @ back for name, some in own.items()}
-    return replace(found, targets={name: np.array([0.0, 0.0, 0.0, *pin.log3(turn)]) for name, turn in each.items()})
 
 
 def _apart(declared: Setup) -> Iterator[Flag]:

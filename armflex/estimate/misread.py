@@ -1,103 +1,282 @@
 """Whether a campaign says what its columns claim, or was written in another convention than the arm's.
 
-Most first campaigns are wrong in a convention: two joints exchanged, a sign, a home position, degrees, readings that
-belong to the row before. A fit then drives everything that is free to where it makes up for that. So before anything is
-fitted, the readings are compared with what the arm and its priors can explain. With r the (n,) residuals of the
-declared arm, J the Jacobian of everything that [prior] frees, P its prior covariance and s^2 a variance of one reading,
+Most first campaigns are wrong in a convention: two joints exchanged, a sign, a home position, a unit, Euler angles, a
+target that somebody knocked. A fit then drives everything that is free to where it makes up for that. So before
+anything is fitted, the readings are compared with what the arm and its priors can explain, as they are written and as
+each of the `hypotheses` would have them. With the instrument placed, J the Jacobian of everything that [prior] frees
+and r what is left of the readings, the cost of a campaign is minus the logarithm of
 
-    r ~ N(0, s^2 1 + J P J'),        misfit = r' (s^2 1 + J P J')^-1 r / n,
+    max over t, s   N(t; 0, P)  prod over readings  student(r - J t; s)^k,      s >= what is stated, and `FINE`.
 
-which is about 1 or less for a campaign of this arm. s is the stated standard deviation, or a part of the reach if that
-is larger: what an arm lacks is no business of this test, but only to be found by tracing. Where the misfit is
-implausible the hypotheses are tried, each a transformation of the table or of the arm file, with a misfit of its own.
-One is named only if it explains nearly all that the table as it stands does not.
+Each instrument has a scatter s of its own, so that one that is wrong does not spoil what the others say. What an arm
+lacks is the same in many readings: they count as `LOOKS` independent ones, which is the power k. Tails are long
+(Lange, Little and Taylor 1989): a lost beam is no convention, a session of them is. A hypothesis is named where the
+logarithm of its odds against the campaign as written, its prior among them, is beyond `NAMED`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from armflex.arm import Arm, Setup
-from armflex.conventions import STANDARD_GRAVITY, Array, in_mm
-from armflex.errors import ArmflexError, ConventionError
+from armflex.arm import Arm
+from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
+from armflex.errors import ArmflexError, ConventionError, Flag
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.placement import check_readings, placed_rigidly
-from armflex.estimate.view import look
-from armflex.files.dh_table import in_other_form
-from armflex.laws.joint.carried import scaled
-from armflex.laws.law import anywhere
+from armflex.estimate.fit import Fit, realise
+from armflex.estimate.fit import moved as moved_by
+from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, elsewhere, hypotheses, moved
+from armflex.estimate.placement import first_guess
+from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
-from armflex.measured.repeats import repeats
-from armflex.mechanics.history import known_rows
-from armflex.parameters import FRAMES, ArmParameter, ParameterKind
-from armflex.readings import Position
-from armflex.readings.instrument import Instrument
+from armflex.mechanics.many_rows import rigid_tips
+from armflex.parameters import FRAMES
+from armflex.readings import Kind, Orientation
+from armflex.readings.instrument import Instrument, rigid_fit
 
-COARSE, FINE = 1e-3, 3e-5
-"""Parts of the reach that an arm may be off by, beyond its priors, before conventions are thought of: of kinematics,
-which put readings off by parts of the reach, and of loads, which bend the arm a little more or less."""
+NAMED = 12.0
+"""Confidence: the logarithm of the odds at which a hypothesis is named, and by which the next best is out of it."""
 
-IMPLAUSIBLE = 9.0
-"""Misfit beyond which the campaign is not that of this arm as it is written: three standard deviations."""
+LOOKS = 20.0
+"""Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
 
-DROP, DROP_OF_LOADS = 9.0, 3.0
-"""Fall of the misfit at which a hypothesis is named: of kinematics many are tried, and what an arm lacks is a larger
-part of what loads do."""
+FINE = 3e-5
+"""Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
-ALIKE = 3.0
-"""Hypotheses whose misfits differ by less are named together."""
-
-MOST_ROWS = 120
-"""Rows looked at: no convention hides in more."""
+SLIP = 1.5e-3
+"""Prior: standard deviation of how far something on an arm slips [m, rad], which is a cause to be traced."""
 
 GROSS = 0.05
-"""Part of the reach that is left by no arm: a beam of steel that bends so far stays bent."""
+"""Prior: part of the reach that is left by no arm: a beam of steel that bends so far stays bent."""
 
-ROUNDS = 4
-"""Rounds of robust weights, after which a lost beam counts as little as it will."""
+SCATTERED = 100.0
+"""Prior: scatter over the stated standard deviation at which something is wrong, whatever it is."""
 
-EXACT = 0.05
-"""A standard deviation of a part `COARSE` of the reach is a mistaken one where so little of it is left."""
+ABSURD = 10.0
+"""Confidence: prior standard deviations beyond which a value is none that was thought of with that prior."""
 
-SCATTERED = 30.0
-"""Scatter of repeats over the stated standard deviation that is a mistaken unit rather than a bad day."""
+TAILS = 4.0
+"""Prior: degrees of freedom of the readings' distribution (Lange, Little and Taylor 1989)."""
 
-RADIANS = np.pi / 180.0
+NOTHING = 1e9
+"""Tolerance: cost of an arm that has no equilibrium at all."""
 
-Told = tuple[Arm, Measurements]
+STEPS = 3
+"""Tolerance: Gauss and Newton's steps where nothing but sensors read, which begin from further off."""
+
+MOST_ROWS, ROUNDS, STILL, MOST_TRIED, MOST_SAID = 120, 15, 0.02, 8, 3
+"""Tolerances: rows looked at (no convention hides in more), rounds of weights and the change of log variances that ends
+them, hypotheses judged after a first look, and said."""
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """How badly a campaign fits an arm within its priors; see the head of this module.
+
+    Attributes:
+        view: The rows, instruments placed and nothing else fitted.
+        cost: Minus the logarithm of the density, readings counted as so many.
+        excess: (M, G) each reading's part of it beyond that of noise as stated, of every kind.
+        ideal: What the cost would be if nothing were left but what is stated.
+        left: (M, d) residuals with everything fitted, in their units.
+        scatter: (G,) of what each kind read over what is stated.
+        free: Whether anything but frames is free or learned.
+    """
+
+    view: View
+    cost: float
+    excess: Array
+    ideal: float
+    left: Array
+    scatter: Array
+    free: bool
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """What was read."""
+        return self.view.readings.kinds
+
+    @property
+    def suspects(self) -> tuple[str | None, ...]:
+        """Whose readings cost more than noise: sensors by name, '' for the tip's position, None its orientation."""
+        far = self.excess.sum(axis=0) > NAMED
+        far |= self.scatter < 1.0 / ABSURD  # stated in another unit
+        names = [None if isinstance(kind, Orientation) and not kind.name else kind.name for kind in self.kinds]
+        return tuple(name for name, one in zip(names, far.tolist(), strict=True) if one)
+
+    def off(self, errors: Array, number: int = 0) -> float:
+        """Return the median length of (M, d) errors of what one kind read, in its unit."""
+        kind, place = self.view.readings.placed[number]
+        read = np.isfinite(kind.sigma).any(axis=1)
+        return float(np.median(np.linalg.norm(errors[read, place], axis=1))) if read.any() else 0.0
+
+    def said(self, of: str) -> str:
+        """Return how far off is what a hypothesis is about with the instruments placed, in words."""
+        turned = [i for i, kind in enumerate(self.kinds) if isinstance(kind, Orientation) and not kind.name]
+        number = turned[0] if of == "orientation" and turned else 0
+        return said_of(self.off(self.view.residual, number), self.kinds[number].unit)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What is judged: an arm and some rows of its campaign, as written or as they may have been meant.
+
+    Attributes:
+        arm: The arm.
+        rows: The rows.
+        keep: Whether nothing but frames is free.
+        every: The whole campaign, and `some` (M,) the numbers of the rows in it.
+    """
+
+    arm: Arm
+    rows: Measurements
+    keep: bool
+    every: Measurements
+    some: np.ndarray
+
+    @property
+    def sessions(self) -> np.ndarray:
+        """(M,) session of every row."""
+        return np.array(self.rows.session)
+
+    def meant(self, hypothesis: Hypothesis, own: np.ndarray | None = None) -> Case:
+        """Return the case as a hypothesis has it in (M,) own rows, in all where None."""
+        before = self.rows if hypothesis.of_rows else self.every
+        arm, after = hypothesis.rewritten(self.arm, before)
+        after = after if hypothesis.of_rows else after.some(self.some)
+        if own is not None:
+            place, old = own[:, None], self.rows
+            kinds = [
+                replace(b, values=np.where(place, b.values, a.values), sigma=np.where(place, b.sigma, a.sigma))
+                for a, b in zip(old.readings.kinds, after.readings.kinds, strict=True)
+            ]
+            names = zip(old.payload, after.payload, own.tolist(), strict=True)
+            payload = tuple(b if there else a for a, b, there in names)
+            readings = replace(old.readings, kinds=tuple(kinds))
+            after = replace(after, q=np.where(place, after.q, old.q), payload=payload, readings=readings)
+        return replace(self, arm=arm, rows=after)
+
+    def rests_as(self, other: Case) -> bool:
+        """Return whether the arm rests in its rows as that of another case does."""
+        parts = ("robot", "flexures", "payloads", "effects", "corrections")
+        same = all(getattr(self.arm, name) is getattr(other.arm, name) for name in parts)
+        return same and np.array_equal(self.rows.q, other.rows.q) and self.rows.payload == other.rows.payload
+
+
+def misfit(case: Case, known: View | None = None, instrument: Instrument | None = None) -> Misfit:
+    """Return how badly rows fit an arm.
+
+    Args:
+        case: Arm and rows.
+        known: The same rows of an arm that rests in them as this one does, if any.
+        instrument: Where it stands, near enough; it is placed where not given.
+
+    Raises:
+        ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
+    """
+    arm, campaign, rows = case.arm, case.rows, np.arange(len(case.rows))
+    setup, line = first_guess(arm, campaign, rows, None if known is None else known.line, instrument)
+    begun = sensor_start(look(setup, campaign, rows, line=line))
+    blocks = [one for one in declared_blocks(setup, campaign) if not case.keep or one.kind in FRAMES]
+    values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
+    precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
+    size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}, None
+    found = None
+    for _ in range(1 if campaign.positioned[rows].any() else STEPS):
+        view = look(realise(setup, blocks, values), campaign, rows, line=line if first is None else None)
+        first = first or view
+        jacobian = np.zeros((*view.residual.shape, 0))
+        jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
+        least = view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE * size[kind.unit]))
+        places, floor = [place for _, place in view.readings.placed], np.maximum(view.sigma, least)
+        found = _settled(jacobian, precision, values, view.residual, floor, places)
+        values = moved_by(blocks, values, found[0])
+    free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
+    assert first is not None and found is not None
+    _, cost, excess, ideal, left, scatter = found
+    return Misfit(first, cost, excess, ideal, left, scatter, free)
+
+
+def _settled(
+    jacobian: Array, precision: Array, start: Array, residual: Array, floor: Array, places: Sequence[slice]
+) -> tuple[Array, float, Array, float, Array, Array]:
+    """Return (P,) the step, then what `Misfit` has: cost, rows, ideal, left and scatter; by rounds of weights.
+
+    Args:
+        jacobian: (M, d, P) changes of the readings per parameter.
+        precision: (P,) prior precisions, about values that are `start` (P,) less than those of the residual.
+        start: See there.
+        residual: (M, d) in their units.
+        floor: (M, d) least standard deviations, infinite where nothing was read.
+        places: Where each instrument's numbers stand among the d.
+    """
+    left, steps = residual / floor, jacobian / floor[:, :, None]
+    count = np.array([np.isfinite(floor[:, place]).sum(axis=1) for place in places], dtype=float).T
+    worth = LOOKS / np.maximum(count.sum(axis=0), LOOKS)
+
+    def squares() -> Array:
+        return np.array([(left[:, place] ** 2).sum(axis=1) for place in places]).T
+
+    def spread(weights: Array) -> Array:
+        return np.maximum((weights * squares()).sum(axis=0) / np.maximum(count.sum(axis=0), 1.0), 1.0)
+
+    own = squares()
+    variance = np.array(
+        [max(float(np.median(one[read > 0.0] / read[read > 0.0])), 1.0) if read.any() else 1.0
+         for one, read in zip(own.T, count.T, strict=True)]
+    )  # fmt: skip
+    values, whole = np.zeros(len(precision)), left
+    for _ in range(ROUNDS):
+        weights = (TAILS + count) / (TAILS + squares() / variance)
+        each = np.zeros_like(left)
+        for number, place in enumerate(places):
+            each[:, place] = (worth[number] * weights[:, number] / variance[number])[:, None]
+        if len(precision):
+            flat = (steps * np.sqrt(each)[:, :, None]).reshape(-1, len(precision))
+            score = flat.T @ (whole * np.sqrt(each)).ravel() - precision * start
+            values = LinearGaussian.of(flat, precision).solve(score)
+            left = whole - steps @ values
+        before, variance = variance, spread((TAILS + count) / (TAILS + squares() / variance))
+        if np.abs(np.log(variance / before)).max(initial=0.0) < STILL:
+            break
+
+    def cost(squared: Array, variance: Array) -> Array:
+        sizes = np.where(np.isfinite(floor), np.log(np.where(np.isfinite(floor), floor, 1.0)), 0.0)
+        scale = np.array([sizes[:, place].sum(axis=1) for place in places]).T + 0.5 * count * np.log(variance)
+        return worth * (0.5 * (TAILS + count) * np.log1p(squared / variance / TAILS) + scale)
+
+    parts, held = cost(squares(), variance), 0.5 * float((precision * (values + start) ** 2).sum())
+    least = np.minimum(cost(count, np.ones(len(places))), parts)
+    errors = np.where(np.isfinite(floor), left * np.where(np.isfinite(floor), floor, 0.0), 0.0)
+    small = (weights * squares()).sum(axis=0) / np.maximum(count.sum(axis=0), 1.0)
+    return values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(small)
 
 
 @dataclass(frozen=True)
-class Hypothesis:
-    """A convention that the campaign or the arm file may have been written in.
+class Named:
+    """A convention in which a campaign is plausible: how much the likelier, and how far off it then is, as said."""
 
-    Attributes:
-        name: What would be wrong, as the end of a sentence.
-        remedy: How to write it right.
-        told: The arm and the campaign as they were then meant.
-        axes: Whether it is about the axes of x, y and z, of which `check_axes` says more.
-        loads: Whether it is about what bends the arm, and how far.
-        tracked: Whether it is about x, y and z alone.
-    """
-
+    hypothesis: Hypothesis
     name: str
-    remedy: str
-    told: Callable[[Arm, Measurements], Told]
-    axes: bool = False
-    loads: bool = False
-    tracked: bool = False
+    gain: float
+    then: str
+
+    @property
+    def said(self) -> str:
+        """As the end of a sentence: the name, what is left then, and the remedy."""
+        return f"{self.name}? Then they are {self.then} off: {self.hypothesis.remedy}"
 
 
 def check_conventions(
     arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False, searched: bool = False
-) -> None:
-    """Raise where the readings are implausible for an arm, and plausible in another convention.
+) -> tuple[Flag, ...]:
+    """Return flags about sensors that were moved or are implausible; raise where a campaign is in another convention.
 
     Args:
         arm: The arm as declared.
@@ -108,322 +287,276 @@ def check_conventions(
 
     Raises:
         ConventionError: With the hypotheses that make the campaign plausible, the likeliest first, and how to write
-            each of them right; or standard deviations that cannot be meant; or nothing that [prior] frees where
-            readings are far off.
+            each of them right; or errors larger than any arm's; or nothing that [prior] frees where readings are off.
     """
-    rows = rows[measurements.positioned[rows]]
-    if not len(rows):
-        return
-    some = _spread(rows)
-    found = _misfit(arm, measurements, some, keep, in_general=True)
-    likely = [] if found is not None and found.ratio < IMPLAUSIBLE else _likely(arm, measurements, some, keep, found)
-    if likely:
-        if all(one.axes for _, one in likely):  # of which this says more, where nothing else is far off
-            points = (arm.instrument or Instrument()).in_base(_tips(arm, measurements, rows))
-            check_readings(arm, points, measurements, rows)
-        raise ConventionError(_said(measurements, rows, found, likely), [one.name for _, one in likely])
-    if found is not None and not likely:
-        _check_sigma(measurements, rows, found)
-        off = found.coarse if searched else found.ratio
-        if off >= IMPLAUSIBLE and not keep and not found.free:
-            text = f"readings are {in_mm(found.placed)} off the arm, and [prior] frees nothing: there is nothing to fit"
-            more = "give it joint_offset, compliance, tool or geometry, one standard deviation each"
-            raise ConventionError(f"{text} ({more})", ["[prior] frees nothing"])
-        if found.left > GROSS * found.reach and not keep:
-            text = f"readings are {in_mm(found.placed)} off the arm, {in_mm(found.left)} with all that [prior] frees"
-            text += ": no defect of an arm is so large, and no convention that is tried explains it"
-            more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
-            raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
-
-
-def without_positions(arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool = False) -> tuple[str, ...]:
-    """Return in words the conventions in which what sensors alone read becomes plausible, the likeliest first.
-
-    Where they stand is found anew for each, so some do as much as another place of theirs would.
-
-    Args:
-        arm, measurements, rows, keep: As of `check_conventions`.
-    """
-    some = _spread(rows)
-    found = _misfit(arm, measurements, some, keep, in_general=True)
-    if found is not None and found.ratio < IMPLAUSIBLE:
+    if len(rows) > MOST_ROWS:
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))]
+    case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None
+    with suppress(ArmflexError):
+        found = misfit(case)
+    if found is not None and found.cost - found.ideal < NAMED and not found.suspects:
         return ()
-    return tuple(f"{one.name} ({one.remedy})" for _, one in _likely(arm, measurements, some, keep, found))
-
-
-def _spread(rows: np.ndarray) -> np.ndarray:
-    """Return at most `MOST_ROWS` of some rows."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))] if len(rows) > MOST_ROWS else rows
-
-
-def _likely(
-    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, found: _Misfit | None
-) -> list[tuple[_Misfit, Hypothesis]]:
-    """Return the hypotheses that explain nearly all that the table as it stands does not, the likeliest first."""
-    tried, placed = [], measurements.positioned[rows].all()
-    as_it_stands = _placed_off(arm, measurements, rows) if placed else np.inf
-    for hypothesis in hypotheses(arm, measurements):
-        if hypothesis.tracked and not placed:
-            continue
-        said = hypothesis.told(arm, measurements)
-        # Kinematics that do not bring the points nearer to their places cannot explain them: most need no fit.
-        able = found is None or hypothesis.loads or found.coarse >= IMPLAUSIBLE
-        quick = placed and found is not None and not hypothesis.loads
-        if not able or (quick and _placed_off(*said, rows) > as_it_stands):
-            continue
-        other, least = _misfit(*said, rows, keep), DROP_OF_LOADS if hypothesis.loads else DROP
-        if other is not None and (found is None or least * other.ratio < found.ratio):
-            tried.append((other, hypothesis))
-    tried.sort(key=lambda pair: pair[0].ratio)
-    return [pair for pair in tried if pair[0].ratio < ALIKE * max(tried[0][0].ratio, 1.0)]
-
-
-def hypotheses(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
-    """Yield every convention that is thought of, for an arm and a campaign."""
-    joints, turning = arm.joint_names, [joint.kind != "prismatic" for joint in arm.robot.moving]
-    at = np.eye(len(joints))
-    for i, j in combinations(range(len(joints)), 2):
-        if turning[i] == turning[j]:
-            name = f"the columns q_{joints[i]} and q_{joints[j]} are exchanged"
-            order = np.arange(len(at))
-            order[[i, j]] = j, i
-            yield Hypothesis(name, "exchange their headers", _rewritten(at[order]))
-    every = [i for i, turns in enumerate(turning) if turns]
-    for i, joint in enumerate(joints):
-        remedy = f"turn the signs of q_{joint}, or the joint's axis in the URDF"
-        yield Hypothesis(f"the sign of q_{joint} is turned", remedy, _rewritten(np.diag(1.0 - 2.0 * at[i])))
-        if turning[i]:
-            for degrees in (90, -90, 180):
-                name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
-                remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-                yield Hypothesis(name, remedy, _rewritten(at, np.radians(degrees) * at[i]))
-    for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
-        name = what.removesuffix(" is").removesuffix(" are")
-        if len(place) == 1 or len(every) > 1:
-            head = f"{name}_deg" if len(place) == 1 else "q_..._deg"
-            own = np.isin(np.arange(len(at)), place)
-            in_degrees, in_radians = (_rewritten(np.diag(np.where(own, one, 1.0))) for one in (RADIANS, 1.0 / RADIANS))
-            yield Hypothesis(f"{what} in degrees", f"write {head} into the header", in_degrees)
-            yield Hypothesis(f"{what} in radians", "take _deg from the header", in_radians)
-    if arm.robot.urdf.dh:
-        other = in_other_form(arm.robot)
-        name, remedy = f"the rows of [robot.joint] are of the {other.urdf.dh} form", f'write dh = "{other.urdf.dh}"'
-        yield Hypothesis(name, remedy, lambda arm, measurements: (replace(arm, robot=other), measurements))
-    for step, whose in ((1, "before"), (-1, "after")):
-        if measurements.measured.sum() > abs(step):
-            read = "x, y, z" if measurements.positioned.any() else "readings"
-            remedy = f"move {read} by one row against the joints"
-            yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step))
-    remedy = "exchange two of the columns x, y, z"
-    yield Hypothesis("x, y, z are a left-handed frame's", remedy, _mirrored, axes=True, tracked=True)
-    if arm.measurement.frame == "base":
-        remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
-        yield Hypothesis("x, y, z are not in the arm's base frame", remedy, _placed_anywhere, tracked=True)
-    named = sorted({name for name in measurements.payload if name in arm.payloads})
-    for one, other in combinations(named, 2):
-        name = f"the payloads {one!r} and {other!r} are exchanged"
-        yield Hypothesis(
-            name, "exchange their names in the column payload", _payloads_exchanged(one, other), loads=True
-        )
-    if any(payload.mass for payload in arm.payloads.values()):
-        yield Hypothesis("payload masses are in tonnes", "write them in kg", _masses_times(1e3), loads=True)
-        yield Hypothesis("payload masses are in grams", "write them in kg", _masses_times(1e-3), loads=True)
-    if any(flexure.law.freed(anywhere(arm.robot)) for flexure in arm.flexures):
-        for factor, unit in ((1e3, "a thousand times too small"), (1e-3, "a thousand times too large")):
-            remedy = "give it in rad/Nm and m/N, check mrad, kN, kNm and mm"
-            yield Hypothesis(f"the compliance is {unit}", remedy, _compliance_times(factor), loads=True)
-
-
-@dataclass(frozen=True)
-class _Misfit:
-    """How badly readings fit an arm within its priors.
-
-    Attributes:
-        ratio, coarse: The misfit, see the head of this file, where an arm may be off by `FINE` and by `COARSE`.
-        placed: What is left with the instrument placed and nothing else fitted, the median row's [m].
-        left: What is left with everything fitted, the median row's [m].
-        reach: Of the rows [m].
-        free: Whether anything but frames is free or learned.
-    """
-
-    ratio: float
-    coarse: float
-    placed: float
-    left: float
-    reach: float
-    free: bool
-
-
-def _misfit(
-    arm: Arm, measurements: Measurements, rows: np.ndarray, keep: bool, in_general: bool = False
-) -> _Misfit | None:
-    """Return how badly rows fit, None where the arm has no equilibrium there or does not know what they are."""
-    tracked = bool(measurements.positioned[rows].all())
-    try:
-        view = look(Setup(arm, arm.instrument or Instrument()), measurements, rows)
-        base = view.setup.instrument.in_base(view.line.tip, view.sessions)
-        begun: dict[ArmParameter, float] = {}
-        if not tracked:
-            begun = sensor_start(view)
-            sensors = [one for one in declared_blocks(view.setup, measurements) if one.kind is ParameterKind.SENSOR]
-            placed = view.setup
-            for block in sensors:
-                placed = block.apply(placed, np.array([begun[one] for one in block.parameters]))
-            view = look(placed, measurements, rows, line=view.line)
-        elif arm.measurement.frame != "base":
-            placed = placed_rigidly(view.setup, base, measurements, rows, view.line.tip[:, :3, :3])
-            turned = not np.allclose(placed.arm.robot.gravity, arm.robot.gravity)
-            view = look(placed, measurements, rows, line=None if turned else view.line)
-        blocks = [one for one in declared_blocks(view.setup, measurements) if not keep or one.kind in FRAMES]
-        where = view.foremost if tracked else slice(None)
-        parts = [block.jacobian(view)[:, where] for block in blocks]
-    except ArmflexError:
-        return None
-    residual = view.residual[:, where]
-    jacobian = np.concatenate([np.zeros((*residual.shape, 0)), *parts], axis=2)
-    precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
-    if not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
-        return None
-    reach, stated = float(np.linalg.norm(base, axis=1).max()), view.sigma[:, where]
-    sizes = {"m": reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}
-    size = np.concatenate([np.full(kind.dimension, sizes[kind.unit]) for kind in view.readings.kinds])[where]
-    fine = np.maximum(np.minimum(stated, COARSE * size), FINE * size)
-    coarse = np.maximum(stated, COARSE * size)
-    fine[np.isinf(stated)] = np.inf
-    start = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
-    ratio, rest, _ = explained(jacobian / fine[:, :, None], precision, residual / fine, start)
-    wide = explained(jacobian / coarse[:, :, None], precision, residual / coarse, start)[0] if in_general else ratio
-    left = float(np.median(np.linalg.norm(np.where(np.isinf(fine), 0.0, rest * fine), axis=1)))
-    placed_off = float(np.sqrt(np.median((residual**2).sum(axis=1))))
-    free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
-    return _Misfit(ratio, wide, placed_off, left, reach, free)
-
-
-def explained(jacobian: Array, precision: Array, residual: Array, start: Array) -> tuple[float, Array, Array]:
-    """Return the misfit of (M, n) whitened residuals, what is left of them, and the (P,) values; lost beams count less.
-
-    Args:
-        jacobian: (M, n, P) whitened change of the readings per unit of a parameter.
-        precision: (P,) prior precisions, 0 where nothing was known.
-        residual: (M, n) whitened residuals.
-        start: (P,) values at which they are.
-
-    The priors are about values that are (P,) `start` less than those at which the residuals are.
-    """
-    weights, left = np.ones(len(residual)), residual
-    values, flat = np.zeros(len(precision)), jacobian.reshape(residual.size, len(precision))
-    for _ in range(ROUNDS):
-        root = np.repeat(np.sqrt(weights), residual.shape[1])
-        if len(precision):
-            weighted = flat * root[:, None]
-            score = weighted.T @ (residual.ravel() * root) - precision * start
-            values = LinearGaussian.of(weighted, precision).solve(score)
-        left = residual - jacobian @ values
-        length = np.linalg.norm(left, axis=1)
-        weights = np.minimum(1.0, 3.0 * max(float(np.median(length)), 1e-9) / np.maximum(length, 1e-300)) ** 2
-    misfit = (weights[:, None] * left**2).sum() / (residual.shape[1] * weights.sum())
-    return float(misfit + (precision * (values + start) ** 2).sum() / residual.size), left, values + start
-
-
-def _tips(arm: Arm, measurements: Measurements, rows: np.ndarray) -> Array:
-    """Return the (M, 4, 4) tip poses of rows, to first order in how the arm bends."""
-    known, some = known_rows(arm, measurements), measurements.some(rows)
-    given = {name: values[rows] for name, values in known.items()}
-    how = {"method": "first_order", "enforce_limits": False, "allow_large": True}
-    return arm.deflection(some.q, some.payload, covariates=given, wrenches=some.wrenches, **how).pose
-
-
-def _placed_off(arm: Arm, measurements: Measurements, rows: np.ndarray) -> float:
-    """Return how far the median point is off, only the instrument placed [m]; infinite where the arm has no answer."""
-    instrument, some = arm.instrument or Instrument(), measurements.some(rows)
-    try:
-        tip = _tips(arm, measurements, rows)
-    except ArmflexError:
-        return np.inf
-    if arm.measurement.frame != "base":
-        instrument = placed_rigidly(
-            Setup(arm, instrument), instrument.in_base(tip, some.session), measurements, rows
-        ).instrument
-    left = measurements.position[rows] - instrument.readings(tip, some.session)
-    return float(np.sqrt(np.median((left**2).sum(axis=1))))
-
-
-def _check_sigma(measurements: Measurements, rows: np.ndarray, found: _Misfit) -> None:
-    """Raise where standard deviations are far above what is left, or far below the scatter of repeats."""
-    stated = float(np.median(measurements.sigma[rows]))
-    if stated > COARSE * found.reach and found.left < EXACT * stated:
-        text = f"readings are stated to {in_mm(stated)}, and are {in_mm(found.left)} off the fitted arm"
-        raise ConventionError(f"{text}: mm taken for m? (write sigma_mm into the header)", ["sigma is in mm"])
-    again = repeats(measurements.some(rows)) if stated < FINE * found.reach else None
-    if again is not None and again.same_session.freedom >= 3 and again.same_session.ratio.min() > SCATTERED:
-        scatter = float(np.sqrt((again.same_session.sigma**2).mean()))
-        text = f"readings of one pose scatter by {in_mm(scatter)}, and are stated to {in_mm(stated)}"
-        raise ConventionError(f"{text}: give sigma the unit that its header says", ["sigma is too small"])
-
-
-def _said(
-    measurements: Measurements, rows: np.ndarray, found: _Misfit | None, likely: Sequence[tuple[_Misfit, Hypothesis]]
-) -> str:
-    """Return what is wrong, what it would be, and how it is written right."""
-    where = f"{measurements.places[rows[0]].file}: " if measurements.places and measurements.places[rows[0]] else ""
+    named = _named(case, found, searched)
+    if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
+        text = f"{named[0].name}: {named[0].hypothesis.remedy}"  # the others say where the arm is
+        return (Flag("instrument_moved", text, about=named[0].hypothesis.of),)
+    where = f"{case.rows.places[0].file}: " if case.rows.places and case.rows.places[0] else ""
     if found is None:
         begun = "the arm has no equilibrium at these rows as they are declared"
     else:
-        begun = f"readings are {in_mm(found.placed)} off the arm, further than [prior] explains"
-    told = [f"{one.name}? Then they are {in_mm(other.placed)} off: {one.remedy}" for other, one in likely]
-    return f"{where}{begun}. " + "; or ".join([told[0][0].upper() + told[0][1:], *told[1:]])
+        of = "orientation" if found.suspects == (None,) else ""
+        sensors = ", ".join(kind.title for kind in found.kinds if kind.name and kind.name in found.suspects)
+        begun = f"{of or 'reading'}s are {found.said(of)} off the arm{f' ({sensors})' if sensors else ''}"
+        begun += ", further than [prior] explains"
+    if named:
+        said = "; or ".join(one.said for one in named)
+        raise ConventionError(f"{where}{begun}: {said}", [one.name for one in named])
+    if found is None or keep:
+        return ()
+    if found.kinds[0].unit == "m" and (left := found.off(found.left)) > GROSS * arm.robot.reach:
+        text = f"{where}{begun}, {in_mm(left)} of which is left with all that [prior] frees"
+        text += ": no defect of an arm is so large, and no convention that is tried explains it"
+        more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
+        raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
+    flags = []
+    for number, kind in enumerate(found.kinds):
+        if kind.name and found.scatter[number] > ABSURD:
+            off = said_of(found.off(found.view.residual, number), kind.unit)
+            text = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
+            text += f": is it where [instrument.{kind.name}] says?"
+            flags.append(Flag("instrument_implausible", text, about=kind.name))
+    return tuple(flags)
 
 
-def _rewritten(by: Array, shift: Array | float = 0.0) -> Callable[[Arm, Measurements], Told]:
-    """Return the change of joint positions to q times a (nq, nq) matrix and a (nq,) shift."""
-    return lambda arm, measurements: (arm, replace(measurements, q=measurements.q @ by + shift))
+def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
+    """Return the hypotheses whose odds against the campaign as written are beyond `NAMED`, the likeliest first."""
+    tried = list(_candidates(case, found))
+    if found is not None and not found.free and not case.keep and not searched:
+        more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
+        prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
+        freed = Hypothesis("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
+        tried.append((freed, None))
+    cost, named = NOTHING if found is None else found.cost, dict[str, Named]()
+    for hypothesis, own in tried:
+        with suppress(ArmflexError):
+            other = case.meant(hypothesis, own)
+            known = found.view if found is not None and other.rests_as(case) else None
+            near = found.view.setup.instrument if found is not None and hypothesis.of == "loads" else None
+            then, (words, choice) = misfit(other, known, near), _choice(case, own)
+            gain = cost - then.cost + LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
+            if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
+                gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)  # an arm that slips as far explains as much
+            gain, name = gain - hypothesis.prior - choice, f"{hypothesis.name}{words}"
+            if gain > NAMED and (name not in named or named[name].gain < gain):
+                named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
+    ranked = sorted(named.values(), key=lambda one: -one.gain)
+    return [one for one in ranked if one.gain > ranked[0].gain - NAMED / 4.0][:MOST_SAID]
 
 
-def _read_apart(step: int) -> Callable[[Arm, Measurements], Told]:
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        measured, kinds = np.flatnonzero(measurements.measured), []
-        for kind in measurements.readings.kinds:  # an orientation has a row of its own, as ever
-            if isinstance(kind, Position) or kind.name:
-                after = np.arange(len(measurements))
-                after[measured] = np.roll(measured, -step)
-                kind = replace(kind, values=kind.values[after], sigma=kind.sigma[after] if kind.name else kind.sigma)
-            kinds.append(kind)
-        return arm, Measurements.of(measurements, replace(measurements.readings, kinds=tuple(kinds)))
-
-    return told
-
-
-def _mirrored(arm: Arm, measurements: Measurements) -> Told:
-    return arm, replace(measurements, position=measurements.position * [1.0, 1.0, -1.0])
+def _choice(case: Case, own: np.ndarray | None) -> tuple[str, float]:
+    """Return in which (M,) own rows a hypothesis holds, '' for all, and what it costs to say so."""
+    if own is None:
+        return "", 0.0
+    sessions = case.sessions
+    (first, *others), count = dict.fromkeys(sessions[own].tolist()), len(set(sessions.tolist()))
+    if not others and own.sum() == (sessions == first).sum():
+        return f" in session {first!r}", float(np.log(count))
+    share = float(np.clip(own.mean(), 1e-3, 1.0 - 1e-3))
+    cost = -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
+    return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(own)))})", cost
 
 
-def _placed_anywhere(arm: Arm, measurements: Measurements) -> Told:
-    return replace(arm, measurement=replace(arm.measurement, frame="unknown")), measurements
+def _place(case: Case, row: int) -> str:
+    return case.rows.places[row].short if case.rows.places else f"row {case.some[row]}"
 
 
-def _payloads_exchanged(one: str, other: str) -> Callable[[Arm, Measurements], Told]:
-    names = {one: other, other: one}
+def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
+    """Yield what is worth being judged: a hypothesis, and (M,) in which rows it holds, None for all."""
+    suspects = ("",) if found is None else found.suspects
+    every = list(hypotheses(case.arm, case.every, suspects))
+    moves = [] if found is None else list(_moves(case, found))
+    yield from ((one, None) for one in _likeliest_turns([one for one in every if one.of == "orientation"], case, found))
+    if set(suspects) - {None}:
+        points = [one for one in every if one.of == "points"]
+        tracked = bool(case.rows.positioned.all())
+        yield from _first_look(points, case, found) if tracked else ((one, None) for one in points)
+    for one in every + moves:
+        if one.of == "loads" and set(suspects) - {None}:
+            yield one, None
+            if one.some and found is not None:
+                own = _rows_of(one, case, found)
+                if own.any():
+                    yield one, own
+        elif one.slip is not None:
+            yield one, None
+    if found is not None:
+        still = [one for one in every + moves if one.slip is None]
+        yield from ((one, None) for one in _likeliest_readings(still, case, found))
 
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        return arm, replace(measurements, payload=tuple(names.get(name, name) for name in measurements.payload))
 
-    return told
+def _first_look(
+    points: Sequence[Hypothesis], case: Case, found: Misfit | None
+) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
+    """Yield the hypotheses that bring points nearest to their places, in all rows, in a session or in some rows.
+
+    They move points by parts of the reach, and explain nothing where a rigid arm, nothing fitted, comes no nearer.
+    """
+    unknown, sessions, fixed = case.arm.measurement.frame != "base", case.sessions, case.arm.instrument or Instrument()
+
+    def at(case: Case) -> tuple[Array, Array]:
+        rigid = case.arm.loaded(None)
+        return fixed.in_base(rigid_tips(rigid.nominal or rigid.chain, case.rows.q)), case.rows.position
+
+    def squares(points: Array, seen: Array, near: tuple[Array, Array] | None) -> Array:
+        turn, shift, _ = rigid_fit(*near) if near is not None else (fixed.pose.rotation, fixed.pose.translation, 0.0)
+        return ((seen - points @ turn.T - shift) ** 2).sum(axis=1)
+
+    def cost(points: Array, seen: Array, unknown: bool) -> float:
+        off = squares(points, seen, (points, seen) if unknown else None)
+        least = max(float(np.median(off)) / 3.0, (FINE * case.arm.robot.reach) ** 2)
+        parts = 0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS) + 1.5 * np.log(least)
+        return LOOKS / 3.0 * float(parts.mean())
+
+    def mixed(there: tuple[Array, Array], own: np.ndarray) -> tuple[Array, Array]:
+        return np.where(own[:, None], there[0], here[0]), np.where(own[:, None], there[1], here[1])
+
+    here, names = at(case), list(dict.fromkeys(sessions.tolist()))
+    before, looked = cost(*here, unknown), list[tuple[float, int, Hypothesis, np.ndarray | None]]()
+    odd = [name for name in names if found is None or found.excess[sessions == name].sum() > NAMED]
+    for hypothesis in points:
+        other = case.meant(hypothesis)
+        there, placed = at(other), other.arm.measurement.frame != "base"
+        if placed == unknown and all(np.array_equal(a, b) for a, b in zip(here, there, strict=True)):
+            yield hypothesis, None  # it moves no point
+            continue
+        price = cost(*there, placed) + hypothesis.prior - LOOKS * hypothesis.volume
+        looked.append((price, len(looked), hypothesis, None))
+        masks, own = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool)
+        for _ in range(MOST_SAID if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
+            near = mixed(there, own) if unknown else None
+            own = 4.0 * squares(*there, near) < squares(*here, near)
+        for some in (*masks, own) if hypothesis.some else ():
+            if 0 < some.sum() < len(some):
+                price = cost(*mixed(there, some), unknown) + hypothesis.prior + _choice(case, some)[1]
+                price -= LOOKS * hypothesis.volume * float(some.mean())
+                looked.append((price, len(looked), hypothesis, some))
+    looked.sort(key=lambda one: one[:2])
+    yield from ((one, own) for price, _, one, own in looked[:MOST_TRIED] if price < before)
 
 
-def _masses_times(factor: float) -> Callable[[Arm, Measurements], Told]:
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        heavy = {name: replace(payload, mass=factor * payload.mass) for name, payload in arm.payloads.items()}
-        return replace(arm, payloads=heavy), measurements
+def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | None) -> list[Hypothesis]:
+    """Return the hypotheses about orientations after which a target is turned on the tool alike in most rows."""
+    spread = []
+    for hypothesis in turned if found is not None else ():
+        kind = case.meant(hypothesis).rows.readings.of(Orientation)
+        assert kind is not None and found is not None
+        read = np.isfinite(kind.sigma).all(axis=1)
+        axes = (found.view.at.axes @ found.view.line.tip[:, :3, :3])[read]
+        mounted = axes.swapaxes(1, 2) @ Rotation.from_rotvec(kind.values[read]).as_matrix()
+        left, _, right = np.linalg.svd(np.median(mounted, axis=0))
+        spread.append(float(np.median(((mounted - left @ right) ** 2).sum(axis=(1, 2)))))
+    return [turned[i] for i in np.argsort(spread, kind="stable")[: MOST_SAID + 1]]
 
-    return told
+
+def _likeliest_readings(every: Sequence[Hypothesis], case: Case, found: Misfit) -> Iterator[Hypothesis]:
+    """Yield the hypotheses about sensors; of those about the axes of one those that bring its readings nearest."""
+    looked: list[tuple[float, int, Hypothesis]] = []
+    for hypothesis in (one for one in every if one.of in case.arm.sensors):
+        other = case.meant(hypothesis)
+        pairs = zip(found.kinds, other.rows.readings.kinds, strict=True)
+        changed = [i for i, (kind, new) in enumerate(pairs) if kind.values is not new.values and kind.name]
+        errors = found.view.residual.copy()
+        for i in changed:
+            errors[:, found.view.readings.slices[i]] += other.rows.readings.kinds[i].values - found.kinds[i].values
+        turned = len(changed) == 1 and isinstance(found.kinds[changed[0]], Orientation)
+        if other.arm is not case.arm or len(changed) != 1 or turned or hypothesis.volume:
+            yield hypothesis
+        else:
+            looked.append((found.off(errors, changed[0]), len(looked), hypothesis))
+    yield from (one for _, _, one in sorted(looked, key=lambda one: one[:2])[:MOST_TRIED])
 
 
-def _compliance_times(factor: float) -> Callable[[Arm, Measurements], Told]:
-    def told(arm: Arm, measurements: Measurements) -> Told:
-        row, factors = anywhere(arm.robot), np.full(6, np.sqrt(factor))
-        flexures = tuple(
-            replace(one, law=scaled(one.law, factors)) if one.law.freed(row) else one for one in arm.flexures
-        )
-        return replace(arm, flexures=flexures), measurements
+def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:
+    """Return (M,) in which rows a hypothesis about payloads holds: where less is left of the readings with it."""
+    meant, fitted = case.meant(hypothesis), found
+    open_ = np.array(meant.rows.payload) != np.array(case.rows.payload)
+    own, every, where = np.zeros(len(open_), bool), np.arange(len(open_)), found.view.foremost
+    for _ in range(MOST_SAID):
+        with suppress(ArmflexError):
+            fitted = misfit(case.meant(hypothesis, own), None, found.view.setup.instrument) if own.any() else found
+            one, other = (look(fitted.view.setup, rows, every).residual for rows in (case.rows, meant.rows))
+            now = np.where(own[:, None], other, one)
+            sizes = [((fitted.left + each - now)[:, where] ** 2).sum(axis=1) for each in (one, other)]
+            own = open_ & (sizes[1] < sizes[0])
+            if LOOKS * 0.5 * np.log(sizes[0].sum() / np.minimum(*sizes).sum()) < NAMED and fitted is found:
+                return np.zeros_like(own)  # it cannot explain enough
+    return own
 
-    return told
+
+def _moves(case: Case, found: Misfit) -> Iterator[Hypothesis]:
+    """Yield that each instrument, and the target, was moved where it likeliest was, or stands somewhere else.
+
+    What is left of the readings, in the axes of what was moved, is then one constant before and another after.
+    """
+    view, sensors = found.view, case.arm.sensors
+    for number, (kind, place) in enumerate(view.readings.placed):
+        if isinstance(kind, Orientation) or found.excess[:, number].sum() < NAMED:
+            continue
+        read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
+        if away := kind.some(read).elsewhere(view.at.some(read)):
+            yield elsewhere(sensors[kind.name], f"{kind.title}: {away}")
+        asked = [(kind.name, kind.title if kind.name else "the instrument", found.left[:, place], case.sessions)]
+        if not kind.name:
+            tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], found.left[:, place])
+            asked.append(("target", "the target", tip, np.zeros(len(tip))))
+        for name, title, motion, within in asked:
+            best, late, step = 0.0, np.zeros(0, int), np.zeros(kind.dimension)
+            for one in dict.fromkeys(within.tolist()):
+                own = read[within[read] == one]
+                for k in range(3, len(own) - 2):
+                    jump = np.median(motion[own[k:]], axis=0) - np.median(motion[own[:k]], axis=0)
+                    gain = float(k * (len(own) - k) / len(own) * (jump**2).sum())
+                    if gain > best:
+                        best, late, step = gain, own[k:], jump
+            far = name in sensors or 0.5 * (np.linalg.norm(step) / SLIP) ** 2 > NAMED
+            if len(late) and far and (name not in sensors or len(sensors[name].movable)):
+                rows = np.isin(np.arange(len(motion)), np.arange(late[0], late[-1] + 1)) & (within == within[late[0]])
+                yield from moved(name, title, _place(case, int(late[0])), rows, step)
+
+
+def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) -> Iterator[Flag]:
+    """Yield flags about instruments whose stated standard deviation cannot be meant, by how they scatter about a fit.
+
+    A sensor scatters more than stated where the arm lacks something, too, but then so do others by as much.
+
+    Args:
+        found: The fit, each instrument weighed by its scatter.
+        about: Flags on sensors that are implausible for another reason.
+        searched: Whether what the arm lacks is looked for, which may be all that scatters.
+    """
+    readings, suspects = found.view.readings, {flag.about for flag in about}
+    for number, (name, scatter) in enumerate(zip(readings.names, found.scatters, strict=True)):
+        kind, place = next((one, own) for one, own in readings.placed if one.name == name)
+        others = [one for i, one in enumerate(found.scatters) if i != number]
+        large = others and scatter > ABSURD * max(1.0, min(others))
+        small = found.noises[number][1] >= ABSURD and scatter < 1.0 / ABSURD
+        stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
+        text = f"{kind.title}: its sigma is {said_of(stated, kind.unit)}, and its readings scatter by "
+        text += f"{said_of(scatter * stated, kind.unit)}, {scatter:.2g} times as much"
+        if scatter > SCATTERED and not searched:
+            yield Flag("scattered", f"{text}: sigma or a convention is wrong, or the arm lacks much", about=name)
+        if name and name not in suspects and (large or small):
+            ask = "is it stated in the right unit, or does the arm lack what this instrument alone sees?"
+            ask = ask if large else "is it stated in the right unit?"
+            yield Flag("sigma_implausible", f"{text}: {ask}", about=name)
+
+
+def check_scatter(found: Fit) -> None:
+    """Raise where readings scatter `SCATTERED` times as far as they state: nothing is to be written that rests on them.
+
+    Raises:
+        ConventionError: With the instrument, what it states and how it scatters.
+    """
+    for flag in wrong_sigma(found):
+        if flag.code == "scattered":
+            raise ConventionError(flag.text, ["readings scatter"])

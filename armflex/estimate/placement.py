@@ -1,133 +1,26 @@
-"""Where the instrument stands, the one thing without a prior: whether readings tell it, and a rigid fit of them.
-
-Before anything is fitted measured positions must have the axes and the unit of the arm they were taken on. An
-instrument may stand anywhere, but no place makes a left-handed frame right-handed: points that fit far better when
-mirrored have two axes swapped or one reversed. Planar points fit equally well both ways, sag moves both fits alike, and
-a lost beam is weighed down in both, so none of them is taken for swapped axes.
-"""
+"""Where the instrument stands, the one thing without a prior: a rigid fit of it, and whether readings determine it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import permutations, product
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import RESOLUTION, TWIST_NAMES, Array, in_mm
-from armflex.errors import AxesError, IdentifiabilityError, Place, UnitError
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
+from armflex.errors import IdentifiabilityError
+from armflex.estimate.view import postures
 from armflex.measured.measurements import Measurements
-from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, rigid_fit
+from armflex.mechanics.history import known_rows
+from armflex.mechanics.response import Response, respond
+from armflex.readings import Position
+from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, rigid_fit
 from armflex.readings.kind import rigid_motion
 
-FEWEST_POINTS = 6
-"""Below this many points chance alone lets a mirror fit ten times better."""
-
-NARROWEST = 0.01
-"""Spread of the nominal points [m] below which noise says more about their size and hand than they do."""
-
-DROP = 10.0
-"""Fall of the residual under a change of axes that is no accident."""
-
-ALIGNED = np.cos(np.radians(15.0))
-"""How near a frame's axis must be to the vertical to be called vertical."""
-
-THOUSANDFOLD = (200.0, 5000.0)
-"""Ratio of sizes that is a mistaken mm or m rather than a wrong arm."""
-
-NEGLIGIBLE = 1e-5
-"""Residual [m] below which points fit, whatever fits better."""
-
-
-def check_axes(
-    points: Array, measured: Array, places: Sequence[Place] = (), pose: pin.SE3 | None = None, up: Array | None = None
-) -> None:
-    """Raise where measured points are those of the nominal ones in swapped axes or in another unit.
-
-    Args:
-        points: (N, 3) nominal target points in the base frame [m].
-        measured: (N, 3) where they were measured [m].
-        places: File and line of each, for the message.
-        pose: T_instrument_base where it is known; otherwise the instrument may stand anywhere.
-        up: (3,) vertical in the base frame, z when not given; names the axes of an instrument that stands level.
-
-    Raises:
-        AxesError: The points fit over `DROP` times better in changed axes; which ones is said.
-        UnitError: The measured points are spread a thousand times as wide or narrow as the nominal ones.
-    """
-    if len(np.unique(np.round(points, 6), axis=0)) < FEWEST_POINTS or _spread(points) < NARROWEST:
-        return
-    where = f"{places[0]}: " if places else ""
-    ratio = _spread(measured) / max(_spread(points), 1e-12)
-    low, high = THOUSANDFOLD
-    if low < ratio < high or low < 1.0 / max(ratio, 1e-12) < high:
-        text = f"measured positions are spread {ratio:.3g} times as wide as the arm's: mm taken for m, or m for mm?"
-        raise UnitError(f"{where}{text} (write the unit into the header: x_mm, y_mm, z_mm)")
-    if pose is None:
-        straight = rigid_fit(points, measured)[2]
-        turn, _, best = rigid_fit(points, measured, -1.0)
-        up = np.array([0.0, 0.0, 1.0]) if up is None else up
-        found = f"fit {straight / max(best, 1e-12):.0f} times better mirrored ({in_mm(best)} against {in_mm(straight)})"
-        swapped = _swapped(turn @ up / np.linalg.norm(up))
-        text = f"{found}: {swapped}? Or gravity, or a joint's positions, have the wrong sign"
-    else:
-        # Readings in a known frame are compared with those in every other order and sign of the axes.
-        expected = points @ pose.rotation.T + pose.translation
-        tries = [
-            (float(np.median(np.linalg.norm(measured[:, list(order)] * signs - expected, axis=1))), order, signs)
-            for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
-        ]
-        straight, (best, order, signs) = tries[0][0], min(tries, key=lambda entry: entry[0])
-        said = ", ".join(f"{'-' if sign < 0 else ''}{'xyz'[i]}" for i, sign in zip(order, signs, strict=True))
-        text = f"are off by {in_mm(straight)}, but by {in_mm(best)} when x, y, z are read as {said}: swapped axes?"
-    if straight > NEGLIGIBLE and best * DROP < straight:
-        raise AxesError(f"{where}measured positions {text}")
-
-
-def _spread(points: Array) -> float:
-    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
-
-
-def _swapped(vertical: Array) -> str:
-    """Return which axes a level instrument has likely swapped, from where the vertical stands in its frame."""
-    axis = int(np.abs(vertical).argmax())
-    if abs(vertical[axis]) < ALIGNED:
-        return "two axes swapped, or one reversed (a left-handed frame)"
-    if axis == 2:
-        return "x and y swapped, or one of them reversed" if vertical[2] > 0.0 else "z reversed"
-    return f"{'xy'[axis]} and z swapped (the vertical is along {'xy'[axis]})"
-
-
 COARSEST = 0.05
-"""Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
-
-
-def check_readings(arm: Arm, points: Array, measurements: Measurements, rows: np.ndarray) -> None:
-    """Raise where readings cannot be those of an arm, or cannot tell where the instrument stands.
-
-    Args:
-        arm: The arm as declared.
-        points: (M, 3) its nominal target in the base frame [m] at each of the rows.
-        measurements: The campaign.
-        rows: (M,) numbers of the rows used.
-
-    Raises:
-        AxesError: Axes of the measured positions are swapped or reversed.
-        UnitError: All positions are in another unit.
-        IdentifiabilityError: The instrument's frame is unknown, and poses are alike or on one line.
-    """
-    unknown = arm.measurement.frame != "base"
-    pose = None if unknown else (arm.instrument or Instrument()).pose
-    places = [measurements.places[row] for row in rows] if measurements.places else ()
-    up = -arm.robot.gravity if np.any(arm.robot.gravity) else None
-    check_axes(points, measurements.position[rows], places, pose, up)
-    if unknown:
-        frame = fit_frame(points, measurements.position[rows])
-        seen = points @ frame.rotation.T + frame.translation
-        check_enough(seen, measurements.sigma[rows])
-
+"""Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it: a tolerance."""
 
 APART, FEWEST, FLAT = 0.015, 4, 0.05
 """How far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it, but
@@ -135,6 +28,70 @@ stood elsewhere; points that tell where, and how far they are off one line at le
 
 FAR = 3.0
 """Times what a rigid fit leaves by which two of them differ for a reason."""
+
+PLACED = 2
+"""Times that the instrument is placed where gravity turns with it: the second is about a first that is nearly right."""
+
+
+def first_guess(
+    arm: Arm,
+    measurements: Measurements,
+    rows: np.ndarray,
+    line: Response | None = None,
+    instrument: Instrument | None = None,
+) -> tuple[Setup, Response]:
+    """Return the arm with its instrument placed by a best rigid fit where its frame is unknown, and its response.
+
+    Gravity that is known in the instrument's frame turns with that, and bends the arm otherwise: it is placed again.
+
+    Args:
+        arm: The arm as declared.
+        measurements: The campaign.
+        rows: (M,) numbers of the rows.
+        line: The linearised arm at those rows, where it is known.
+        instrument: Where it stands, near enough; it is placed where not given.
+    """
+    some, seen = measurements.some(rows), measurements.positioned[rows]
+    setup = Setup(arm, instrument or arm.instrument or Instrument())
+
+    def rested(arm: Arm) -> Response:
+        known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
+        return respond(arm, some.q, some.payload, known, wrenches=some.wrenches)
+
+    line = rested(arm) if line is None else line
+    turns, open_ = arm.measurement.gravity_in == "measurement", arm.measurement.frame != "base" and instrument is None
+    targets = [kind for kind in some.readings.kinds if kind.name and isinstance(kind, Position)]
+    for _ in range((PLACED if turns else 1) if open_ else 0):
+        if seen.any():
+            points = setup.instrument.in_base(line.tip, some.session)[seen]
+            setup = placed_rigidly(setup, points, measurements, rows[seen], line.tip[seen, :3, :3])
+        elif targets:  # further ones are all there is to see where it stands
+            at, read = postures(setup, line, some.session), [np.isfinite(kind.sigma).all(axis=1) for kind in targets]
+            points = np.concatenate([kind.predicted(at)[own] for kind, own in zip(targets, read, strict=True)])
+            there = np.concatenate([kind.values[own] for kind, own in zip(targets, read, strict=True)])
+            setup = setup.placed(fit_frame(points, there) * setup.instrument.pose)
+        line = rested(setup.arm) if turns else line
+    return replace(setup, instrument=_mounted(setup, line.tip, measurements, rows)), line
+
+
+def _mounted(setup: Setup, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
+    """Return the instrument with its target turned on the tool as read orientations have it, in each session anew
+    where it was mounted anew.
+    """
+    instrument = setup.instrument
+    if measurements.rotation is None or measurements.sigma_r is None:
+        return instrument
+    read = np.isfinite(measurements.sigma_r[rows])
+    if not read.any():
+        return instrument
+    sessions, turned = np.array([measurements.session[row] for row in rows[read]]), measurements.rotation[rows[read]]
+    axes = instrument.session_turns(sessions.tolist()) @ instrument.axes(tip[read])
+    found = replace(instrument, mounting=fit_mounting(axes, turned))
+    if not setup.arm.prior.session_target:
+        return found
+    back, own = pin.exp3(found.mounting).T, {name: sessions == name for name in dict.fromkeys(sessions.tolist())}
+    each = {name: pin.exp3(fit_mounting(axes[some], turned[some])) @ back for name, some in own.items()}
+    return replace(found, targets={name: np.array([0.0, 0.0, 0.0, *pin.log3(turn)]) for name, turn in each.items()})
 
 
 def placed_rigidly(

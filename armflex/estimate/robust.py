@@ -99,12 +99,6 @@ def huber_weights(view: View, limit: Array | float | None = None) -> Array:
     return found
 
 
-def row_weights(view: View) -> Array:
-    """Return the (M,) weights of the rows: each as that of the instrument that is believed most there."""
-    read = np.stack([np.isfinite(view.sigma[:, place]).any(axis=1) for place in view.readings.groups], axis=1)
-    return np.where(read, instrument_weights(view), 0.0).max(axis=1)
-
-
 def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:
     """Return the Huber cost plus the prior's, both as -2 log density."""
     cost, limits = ((values / prior) ** 2).sum(), np.broadcast_to(limit, len(view.readings.groups))

@@ -79,7 +79,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "lower": Key("lowest position", "rad or m", "none"),
         "upper": Key("highest position", "rad or m", "none"),
         "mass": Key("of the link that it moves", "kg"),
-        "com": Key("its centre of mass, where the joint is, x and z as its row begins to turn", "m", "0 0 0"),
+        "com": Key("centre of mass in the frame that moves with the joint: z its axis, x along a", "m", "0 0 0"),
     },
     "robot.tool": {
         "xyz": Key("place of the tool's tip in the link `tip`", "m"),

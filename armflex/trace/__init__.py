@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.errors import InputError
+from armflex.errors import ConventionError, InputError
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 
@@ -56,7 +56,8 @@ def trace(
             latter keeps no checkpoint.
 
     Raises:
-        ConventionError: The campaign is implausible for this arm, and plausible in another convention.
+        ConventionError: The campaign is implausible for this arm, and plausible in another convention; or readings
+            scatter a hundred times as far as they state, whatever was found.
         InputError: Too few rows were measured, or there is no checkpoint to resume from.
         FileError: The checkpoint cannot be written at first, does not exist, is damaged, or belongs to another arm,
             campaign, version or other options, which it names. Where it cannot be written later on, `report` is told,
@@ -66,13 +67,29 @@ def trace(
     measurements = as_measurements(measurements, arm)
     if resume and checkpoint is None:
         raise InputError("resume needs the checkpoint to go on from")
+    from armflex.estimate.misread import check_scatter
+
+    path = None if checkpoint is None else Path(checkpoint)
+
+    def write(found: Trace) -> None:
+        try:
+            check_scatter(found.state.fit)
+        except ConventionError:
+            if not (found.unfinished or anyway):
+                if path is not None:
+                    path.unlink(missing_ok=True)
+                raise
+            if not anyway:
+                return  # more effects may explain it
+        if account is not None:
+            account(found)
+
     if method == "posterior":
         from armflex.trace.posterior.run import trace as by_posterior
 
-        if checkpoint is not None and resume:
+        if resume:
             raise InputError("a search by the posterior keeps no checkpoint to go on from")
-        return by_posterior(arm, measurements, rows, report, keep, account, progress, anyway)
+        return by_posterior(arm, measurements, rows, report, keep, write, progress, anyway)
     from armflex.trace.rounds import trace as run
 
-    path = None if checkpoint is None else Path(checkpoint)
-    return run(arm, measurements, rows, report, keep, path, resume, account, progress, anyway)
+    return run(arm, measurements, rows, report, keep, path, resume, write, progress, anyway)

@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtrc
 
-from armflex.arm import Arm
+from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
-from armflex.estimate.calibrate import Calibration, Outlier
+from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import held_out, judged_by, pose_folds
 from armflex.estimate.learn import with_posteriors
+from armflex.estimate.outliers import Outlier, exchanged, outliers_of
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.view import foremost_rms, look
+from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
@@ -35,7 +36,7 @@ from armflex.trace.next_measurement import lacking, next_rows
 from armflex.trace.polish import Polished
 from armflex.trace.projection import project
 from armflex.trace.search import Round
-from armflex.trace.state import State, lost_rows, sorted_out, without
+from armflex.trace.state import State, lost_in, lost_of, lost_rows, sorted_out, without
 from armflex.trace.unrecorded import NOTICED, RandomTwist, as_likely, localise
 from armflex.trace.withdraw import Compared, Withdrawn, never_worse
 
@@ -285,25 +286,44 @@ class Trace(Result):
 
     @property
     def rows(self) -> np.ndarray:
-        """(K,) numbers of the rows that every error is over."""
+        """(K,) numbers of the fitted rows that every error is over."""
         return self.state.rows[self.believed]
+
+    @cached_property
+    def unjudged(self) -> np.ndarray:
+        """(U,) rows in which nothing tells what an effect depends on: not in the fit, but in the RMS over all rows.
+
+        There the effect is predicted halfway, as the search takes it.
+        """
+        state = self.state
+        return state.asked[state.untold & ~lost_rows(state, heed=False)]
+
+    def _rms(self, view: View, errors: Array, others: Setup) -> float:
+        """Return the RMS of (M, d) errors [m] of the fitted rows, and of what is left of the others at a setup."""
+        judged = view.readings.where(self.judged)
+        squares, count = judged.row_squares(errors).sum(), np.count_nonzero(judged.foremost_count)
+        if len(self.unjudged):
+            rest = look(others, self.state.measurements, self.unjudged)
+            squares += rest.readings.row_squares(rest.residual).sum()
+            count += np.count_nonzero(rest.readings.foremost_count)
+        return float(np.sqrt(squares / max(count, 1)))
 
     @property
     def declared_rms(self) -> float:
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
         placed = self.calibration.placed
-        some = np.flatnonzero(np.isin(placed.rows, self.rows))
-        return foremost_rms(placed.readings.some(some).where(self.judged[self.believed]), placed.residual[some])
+        view = placed.some(np.flatnonzero(np.isin(placed.rows, self.state.rows)))
+        return self._rms(view, view.residual, placed.setup)
 
     @property
     def calibrated_rms(self) -> float:
         """The same after calibration [m]."""
-        return foremost_rms(self.before.view.readings.where(self.judged), self.before.view.residual)
+        return self._rms(self.before.view, self.before.view.residual, self.before.setup)
 
     @property
     def rms(self) -> float:
         """The same with everything that can be predicted [m]."""
-        return foremost_rms(self.state.fit.view.readings.where(self.judged), self.residual)
+        return self._rms(self.state.fit.view, self.residual, self.state.fit.setup)
 
     @property
     def noise_rms(self) -> float:
@@ -312,28 +332,31 @@ class Trace(Result):
 
     @cached_property
     def outliers(self) -> tuple[Outlier, ...]:
-        """All other rows that were to be used, the worst first.
+        """All other rows that were to be used, and readings that were left out of rows, the worst first.
 
-        Each is a 'lost beam', 'unexplained' (far off, and its neighbours too), 'direction unknown' (of a joint that had
-        not moved yet; an effect depends on it) or, still in the fit, 'counted less'.
+        Each is a 'lost beam', 'exchanged' with another, 'unexplained' (far off, and its neighbours too) or, still in
+        the fit, 'counted less'.
         """
-        state = self.state
-        rows = np.setdiff1d(state.asked, self.rows)
-        if not len(rows):
-            return ()
-        places, used = state.measurements.places, np.isin(rows, state.rows)
-        alone = np.isin(rows, state.asked[lost_rows(state, heed=True)])
-        untold = np.isin(rows, state.asked[state.untold])
-        left = np.where(untold, "direction unknown", np.where(alone, "lost beam", "unexplained"))
-        kinds = np.where(used, "counted less", left).tolist()
-        view = look(state.fit.setup, state.measurements, rows)
-        errors = np.sqrt(view.readings.row_squares(view.residual))
-        return tuple(
-            Outlier(
-                int(rows[i]), places[rows[i]] if places else None, float(errors[i]), kinds[i], unit=view.readings.unit
-            )
-            for i in np.argsort(-errors)
-        )
+        state, whole = self.state, self.calibration.measurements
+        rows = np.setdiff1d(state.asked, [*self.rows, *self.unjudged])
+        gone = np.isin(state.asked, rows)
+        far = lost_of(state, heed=False) & (gone[:, None] | lost_in(state))
+        view, alone = look(state.fit.setup, whole, state.asked), lost_rows(state, heed=True)
+        found = list(outliers_of(view, far & (~gone[:, None] | self._paired(view, far)), whole, "lost beam"))
+        for i in np.flatnonzero(gone & ~np.isin(state.asked, [one.row for one in found])):
+            row, error = int(state.asked[i]), float(np.sqrt(view.readings.row_squares(view.residual)[i]))
+            kind = "counted less" if row in state.rows else "lost beam" if alone[i] else "unexplained"
+            place = whole.places[row] if whole.places else None
+            found.append(Outlier(row, place, error, kind, unit=view.readings.unit))
+        return tuple(sorted(found, key=lambda one: -one.error_m))
+
+    @staticmethod
+    def _paired(view: View, far: np.ndarray) -> np.ndarray:
+        """Return (A, G) which of the readings that are far off stand in each other's row."""
+        paired = np.zeros_like(far)
+        for place in exchanged(view, far):
+            paired[place] = True
+        return paired
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -608,7 +631,7 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
         path: The arm.toml to write; files named in it are named relative to its folder.
     """
     fit = trace.state.fit
-    campaign = Campaign(trace.state.measurements.sha256, len(trace.rows), trace.rms)
+    campaign = Campaign(trace.state.measurements.sha256, len(trace.rows) + len(trace.unjudged), trace.rms)
     effects = [
         effect_table(effect, {name: one for name, one in std.items() if np.isfinite(one)})
         for effect, std in trace.added

@@ -14,8 +14,8 @@ from armflex.errors import ArmflexError
 from armflex.estimate.block import Block, EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.estimate.robust import row_weights
-from armflex.estimate.view import View, look
+from armflex.estimate.outliers import lost_readings
+from armflex.estimate.view import look
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
@@ -33,21 +33,6 @@ from armflex.trace.projection import Projection, project, projected, ridge_for
 from armflex.trace.search import Round, search
 from armflex.trace.telling import Report, Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
-
-LOST = 0.1
-"""Robust weight below which a reading may be a lost beam: forty standard deviations or more."""
-
-FAR = 0.5
-"""Robust weight below which a reading speaks for its neighbours: they are far for one reason."""
-
-NEAR = (-2, -1, 1, 2)
-"""Steps in time to a reading's neighbours."""
-
-FELLOWS = 2
-"""Neighbours in time, or other readings of the pose, that must be far too for a reading not to stand alone."""
-
-MOST = 0.1
-"""Share of the readings that lost beams are at most; where more stand alone, it is the model that is wrong."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +52,7 @@ class State:
         fit: All of them together.
         context: The campaign as the catalogue sees it, at this fit.
         steps: For each effect how it, or what it stands for, was added; None of one that is yet to be proven.
-        heed: Whether rows that are far off in company stay in use; see `lost_beams`.
+        heed: Whether rows that are far off in company stay in use; see `lost_readings`.
         tell: Called with how far a search or a fit has come.
         say: Called with what is being done.
     """
@@ -202,49 +187,53 @@ def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -
 
 
 def sorted_out(state: State, effort: Effort = ROUGH) -> State:
-    """Return the state with the question put anew of which rows are lost beams, refitted where the answer changed.
+    """Return the state with the question put anew of which readings are lost beams, refitted where the answer changed.
 
-    While an effect is missing, rows that it moves may look lost; once it is there, others stand out that did not. Rows
-    before a joint's first motion leave with the first effect that must know its direction.
+    While an effect is missing, readings that it moves may look lost; once it is there, others stand out that did not.
+    Rows before a joint's first motion leave with the first effect that must know its direction.
     """
-    rows = state.asked[~(lost_rows(state, state.heed) | state.untold)]
-    if state.uses(rows):
+    lost = lost_of(state, state.heed)
+    used = ~(only_lost(state, lost) | state.untold)
+    if state.uses(state.asked[used]) and np.array_equal(lost[used], lost_in(state)[used]):
         return state
-    return refit(replace(state, rows=rows), state.effects, state.random, state.fit.values, effort)
+    changed = replace(state, rows=state.asked[used], measurements=without_readings(state, lost & used[:, None]))
+    return refit(changed, state.effects, state.random, state.fit.values, effort)
+
+
+def lost_of(state: State, heed: bool) -> np.ndarray:
+    """Return (A, G) which readings of the rows that were to be used are lost beams at a fit; see `lost_readings`."""
+    asked, whole = state.asked, state.calibration.measurements
+    same = state.uses(asked) and state.measurements is whole
+    view = state.fit.view if same else look(state.fit.setup, whole, asked)
+    return lost_readings(view, [whole.session[row] for row in asked], whole.pose_number[asked], heed)
+
+
+def only_lost(state: State, lost: np.ndarray) -> np.ndarray:
+    """Return (A,) which rows hold nothing but (A, G) lost readings."""
+    whole = state.calibration.measurements.readings
+    read = np.array([np.isfinite(whole.sigma[state.asked][:, place]).any(axis=1) for place in whole.groups]).T
+    return np.all(lost | ~read, axis=1)
+
+
+def without_readings(state: State, lost: np.ndarray) -> Measurements:
+    """Return the campaign without (A, G) readings of the rows that were to be used."""
+    whole = state.calibration.measurements
+    kept = np.ones((len(whole), whole.readings.size), bool)
+    for own, place in zip(lost.T, whole.readings.groups, strict=True):
+        kept[state.asked[own], place] = False
+    return whole if kept.all() else replace(whole, readings=whole.readings.where(kept))
+
+
+def lost_in(state: State) -> np.ndarray:
+    """Return (A, G) which readings of the rows that were to be used are left out of their rows by now."""
+    whole, now = state.calibration.measurements.readings, state.measurements.readings
+    pairs = [(whole.sigma[state.asked][:, place], now.sigma[state.asked][:, place]) for place in whole.groups]
+    return np.array([(np.isfinite(one) & np.isinf(other)).any(axis=1) for one, other in pairs]).T
 
 
 def lost_rows(state: State, heed: bool) -> np.ndarray:
-    """Return which of the rows that were to be used are lost beams at a fit; see `lost_beams`."""
-    asked, measurements = state.asked, state.measurements
-    view = state.fit.view if len(state.rows) == len(asked) else look(state.fit.setup, measurements, asked)
-    return lost_beams(view, [measurements.session[row] for row in asked], measurements.pose_number[asked], heed)
-
-
-def lost_beams(view: View, sessions: Sequence[str], poses: np.ndarray, heed: bool = True) -> np.ndarray:
-    """Return (M,) which readings are lost beams.
-
-    What moves the arm moves it for a while, or whenever it is in a pose: such readings are far in company, and stay.
-
-    Args:
-        view: The campaign at a fit, rows in the order driven.
-        sessions: Session of every row.
-        poses: (M,) number of every row's pose.
-        heed: Whether what is far in company stays, as long as some effect may still explain it.
-    """
-    weights = row_weights(view)
-    far = weights < FAR
-    lost = weights < LOST
-    if heed:
-        # Enough neighbours in time, in the same session, are far.
-        count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
-        beside = np.zeros(count, dtype=int)
-        for step in NEAR:
-            other = np.clip(row + step, 0, count - 1)
-            beside += far[other] & (session[other] == session) & (other == row + step)
-        # Enough other readings of the same pose are far, and half of them.
-        others, alike = np.bincount(poses)[poses] - 1, np.bincount(poses, far)[poses] - far
-        lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
-    return lost & (lost.mean() <= MOST)
+    """Return which of the rows that were to be used hold nothing but lost beams at a fit; see `lost_of`."""
+    return only_lost(state, lost_of(state, heed))
 
 
 def context_at(fitted: Fit, measurements: Measurements) -> Context:

@@ -28,9 +28,10 @@ from armflex import (
 from armflex.cli.calibrate_command import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import first_guess, write_calibrated
+from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.fit import prior_of, realise
+from armflex.estimate.placement import first_guess
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.joint.linear import LinearFit
@@ -157,7 +158,7 @@ def test_columns_against_finite_differences(measured, gravity_in, numbers):
     prior = dataclasses.replace(arm.prior, geometry=1e-3)
     arm = dataclasses.replace(arm, prior=prior, measurement=dataclasses.replace(arm.measurement, gravity_in=gravity_in))
     some = np.arange(0, 40, 9)
-    setup = first_guess(arm, rows, np.arange(len(rows)))
+    setup, _ = first_guess(arm, rows, np.arange(len(rows)))
     blocks = declared_blocks(setup, rows)
     scale = np.where(np.isfinite(prior_of(blocks)), prior_of(blocks), 1e-3)
     # Frames and twists are taken about their start: their columns are exact at zero only.

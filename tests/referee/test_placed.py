@@ -14,8 +14,9 @@ from support.plant import Rows, apply, pose, turn
 from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.errors import ConvergenceError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import first_guess, write_calibrated
+from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.fit import THOROUGH, fit
+from armflex.estimate.placement import first_guess
 from armflex.readings import Readings
 from armflex.robot import Corrections
 
@@ -167,7 +168,7 @@ def test_a_fit_that_does_not_settle_says_what_still_moves_and_which_rows_are_fur
     lost = np.array(rows.position)
     lost[7] += 0.05
     rows = replace(rows, readings=Readings(40, (replace(rows.readings.kinds[0], values=lost),)))
-    declared = first_guess(arm, rows, np.arange(40))
+    declared, _ = first_guess(arm, rows, np.arange(40))
     with pytest.raises(
         ConvergenceError, match=r"did not settle; still moving: .* by .*; .* of what is left is at .*rows.csv:9, "
     ):

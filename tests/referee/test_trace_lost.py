@@ -17,6 +17,7 @@ from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.arm import Arm
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
+from armflex.estimate.outliers import MOST, lost_readings
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
@@ -26,7 +27,7 @@ from armflex.show.report import render_report
 from armflex.trace.accept import improvement
 from armflex.trace.findings import Trace, write_traced
 from armflex.trace.rounds import trace
-from armflex.trace.state import MOST, begin, lost_beams
+from armflex.trace.state import begin
 
 pytestmark = pytest.mark.slow
 
@@ -88,7 +89,7 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
     assert told["effects"][0]["believed"] == "held-out rows"
     print_trace(found)
     said = capsys.readouterr().out
-    assert f"over {count - 2} rows" in said and "2 rows left out as lost beams" in said
+    assert f"over {count - 2} rows" in said and "2 readings excluded as lost beams" in said
     assert "2 of them left out of the fit" in render_report(found)
 
 
@@ -127,7 +128,7 @@ order = np.arange(COUNT)
 
 
 def lost_of(far: np.ndarray, sessions=("s",) * COUNT, poses=order) -> list[int]:
-    return np.flatnonzero(lost_beams(seen(np.where(far, 300.0, 1.0)), sessions, poses)).tolist()
+    return np.flatnonzero(lost_readings(seen(np.where(far, 300.0, 1.0)), sessions, poses)).tolist()
 
 
 @given(start=st.integers(0, COUNT - 3), length=st.integers(3, 40), alone=st.integers(0, COUNT - 1))
@@ -156,7 +157,7 @@ def test_where_many_stand_alone_the_model_is_wrong():
 
 @given(near=st.floats(0.1, 30.0))
 def test_what_is_not_very_far_is_never_lost(near):
-    assert not lost_beams(seen(np.where(order == 5, near, 1.0)), ("s",) * COUNT, order).any()
+    assert not lost_readings(seen(np.where(order == 5, near, 1.0)), ("s",) * COUNT, order).any()
 
 
 def test_a_row_is_believed_that_one_fit_comes_near():

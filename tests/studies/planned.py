@@ -28,8 +28,8 @@ from support.undeclared import AXES
 from armflex import Arm, Measurements, Trajectory, calibrate, load_arm, plan, predict, read_measurements, write_plan
 from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import first_guess
 from armflex.estimate.fit import fit
+from armflex.estimate.placement import first_guess
 from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.hypotheses import named_effect
@@ -223,7 +223,7 @@ def apart(arm: Arm, campaign: Measurements, true: str, false: str) -> float:
     costs = []
     for name in (true, false):
         rows = np.flatnonzero(campaign.measured)
-        setup = first_guess(arm, campaign, rows)
+        setup, _ = first_guess(arm, campaign, rows)
         view = look(setup, campaign)
         effect = named_effect(name, arm, ())
         prior = amplitude_prior(effect, (), view, view.context)

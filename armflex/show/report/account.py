@@ -221,7 +221,7 @@ def _outliers(trace: Trace) -> Table:
             places[one.row].short if places else f"row {one.row}",
             poses[one.row],
             millimetres(one.error_m, unit=one.unit),
-            one.kind,
+            f"{one.kind} with {one.fellow}" if one.fellow else one.kind,
         )
         for one in trace.outliers[:SHOWN]
     )

@@ -15,7 +15,6 @@ from armflex.errors import ArmflexError
 from armflex.estimate.block import Block, EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
-from armflex.estimate.view import look
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import without_direction
@@ -23,7 +22,7 @@ from armflex.measured.measurements import Measurements
 from armflex.parameters import numbers_of
 from armflex.trace.posterior.hypotheses import Hypothesis
 from armflex.trace.projection import Projection, projected, ridge_for
-from armflex.trace.state import context_at, lost_beams
+from armflex.trace.state import context_at, lost_in, lost_of, only_lost, without_readings
 from armflex.trace.telling import Report, Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
 
@@ -45,7 +44,7 @@ class State:
         random: Random twist per pose, None where there is none.
         fit: All of them together.
         context: The campaign as the catalogue sees it, at this fit.
-        heed: Whether rows that are far off in company stay in use; see `lost_beams`.
+        heed: Whether rows that are far off in company stay in use; see `lost_readings`.
         tell: Called with how far a search or a fit has come.
         say: Called with what is being done.
     """
@@ -174,22 +173,19 @@ def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -
 
 
 def sorted_out(state: State, effort: Effort = ROUGH) -> State:
-    """Return the state with the question put anew of which rows are lost beams, refitted where the answer changed.
+    """Return the state with the question put anew of which readings are lost beams, refitted where the answer changed.
 
-    While an effect is missing, rows that it moves may look lost; once it is there, others stand out that did not. Rows
-    before a joint's first motion leave with the first effect that must know its direction.
+    While an effect is missing, readings that it moves may look lost; once it is there, others stand out that did not.
+    Rows before a joint's first motion leave with the first effect that must know its direction.
     """
-    rows = state.asked[~(lost_rows(state, state.heed) | state.untold)]
-    if state.uses(rows):
+    lost = lost_of(state, state.heed)  # pyright: ignore[reportArgumentType] - a state of either search
+    used = ~(only_lost(state, lost) | state.untold)  # pyright: ignore[reportArgumentType]
+    before = lost_in(state)  # pyright: ignore[reportArgumentType]
+    if state.uses(state.asked[used]) and np.array_equal(lost[used], before[used]):
         return state
-    return refit(replace(state, rows=rows), state.effects, state.random, state.fit.values, effort)
-
-
-def lost_rows(state: State, heed: bool) -> np.ndarray:
-    """Return which of the rows that were to be used are lost beams at a fit; see `lost_beams`."""
-    asked, measurements = state.asked, state.measurements
-    view = state.fit.view if len(state.rows) == len(asked) else look(state.fit.setup, measurements, asked)
-    return lost_beams(view, [measurements.session[row] for row in asked], measurements.pose_number[asked], heed)
+    left = without_readings(state, lost & used[:, None])  # pyright: ignore[reportArgumentType]
+    changed = replace(state, rows=state.asked[used], measurements=left)
+    return refit(changed, state.effects, state.random, state.fit.values, effort)
 
 
 @dataclass(frozen=True, eq=False)

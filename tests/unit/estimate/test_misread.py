@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from support.campaigns import draw
 from support.command_line import Run, fine
-from support.misread_campaigns import faults, judged
+from support.misread_campaigns import boom, exchanged_targets, faults, judged, silent, ur5, with_targets
 from support.small_arms import ROBOTS
 
 from armflex import calibrate, load_arm, read_measurements
 from armflex.arm import Arm
-from armflex.errors import ConventionError, InputError
+from armflex.errors import ConventionError
 from armflex.measured.measurements import Measurements
 
 SOME = 90
@@ -65,7 +65,7 @@ def test_a_left_handed_frame_is_named_where_a_far_target_hides_it(campaign: tupl
     position = tip[:, :3, 3] + tip[:, :3, :3] @ own
     assert judged(arm, replace(rows, position=position)) == ()
     wrong = replace(rows, position=position[:, [1, 0, 2]])
-    with pytest.raises(InputError, match=r"left-handed|mirrored"):
+    with pytest.raises(ConventionError, match="left-handed frame's"):
         calibrate(arm, wrong)
 
 
@@ -83,7 +83,8 @@ def test_what_is_meant_is_taken_as_it_is_written(campaign: tuple[Arm, Measuremen
     soft = next(fault for fault in faults(arm) if "too small" in fault.named).written(arm, rows)
     with pytest.raises(ConventionError, match=r"thousand times too small\? Then .* mm off: give it in rad/Nm"):
         calibrate(*soft)
-    assert calibrate(*soft, anyway=True).rms > 0.0
+    taken = calibrate(*soft, anyway=True)
+    assert taken.rms > 0.0 and "thousand times too small" in next(f.text for f in taken.flags if f.code == "convention")
 
 
 @pytest.mark.slow
@@ -96,3 +97,62 @@ def test_the_command_line_says_so_and_writes_nothing(armflex: Run, tmp_path: Pat
         assert "columns q_A2 and q_A3 are exchanged" in refused.stderr.replace("\n", " ")
         assert "--anyway" in refused.stderr
         assert not (tmp_path / "out.toml").exists()
+
+
+QUICK = ("tracker jumps 50 mm", "target moved 10 mm", "inches in x_mm, half of the rows", "orientation transposed",
+         "Euler xyz as rotation vector", "frame = base, turned by 180")  # fmt: skip
+SLOWER = ("gravity y", "payload empty in half of the rows", "sign of A4 in one session", "x and y in one session",
+          "all joints mirrored", "mm as x y z", "radians under rx_deg")  # fmt: skip
+
+
+@pytest.mark.parametrize("title", QUICK)
+def test_a_fault_of_the_instrument_is_named(title: str) -> None:
+    arm, rows = ur5()
+    fault = next(one for one in silent(arm, rows) if one.title == title)
+    assert fault.named in judged(*fault.written(arm, rows))[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("title", SLOWER)
+def test_a_fault_of_a_boom_is_named(title: str) -> None:
+    arm, rows = boom()
+    fault = next(one for one in silent(arm, rows) if one.title == title)
+    assert fault.named in judged(*fault.written(arm, rows))[0]
+
+
+@pytest.mark.slow
+def test_two_targets_whose_columns_are_exchanged_are_named() -> None:
+    arm, rows = with_targets(*ur5())
+    (fault,) = exchanged_targets(arm, rows)
+    assert judged(arm, rows) == ()
+    assert fault.named in judged(*fault.written(arm, rows))[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["slip_step", "payload_mass"])
+def test_an_effect_of_millimetres_is_no_convention(kind: str) -> None:
+    assert judged(*boom(kind, 8)) == ()
+    assert judged(*ur5(wave=4e-3)) == ()
+
+
+def test_two_readings_in_each_others_row_are_called_exchanged() -> None:
+    arm, rows = ur5()
+    position = rows.position.copy()
+    position[[30, 100]] = position[[100, 30]]
+    found = calibrate(arm, replace(rows, position=position))
+    assert {(one.row, one.kind) for one in found.outliers} == {(30, "exchanged"), (100, "exchanged")}
+    fellows = {one.row: one.fellow for one in found.outliers}
+    assert fellows == {row: f"line {rows.places[other].line}" for row, other in ((30, 100), (100, 30))}
+
+
+def test_nothing_is_written_where_readings_scatter_a_hundred_times_as_stated(armflex: Run, tmp_path: Path) -> None:
+    lines = (ROBOTS / "tarm_like" / "campaign.csv").read_text().splitlines()[:101]
+    place = lines[0].split(",").index("sigma")
+    cells = [line.split(",") for line in lines[1:]]
+    text = [",".join([*row[:place], "1e-6", *row[place + 1 :]]) for row in cells]
+    (tmp_path / "rows.csv").write_text("\n".join([lines[0], *text]) + "\n")
+    asked = ("calibrate", ROBOTS / "tarm_like" / "measured.toml", "rows.csv", "-o", "out.toml")
+    refused = fine(armflex(*asked), 2).stderr.replace("\n", " ")
+    assert "times as much" in refused and "--anyway" in refused and not (tmp_path / "out.toml").exists()
+    fine(armflex(*asked, "--anyway"))
+    assert (tmp_path / "out.toml").exists()

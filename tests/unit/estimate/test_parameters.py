@@ -12,7 +12,7 @@ from armflex import Arm, load_arm, predict, read_measurements
 from armflex.errors import InputError
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import first_guess
+from armflex.estimate.placement import first_guess
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.parameters import ArmParameter, Certainty, Group, ParameterKind, of_effect
 from armflex.readings.instrument import Instrument
@@ -28,7 +28,7 @@ def tarm() -> Arm:
 def test_what_a_fit_frees_is_found_again_by_its_label(tarm: Arm) -> None:
     arm = replace(tarm, prior=replace(tarm.prior, geometry=1e-3))
     rows = read_measurements(TARM / "campaign.csv", arm)
-    free = parameters_of(declared_blocks(first_guess(arm, rows, np.flatnonzero(rows.measured)), rows))
+    free = parameters_of(declared_blocks(first_guess(arm, rows, np.flatnonzero(rows.measured))[0], rows))
     seen = replace(arm, instrument=Instrument(sessions=dict.fromkeys(rows.session, np.zeros(6))))
     assert seen.named([one.label for one in free]) == free
     assert {one.group.kind for one in free} >= {

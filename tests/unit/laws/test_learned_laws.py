@@ -24,8 +24,9 @@ from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.estimate import Calibration
 from armflex.estimate.block import law_block, with_laws
-from armflex.estimate.calibrate import first_guess, loads_seen, write_calibrated
+from armflex.estimate.calibrate import loads_seen, write_calibrated
 from armflex.estimate.learn import learned_axes
+from armflex.estimate.placement import first_guess
 from armflex.estimate.sample import sample_laws
 from armflex.estimate.view import look
 from armflex.laws import AtNode, LinearLaw, Row, StructuralLaw, SubJoint
@@ -215,7 +216,7 @@ def test_columns_are_derivatives_through_the_equilibrium(six, tmp_path, model):
     """Laws answer to loads, and loads to where the arm gives way: both are in the columns."""
     arm = load_arm(six.write(tmp_path, model))
     measurements, rows = read_measurements(tmp_path / "train.csv", arm), np.arange(0, 40, 8)
-    setup = first_guess(arm, measurements, np.flatnonzero(measurements.measured))
+    setup, _ = first_guess(arm, measurements, np.flatnonzero(measurements.measured))
     block = law_block(setup, look(setup, measurements, np.flatnonzero(measurements.measured)))
     at = block.start + 0.2 * np.random.default_rng(0).normal(size=len(block.labels))
     columns = block.jacobian(look(block.apply(setup, at), measurements, rows))

@@ -11,8 +11,9 @@ import pytest
 from armflex import Arm, load_arm
 from armflex.estimate import robust
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import calibrate, first_guess
+from armflex.estimate.calibrate import calibrate
 from armflex.estimate.held_out import told_by_others
+from armflex.estimate.placement import first_guess
 from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements, read_measurements
@@ -37,7 +38,7 @@ def campaign(arm: Arm) -> Measurements:
 @pytest.fixture(scope="module")
 def view(arm: Arm, campaign: Measurements) -> View:
     rows = np.flatnonzero(campaign.measured)
-    return look(first_guess(arm, campaign, rows), campaign, rows)
+    return look(first_guess(arm, campaign, rows)[0], campaign, rows)
 
 
 def test_threads_give_results_in_order_and_the_first_error() -> None:

@@ -1,0 +1,415 @@
+"""The conventions in which an arm and its campaign may have been written, each as a rewriting of both.
+
+A hypothesis has a name, a remedy, and what turns the arm and the campaign as they were read into those that were then
+meant. It knows nothing of how well they fit each other; `misread` judges that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from armflex.arm import Arm, Prior
+from armflex.conventions import STANDARD_GRAVITY, Array
+from armflex.files.dh_table import in_other_form
+from armflex.laws.joint.carried import scaled
+from armflex.laws.law import anywhere
+from armflex.measured.measurements import Measurements
+from armflex.readings import Kind, Orientation, Position
+from armflex.readings.acceleration import OPPOSITE, Acceleration
+from armflex.readings.instrument import Instrument
+from armflex.readings.sensor import Sensor
+
+Written = tuple[Arm, Measurements]
+Rewriting = Callable[[Arm, Measurements], Written]
+
+USUAL, RARE = 5.0, 8.0
+"""Priors: minus the logarithm of the probability of a mistake that is often made, and of one that hardly is."""
+
+WRITTEN_IN = {
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254},
+    "rad": {"rad": 1.0, "degrees": np.pi / 180.0, "mm/m": 1e-3},
+    "m/s^2": {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mm/s^2": 1e-3, "mg": 1e-3 * STANDARD_GRAVITY},
+}
+"""Tolerance: SI unit -> unit that numbers may have been written in, or taken for -> factor to SI."""
+
+ANYWHERE = 5.0
+"""Prior: standard deviation of where a sensor stands that may stand anywhere [m, rad]."""
+
+USUAL_PRIOR = Prior(joint_offset=2e-3, compliance=0.3, tool=0.01, geometry=1e-3)
+"""Priors: what is usually open of an arm where nobody says."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A convention that the campaign or the arm file may have been written in.
+
+    Attributes:
+        name: What would be wrong, as the end of a sentence.
+        remedy: How to write it right.
+        rewritten: The arm and the campaign as they were then meant.
+        prior: Minus the logarithm of its probability.
+        of: What readings it is about: the joints and lengths that move the tip ('points'), what bends the arm
+            ('loads'), 'orientation', or the name of a sensor.
+        some: Whether it may be true of one session alone, or of some of the rows.
+        slip: How far something was moved [m, rad], where an arm that slips as far explains as much.
+        volume: Logarithm of the factor by which it stretches what is read, the mean over its numbers: numbers that
+            shrink fit anything, and are no likelier for that.
+        of_rows: Whether some rows are rewritten as they are among all: it is not about the order of the rows.
+    """
+
+    name: str
+    remedy: str
+    rewritten: Rewriting
+    prior: float = USUAL
+    of: str = "points"
+    some: bool = False
+    slip: float | None = None
+    of_rows: bool = True
+    volume: float = 0.0
+
+
+def hypotheses(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Hypothesis]:
+    """Yield every convention that is thought of.
+
+    Args:
+        arm: The arm as declared.
+        measurements: The campaign as read.
+        suspects: Names of the sensors whose readings are far off, None for the orientations of the tip's target.
+    """
+    yield from _of_joints(arm)
+    yield from _of_positions(arm, measurements)
+    yield from _of_loads(arm, measurements)
+    for kind in measurements.readings.kinds:
+        if isinstance(kind, Orientation) and not kind.name:
+            yield from _of_orientations() if None in suspects else ()
+        elif kind.name and kind.name in suspects:
+            yield from _of_sensor(kind, arm, measurements)
+
+
+def _of_joints(arm: Arm) -> Iterator[Hypothesis]:
+    joints, turning = arm.joint_names, [joint.kind != "prismatic" for joint in arm.robot.moving]
+    at = np.eye(len(joints))
+    for i, j in combinations(range(len(joints)), 2):
+        if turning[i] == turning[j]:
+            order = np.arange(len(at))
+            order[[i, j]] = j, i
+            name = f"the columns q_{joints[i]} and q_{joints[j]} are exchanged"
+            yield Hypothesis(name, "exchange their headers", _joints(at[order]), some=True)
+    every = [i for i, turns in enumerate(turning) if turns]
+    for i, joint in enumerate(joints):
+        remedy = f"turn the signs of q_{joint}, or the joint's axis in the URDF"
+        yield Hypothesis(f"the sign of q_{joint} is turned", remedy, _joints(np.diag(1.0 - 2.0 * at[i])), some=True)
+        for degrees in (90, -90, 180) if turning[i] else ():
+            name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
+            remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
+            yield Hypothesis(name, remedy, _joints(at, np.radians(degrees) * at[i]), RARE, some=True)
+    signs = np.where(turning, -1.0, 1.0)
+    remedy = "turn all their signs, or the axes in the URDF: the base, or the whole arm, is mirrored"
+    yield Hypothesis("the signs of all turning joints are turned", remedy, _joints(np.diag(signs)))
+    for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
+        if len(place) == 1 or len(every) > 1:
+            head = f"q_{joints[place[0]]}_deg" if len(place) == 1 else "q_..._deg"
+            own = np.isin(np.arange(len(at)), place)
+            for unit, factor in (("degrees", np.pi / 180.0), ("radians", 180.0 / np.pi)):
+                remedy = f"write {head} into the header" if unit == "degrees" else "take _deg from the header"
+                yield Hypothesis(
+                    f"{what} in {unit}", remedy, _joints(np.diag(np.where(own, factor, 1.0))), some=len(place) > 1
+                )
+    if arm.robot.urdf.dh:
+        other = in_other_form(arm.robot)
+        name, remedy = f"the rows of [robot.joint] are of the {other.urdf.dh} form", f'write dh = "{other.urdf.dh}"'
+        yield Hypothesis(name, remedy, lambda arm, measurements: (replace(arm, robot=other), measurements))
+
+
+def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
+    for step, whose in ((1, "before"), (-1, "after")):
+        if measurements.measured.sum() > abs(step):
+            read = "x, y, z" if measurements.positioned.any() else "readings"
+            remedy = f"move {read} by one row against the joints"
+            yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step), of_rows=False)
+    if measurements.readings.of(Position) is None:
+        return
+    for unit, taken, factor in _factors("m"):
+        remedy = f"write the unit into the header: x_{unit}, y_{unit}, z_{unit}"
+        remedy = remedy if unit != "inches" else "convert them, and write x_mm, y_mm, z_mm into the header"
+        name = f"x, y, z are in {unit}, taken for {taken}"
+        volume, every = float(np.log(factor)), np.eye(3) * factor
+        yield Hypothesis(name, remedy, _positions(every), some=True, volume=volume)
+        yield Hypothesis(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
+        for axis, one in zip("xyz", np.eye(3), strict=True):
+            scale = np.diag(np.where(one > 0.0, factor, 1.0))
+            name = f"{axis} alone is in {unit}, taken for {taken}"
+            yield Hypothesis(name, remedy, _positions(scale), RARE, volume=volume / 3.0)
+    smaller = "write sigma_mm into the header"
+    yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)))
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
+        away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
+        if len(away) + len(turned) in (1, 2) and not (away and turned):
+            hand = f"{away[0]} and {away[1]} are exchanged" if away else f"{' and '.join(turned)} reversed"
+            name = f"x, y, z are a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
+            remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
+            proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
+            yield Hypothesis(name, remedy, _positions(axes), 2.0 * RARE if proper else USUAL + len(turned), some=True)
+    if arm.measurement.frame == "base":
+        remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
+        measurement = replace(arm.measurement, frame="unknown")
+        yield Hypothesis(
+            "x, y, z are not in the arm's base frame",
+            remedy,
+            lambda arm, measurements: (replace(arm, measurement=measurement), measurements),
+            USUAL - 1.0,
+        )
+
+
+def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
+    down = arm.robot.gravity
+    for axis, sign in product(range(3), (-1.0, 1.0)) if arm.flexures or arm.sensors else ():
+        other = np.linalg.norm(down) * sign * np.eye(3)[axis]
+        if np.any(down) and not np.allclose(other, down):
+            name = f"gravity points along {'-' if sign < 0.0 else '+'}{'xyz'[axis]} of the base"
+            shown = ", ".join(f"{one:g}" for one in other)
+            yield Hypothesis(name, f"write gravity = [{shown}] under [robot], or a mount", _pulled(other), of="loads")
+    masses = {"none": 0.0} | {name: payload.mass for name, payload in arm.payloads.items()}
+    given = {name: masses[name] for name in dict.fromkeys(measurements.payload)}
+    for one, other in combinations(sorted(given), 2):
+        name = f"the payloads {one!r} and {other!r} are exchanged"
+        remedy = "exchange their names in the column payload"
+        yield Hypothesis(name, remedy, _payloads({one: other, other: one}), of="loads")
+    for empty, heavy in product((one for one in given if not given[one]), arm.payloads):
+        if arm.payloads[heavy].mass:
+            name = f"rows whose payload is {empty!r} or not given carry {heavy!r}"
+            yield Hypothesis(name, "name it in the column payload", _payloads({empty: heavy}), of="loads", some=True)
+    if any(payload.mass for payload in arm.payloads.values()):
+        for unit, factor in (("tonnes", 1e3), ("grams", 1e-3)):
+            yield Hypothesis(f"payload masses are in {unit}", "write them in kg", _masses_times(factor), of="loads")
+    if any(flexure.law.freed(anywhere(arm.robot)) for flexure in arm.flexures):
+        for factor, unit in ((1e3, "a thousand times too small"), (1e-3, "a thousand times too large")):
+            remedy = "give it in rad/Nm and m/N, check mrad, kN, kNm and mm"
+            yield Hypothesis(f"the compliance is {unit}", remedy, _compliance_times(factor), of="loads")
+
+
+def _of_orientations() -> Iterator[Hypothesis]:
+    """Yield what may have been written into rx, ry, rz instead of a rotation vector in the unit of the header."""
+    forms: dict[str, tuple[Callable[[Array], Rotation], str]] = {
+        "a rotation vector": (Rotation.from_rotvec, ""),
+        "a quaternion's x, y, z": (_from_quaternion, ""),
+    }
+    for order in (*permutations("xyz"), *((a, b, a) for a, b in permutations("xyz", 2))):
+        for axes in ("".join(order), "".join(order).upper()):
+            about = "fixed" if axes.islower() else "turning"
+            if len(set(order)) == 3 and axes.lower() != "xyz":
+                named = ["xyz".index(axis) for axis in order]  # rx is the angle about x, whenever it is turned
+                forms[f"Euler angles about {about} axes in the order {axes}"] = (
+                    (lambda values, axes=axes, named=named: Rotation.from_euler(axes, values[:, named])),
+                    axes,
+                )
+            forms[f"Euler angles {axes}, in the order of turning about {about} axes"] = (
+                (lambda values, axes=axes: Rotation.from_euler(axes, values)),
+                axes,
+            )
+    for (form, (made, axes)), back, (unit, factor) in product(
+        forms.items(), (False, True), (("", 1.0), ("degrees", np.pi / 180.0), ("radians", 180.0 / np.pi))
+    ):
+        wrong = [form] if form != "a rotation vector" else []
+        wrong += ["the other way about (of the instrument in the target)"] if back else []
+        wrong += [f"in {unit}"] if unit else []
+        if wrong and not (unit and form.startswith("a quaternion")):
+            remedy = "take _deg from the header" if unit == "radians" else "write the unit into the header: rx_deg"
+            if form != "a rotation vector" or back:
+                remedy = f"write rotation vectors, say by scipy's Rotation.from_euler({axes!r}, ...).as_rotvec()"
+                remedy = remedy if axes else "write its rotation vector" + ", of the target in the instrument" * back
+
+            def rewritten(
+                values: Array, made: Callable[[Array], Rotation] = made, back: bool = back, by=factor
+            ) -> Array:
+                turns = made(by * values)
+                return (turns.inv() if back else turns).as_rotvec()
+
+            name = f"rx, ry, rz are {', '.join(wrong)}"
+            prior = USUAL + 2.0 * (len(wrong) - 1)
+            yield Hypothesis(name, remedy, _values("", rewritten, Orientation), prior, of="orientation")
+
+
+def _from_quaternion(vectors: Array) -> Rotation:
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    angle = 2.0 * np.arcsin(np.minimum(size, 1.0))
+    return Rotation.from_rotvec(vectors * angle / np.maximum(size, 1e-12))
+
+
+def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
+    """Yield what else may be meant by what a sensor read, or of where it is."""
+    name, sensor = kind.name, arm.sensors[kind.name]
+    for unit, taken, factor in _factors(kind.unit):
+        remedy = "write the unit into the header"
+        what = f"what {kind.title} read fits better in {unit}, not {taken}"
+        change = _values(name, lambda values, by=factor: by * values)
+        yield Hypothesis(what, remedy, change, of=name, volume=float(np.log(factor)))
+    if isinstance(kind, Acceleration):
+        remedy, opposite = OPPOSITE[sensor.sign < 0.0], replace(sensor, sign=-sensor.sign)
+        yield Hypothesis(f"{kind.title} reads the opposite", f"write {remedy}", _sensor(opposite), USUAL - 1.0, of=name)
+    places = range(kind.dimension)
+    for order, signs in product(permutations(places), product((1.0, -1.0), repeat=kind.dimension)):
+        away = [kind.channels[i] for i in places if order[i] != i]
+        turned = [kind.channels[i] or "its sign" for i in places if signs[i] < 0.0]
+        if away or turned:
+            words = [f"{' and '.join(away)} {'swapped' if len(away) == 2 else 'exchanged in turn'}"] if away else []
+            words += [f"{' and '.join(turned)} reversed"] if turned else []
+            axes = np.eye(kind.dimension)[list(order)] * np.array(signs)[:, None]
+            what = f"what {kind.title} read fits better with {', '.join(words)}"
+            prior = USUAL + len(away) // 2 + len(turned)
+            yield Hypothesis(
+                what, "write its columns so", _values(name, lambda values, by=axes: values @ by.T), prior, of=name
+            )
+    for other in measurements.readings.kinds:
+        if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
+            one, last = sorted([name, other.name])
+            text = f"the columns of {one or 'the tip: x, y, z,'} and those of {last} are exchanged"
+            yield Hypothesis(text, "exchange their headers", _exchanged(one, last), of=name)
+    robot = arm.robot
+    for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
+        if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):
+            text = f"{kind.title} is on {link!r}"
+            yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), RARE, of=name)
+
+
+def elsewhere(sensor: Sensor, text: str) -> Hypothesis:
+    """Return the hypothesis that a sensor stands somewhere else than it is declared to, as a text says."""
+    std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, ANYWHERE), sensor.std)
+    return Hypothesis(text, "declare it there", _sensor(replace(sensor, std=std)), of=sensor.name)
+
+
+def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> Iterator[Hypothesis]:
+    """Yield the hypotheses that an instrument or its target was moved in (N,) rows, as if no session had begun.
+
+    Args:
+        name: Of a sensor; '' is the tracker, 'target' the target that it looks at.
+        title: What people are shown.
+        start: Where the first of them is.
+        rows: (N,) which rows those are.
+        step: (n,) by how much its readings change there [their unit], of the target in tip axes [m].
+    """
+
+    def in_sessions(arm: Arm, measurements: Measurements) -> Written:
+        pairs = zip(measurements.session, rows.tolist(), strict=True)
+        session = tuple(f"{one} moved" if late else one for one, late in pairs)
+        if name == "target":
+            instrument = arm.instrument or Instrument()
+            before = {one: instrument.targets.get(one.removesuffix(" moved"), np.zeros(6)) for one in session}
+            after = {one: here + np.append(step, np.zeros(3)) for one, here in before.items() if one.endswith(" moved")}
+            arm = replace(arm, instrument=replace(instrument, targets=before | after))
+        return arm, replace(measurements, session=session)
+
+    text = f"{title} was moved, unnoticed, from about {start} on"
+    remedy = "give the rows from there on a session of their own"
+    remedy += ", and session_target under [prior]" if name == "target" else ""
+    more = {"of": name or "points", "slip": float(np.linalg.norm(step))}
+    if name != "target":
+        back = _values(name, lambda values: values - rows[:, None] * step, Kind if name else Position)
+        yield Hypothesis(text, remedy, back, **more)
+    if name in ("", "target"):
+        yield Hypothesis(text, remedy, in_sessions, **more)
+
+
+def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
+    """Yield (unit that numbers are in, unit that they were taken for, factor), of each factor the usual pair."""
+    seen = set[float]()
+    for taken, own in sorted(permutations(WRITTEN_IN[unit], 2), key=lambda pair: pair[0] != unit):
+        factor = WRITTEN_IN[unit][own] / WRITTEN_IN[unit][taken]
+        if round(np.log(factor), 6) not in seen:
+            seen.add(round(np.log(factor), 6))
+            yield own, taken, factor
+
+
+def _read(change: Callable[[Kind, Measurements], Kind]) -> Rewriting:
+    """Return the rewriting of every kind of readings, given the campaign."""
+
+    def rewritten(arm: Arm, measurements: Measurements) -> Written:
+        kinds = tuple(change(kind, measurements) for kind in measurements.readings.kinds)
+        return arm, replace(measurements, readings=replace(measurements.readings, kinds=kinds))
+
+    return rewritten
+
+
+def _values(name: str, change: Callable[[Array], Array], of: type[Kind] = Kind) -> Rewriting:
+    """Return the change of what one instrument read, of one kind."""
+    return _read(
+        lambda kind, _: (
+            replace(kind, values=change(kind.values)) if kind.name == name and isinstance(kind, of) else kind
+        )
+    )
+
+
+def _positions(by: Array, sigma: float = 1.0) -> Rewriting:
+    return _read(
+        lambda kind, _: (
+            replace(kind, values=kind.values @ by.T, sigma=sigma * kind.sigma)
+            if isinstance(kind, Position) and not kind.name
+            else kind
+        )
+    )
+
+
+def _exchanged(one: str, other: str) -> Rewriting:
+    names = {one: other, other: one}
+
+    def change(kind: Kind, measurements: Measurements) -> Kind:
+        fellow = measurements.readings.of(type(kind), names[kind.name]) if kind.name in names else None
+        return kind if fellow is None else replace(fellow, name=kind.name)
+
+    return _read(change)
+
+
+def _sensor(sensor: Sensor) -> Rewriting:
+    return lambda arm, measurements: (replace(arm, sensors={**arm.sensors, sensor.name: sensor}), measurements)
+
+
+def _joints(by: Array, shift: Array | float = 0.0) -> Rewriting:
+    """Return the change of joint positions to q times a (nq, nq) matrix and a (nq,) shift."""
+    return lambda arm, measurements: (arm, replace(measurements, q=measurements.q @ by + shift))
+
+
+def _read_apart(step: int) -> Rewriting:
+    def change(kind: Kind, measurements: Measurements) -> Kind:
+        if not (isinstance(kind, Position) or kind.name):  # an orientation has a row of its own, as ever
+            return kind
+        measured, after = np.flatnonzero(measurements.measured), np.arange(len(measurements))
+        after[measured] = np.roll(measured, -step)
+        return replace(kind, values=kind.values[after], sigma=kind.sigma[after] if kind.name else kind.sigma)
+
+    return _read(change)
+
+
+def _pulled(gravity: Array) -> Rewriting:
+    return lambda arm, measurements: (replace(arm, robot=replace(arm.robot, gravity=gravity)), measurements)
+
+
+def _payloads(names: Mapping[str, str]) -> Rewriting:
+    def rewritten(arm: Arm, measurements: Measurements) -> Written:
+        return arm, replace(measurements, payload=tuple(names.get(name, name) for name in measurements.payload))
+
+    return rewritten
+
+
+def _masses_times(factor: float) -> Rewriting:
+    def rewritten(arm: Arm, measurements: Measurements) -> Written:
+        heavy = {name: replace(payload, mass=factor * payload.mass) for name, payload in arm.payloads.items()}
+        return replace(arm, payloads=heavy), measurements
+
+    return rewritten
+
+
+def _compliance_times(factor: float) -> Rewriting:
+    def rewritten(arm: Arm, measurements: Measurements) -> Written:
+        row, factors = anywhere(arm.robot), np.full(6, np.sqrt(factor))
+        flexures = tuple(
+            replace(one, law=scaled(one.law, factors)) if one.law.freed(row) else one for one in arm.flexures
+        )
+        return replace(arm, flexures=flexures), measurements
+
+    return rewritten
