@@ -61,7 +61,7 @@ FORMATS = {
                              "of the program [default: armflex_path].")  # fmt: skip
 @click.option("--flavour", type=options.Choice(["ur_calibration", "robot_calibration"]), help="yaml: who reads it.")
 @click.option("--over", metavar="ROWS.csv", type=options.InputPath,
-              help="Rows over which it is told what the file leaves out; else the joints' limits.")  # fmt: skip
+              help="Rows over which the omitted error is computed [default: the joints' limits].")  # fmt: skip
 @click.option("--traj", metavar="TRAJ.csv", type=options.InputPath, help="The path of a program.")
 @click.option("--compensate", is_flag=True, default=None, help="Write the path on which the loaded tip is where the "
                                                                "rigid one would be.")  # fmt: skip

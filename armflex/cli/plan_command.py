@@ -43,7 +43,7 @@ MOST_LINES = 10
 @click.option(
     "--between",
     metavar="E1,E2",
-    help="Tell two effects apart, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
+    help="Distinguish two effects, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
     "backlash:A2:ry,encoder_offset:A2",
 )
 @click.option(
@@ -91,7 +91,7 @@ def command(
     lax: bool,
     **given: Any,
 ) -> None:
-    """The rows to measure next, in the order to drive them, and what they will tell.
+    """The rows to measure next, in the order to drive them, and what they will determine.
 
     They make what [prior] frees as certain as can be, or what is predicted --along a path, or they tell two effects
     apart --between. Stops whose pose begins with 'to ' are driven to and not read.

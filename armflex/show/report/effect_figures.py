@@ -30,7 +30,7 @@ def against_suspect(trace: Trace, index: int) -> str:
     figure, axes = canvas(10.0, 3.3, 1, 3, sharey=True, sharex=True)
     panels = (
         ("Before: calibrated arm", seen.calibrated, BEFORE),
-        ("All refitted, only this left out", seen.without, BEFORE),
+        ("All refitted without this effect", seen.without, BEFORE),
         ("After: with the effect", seen.after, AFTER),
     )
     for number, (panel, (title, values, colour)) in enumerate(zip(axes, panels, strict=True)):
