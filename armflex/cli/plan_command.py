@@ -93,8 +93,8 @@ def command(
 ) -> None:
     """The rows to measure next, in the order to drive them, and what they will determine.
 
-    They make what [prior] frees as certain as can be, or what is predicted --along a path, or they tell two effects
-    apart --between. Stops whose pose begins with 'to ' are driven to and not read.
+    They minimise the uncertainty of what [prior] frees or of predictions --along a path, or distinguish two effects
+    (--between). Stops whose pose begins with 'to ' are driven to and not read.
     """
     if picture is not None:
         check_ending(picture)  # before minutes of work

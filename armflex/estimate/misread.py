@@ -353,7 +353,7 @@ def _check_sigma(measurements: Measurements, rows: np.ndarray, found: _Misfit) -
     stated = float(np.median(measurements.sigma[rows]))
     if stated > COARSE * found.reach and found.left < EXACT * stated:
         text = f"readings are stated to {in_mm(stated)}, and are {in_mm(found.left)} off the fitted arm"
-        raise ConventionError(f"{text}: mm taken for m? (write sigma_mm into the header)", ["sigma is in mm"])
+        raise ConventionError(f"{text}: mm instead of m? (write sigma_mm into the header)", ["sigma is in mm"])
     again = repeats(measurements.some(rows)) if stated < FINE * found.reach else None
     if again is not None and again.same_session.freedom >= 3 and again.same_session.ratio.min() > SCATTERED:
         scatter = float(np.sqrt((again.same_session.sigma**2).mean()))

@@ -63,7 +63,7 @@ def check_axes(
     ratio = _spread(measured) / max(_spread(points), 1e-12)
     low, high = THOUSANDFOLD
     if low < ratio < high or low < 1.0 / max(ratio, 1e-12) < high:
-        text = f"measured positions are spread {ratio:.3g} times as wide as the arm's: mm taken for m, or m for mm?"
+        text = f"measured positions are spread {ratio:.3g} times as wide as the arm's: mm or m confused?"
         raise UnitError(f"{where}{text} (write the unit into the header: x_mm, y_mm, z_mm)")
     if pose is None:
         straight = rigid_fit(points, measured)[2]
@@ -242,5 +242,5 @@ def check_enough(points: Array, sigma: Array) -> None:
         names = [f"instrument {TWIST_NAMES[3 + axis]}" for axis in np.flatnonzero(free)]
         alike = "are all alike" if not known.any() else "lie on one line"
         condition = float(np.linalg.cond(jacobian.reshape(-1, 6)))
-        text = f"{len(points)} measured points {alike}: they cannot tell how the instrument stands"
+        text = f"{len(points)} measured points {alike}: they do not determine the place of the instrument"
         raise IdentifiabilityError(text, 3 + int(known.sum()), condition, names)

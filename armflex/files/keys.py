@@ -200,13 +200,13 @@ KEYS: dict[str, dict[str, Key]] = {
     "calibration.law.NAME": {
         "values": Key("the law's parameters", "each its own"),
         "scales": Key("how large each group of them may be", "each its own"),
-        "mean": Key("mean of the loads seen", "N, Nm"),
-        "precision": Key("of the loads seen", "1/N², …"),
-        "loads": Key("smallest and largest load seen of each component", "N, Nm"),
+        "mean": Key("mean of the observed loads", "N, Nm"),
+        "precision": Key("of the observed loads", "1/N², …"),
+        "loads": Key("smallest and largest observed load of each component", "N, Nm"),
         "load_scale": Key("unit of the loads in the law", "N, Nm"),
         "twist_scale": Key("unit of the twists in the law", "m, rad"),
         "reach": Key("deflection up to which the correction goes", "m, rad"),
-        "faded": Key("distance beyond the loads seen at which the correction has faded", "1"),
+        "faded": Key("distance beyond the observed loads at which the correction has faded", "1"),
         "energy": Key("the distance that it fades by", "1/N², …"),
     },
 }

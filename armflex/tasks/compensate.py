@@ -190,7 +190,7 @@ def compensate(
     rows, uncertain = _with_sigmas(arm, moved, rows)
     flags = [*again, *moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows), *uncertain]
     if between is not None and (widest is None or widest > between):
-        left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
+        left = "is not computed for user-defined targets" if widest is None else f"is still {widest:.3g} m"
         text = f"the error halfway between rows {left}; at most {between:g} m was asked"
         flags.append(Flag("between", text))
     result = Compensation(moved, rows, match, widest, tuple(flags))

@@ -350,7 +350,7 @@ def _remarks(
         yield "No pose was repeated from two directions: vAP cannot be given (the standard: three, 30 cycles each)."
     derived = [name for name in measurements.derived if name.startswith("approach_")]
     if derived and any(one.direction is not None for one in poses):
-        yield "Directions are told by the row before: the file has no columns approach_*."
+        yield "Directions are derived from the row before: the file has no columns approach_*."
     if block is None:
         yield "Drift is not given: it needs the time that a block of cycles takes (--block)."
     elif not drifts:
@@ -364,6 +364,6 @@ def _remarks(
         ]
         yield f"Further from their fellows than noise goes, and counted all the same: {listing(lost, 5)}."
     yield (
-        "A campaign at rest does not tell distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
+        "A campaign at rest does not give distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
         "compliance under the standard's forces, and anything of paths and velocities."
     )

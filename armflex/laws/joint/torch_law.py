@@ -303,7 +303,7 @@ def to_tensors(law: TorchLaw) -> dict[str, Array]:
     numbers = {name: np.broadcast_to(getattr(law, name), size) for name in ("load_mean", "load_scale", "twist_scale")}
     arrays = {**numbers, "noise": law.noise, "seen": law.seen}
     if law.noise is None or law.seen is None:
-        raise LawError(f"{_called(law)} was not trained by armflex: its noise and the loads seen are not known")
+        raise LawError(f"{_called(law)} was not trained by armflex: its noise and the observed loads are not known")
     for name, value in law.module.state_dict().items():
         kind = np.float64 if value.is_floating_point() else np.int64
         arrays[WEIGHT + name] = value.numpy().astype(kind)

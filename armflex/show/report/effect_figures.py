@@ -47,7 +47,7 @@ def against_suspect(trace: Trace, index: int) -> str:
     axes[0].set_ylabel(seen.y_label, fontsize=8.0)
     axes[1].set_xlabel(cut(seen.x_label, 60))
     axes[0].set_ylim(*_limits(seen))
-    return inline(figure, f"Residual against its suspect, effect {index + 1}")
+    return inline(figure, f"Residual against its possible cause, effect {index + 1}")
 
 
 def _limits(seen: Suspicion) -> tuple[float, float]:

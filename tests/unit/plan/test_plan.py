@@ -279,7 +279,9 @@ def test_backlash_and_friction_are_told_only_where_the_load_differs(six: Arm, to
     assert "would do as well" in told.advice[0] and "brake" in told.advice[0]
     assert all("moves readings by 5 standard deviations" in hypothesis.source for hypothesis in told.hypotheses)
     same = plan(six, 4, between=("encoder_offset:J1", "encoder_offset:J2"))
-    assert same.advice[0].startswith("No tip reading tells encoder offset at J1 (rz) from encoder offset at J2 (ry)")
+    assert same.advice[0].startswith(
+        "No tip reading distinguishes encoder offset at J1 (rz) from encoder offset at J2 (ry)"
+    )
     assert "inclinometer" in same.advice[0]
 
 
