@@ -74,7 +74,7 @@ FORMATS = {
 def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **given: Any) -> None:
     """Write the arm for other programs: see --to.
 
-    What a format cannot carry is refused by name, or said with what it amounts to in mm.
+    What a format cannot hold is refused by name, or its error is printed in mm.
     """
     wanted, asked = FORMATS[target], {option: value for option, value in given.items() if value is not None}
     asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}

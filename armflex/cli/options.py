@@ -313,7 +313,7 @@ def points(function: Callable) -> Callable:
     @functools.wraps(function)
     def with_points(points_path: Path | None, points_unit: str | None, points_frame: str | None, **rest: Any) -> Any:
         if points_path is None and (points_unit or points_frame):
-            raise InputError("--points-unit and --points-frame go with --points")
+            raise InputError("--points-unit and --points-frame need --points")
         points = None if points_path is None else read_points(points_path, points_unit, points_frame)
         return function(points=points, **rest)
 

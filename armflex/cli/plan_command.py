@@ -52,7 +52,7 @@ MOST_LINES = 10
     help="What is read: names that ARM declares, or wire, level, accelerometer, encoder, target, whose best place is "
     "chosen, and tracker.",
 )
-@click.option("--payload", "payloads", metavar="A,B", help="What may be carried; all payloads where it is left out.")
+@click.option("--payload", "payloads", metavar="A,B", help="What may be carried [default: all payloads].")
 @click.option(
     "--covariates",
     "--covariate",
@@ -65,7 +65,7 @@ MOST_LINES = 10
     "--sigma",
     type=Quantity("length"),
     metavar="0.2mm",
-    help="Of a position read; that of MEAS.csv, else 0.2mm, where left out.",
+    help="Of a position read [default: that of MEAS.csv, else 0.2mm].",
 )
 @click.option(
     "--floor",
@@ -160,7 +160,7 @@ def print_plan(found: Plan) -> None:
     left = sum(found.offered.dropped.values())
     if left:
         reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
-        say(f"Of {left + len(found.offered.rows)} rows offered {left} were left out: {reasons}.")
+        say(f"Of {left + len(found.offered.rows)} rows offered {left} were excluded: {reasons}.")
     for hypothesis in found.hypotheses:
         named = zip(hypothesis.candidate.labels, hypothesis.size, hypothesis.candidate.units, strict=True)
         sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)

@@ -300,7 +300,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = ()) -> Iterator[Flag]:
             unit, factor = SHOWN[kind.unit]
             seen = f"{stated * factor:.3g} {unit}, and its readings scatter by {scatter * stated * factor:.3g} {unit}"
             text = f"{kind.title}: its sigma is {seen}, {scatter:.2g} times as much"
-            ask = "is it stated in the right unit, or does the arm lack what this instrument alone sees?"
+            ask = "is it stated in the right unit, or does the model lack an effect that only this instrument observes?"
             yield Flag(
                 "sigma_implausible", f"{text}: {ask if large else 'is it stated in the right unit?'}", about=name
             )

@@ -63,7 +63,7 @@ def check_axes(
     ratio = _spread(measured) / max(_spread(points), 1e-12)
     low, high = THOUSANDFOLD
     if low < ratio < high or low < 1.0 / max(ratio, 1e-12) < high:
-        text = f"measured positions are spread {ratio:.3g} times as wide as the arm's: mm or m confused?"
+        text = f"measured positions are spread {ratio:.3g} times as wide as the arm's: mm and m confused?"
         raise UnitError(f"{where}{text} (write the unit into the header: x_mm, y_mm, z_mm)")
     if pose is None:
         straight = rigid_fit(points, measured)[2]

@@ -22,7 +22,7 @@ COMPLIANCE = TwistLaw(
     words=Words("compliance", "the joint gives more (or less) than declared", "C · w"),
     instead="measure a second target between the joints in question",
     watched=True,
-    plausible=Plausible(0.015, 0.01, "what gives by more is seen with the naked eye, and declared"),
+    plausible=Plausible(0.015, 0.01, "a larger deflection is visible to the naked eye, and declared"),
     places=lambda records: [*at_joints(records), *about_several(records, 4)],
     amplitudes=(
         Amplitude("C", "{m}/{w}"),

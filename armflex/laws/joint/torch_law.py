@@ -206,7 +206,7 @@ def check_module(module: torch.nn.Module, size: int) -> None:
     if not torch.isfinite(found).all():
         raise LawError(f"{name} gives numbers that are not finite at loads of order one, expected finite ones")
     if not torch.equal(found, again):
-        raise LawError(f"{name} gives other numbers when asked again, expected the same in evaluation mode")
+        raise LawError(f"{name} gives other numbers when called again, expected the same in evaluation mode")
     if not torch.allclose(found[1:2], single, rtol=1e-9, atol=1e-12):
         raise LawError(f"{name} gives a row other numbers beside other rows, expected each row by itself")
 

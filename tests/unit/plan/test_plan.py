@@ -317,7 +317,7 @@ def test_a_name_from_the_json_of_trace_is_understood() -> None:
         (("backlsh:J2", "backlash:J3"), UnknownNameError, "did you mean 'backlash'"),
         (("backlash:J9", "backlash:J3"), UnknownNameError, "backlash:J"),
         (("stiffening:J2", "backlash:J3"), InputError, "say which"),
-        (("backlash:J2", "backlash:J2:ry"), InputError, "told from itself"),
+        (("backlash:J2", "backlash:J2:ry"), InputError, "distinguished from itself"),
         (("thermal_growth:J2", "backlash:J3"), InputError, "--covariates temperature=10,35"),
         (("hysteresis:J2:ry", "backlash:J3"), UnsupportedError, "the rows before"),
         (("session_frame:base", "backlash:J3"), UnsupportedError, "session that has been"),

@@ -113,7 +113,7 @@ def test_what_is_unfinished_says_so_wherever_it_is_read(whole: Whole, tmp_path: 
         assert strict_json(outputs.json).get("unfinished", False) is marked
         page = outputs.report.read_text()
         assert ("Unfinished: written while" in page) is marked
-        assert ("Not worked out yet." in page) is marked
+        assert ("Not computed yet." in page) is marked
 
 
 def test_an_unfinished_arm_stays_whole_until_the_next_takes_its_place(

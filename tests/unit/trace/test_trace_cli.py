@@ -187,7 +187,7 @@ def test_what_is_unexplained_and_nothing_missing_are_said(ran, capsys: pytest.Ca
 BAD = {
     "a URDF": (["robot.urdf", "m.csv", "-o", "o.toml"], "trace needs an arm.toml"),
     "no output": (["arm.toml", "m.csv"], "missing option '-o'"),
-    "units of nothing": (["arm.toml", "m.csv", "-o", "o.toml", "--points-unit", "mm"], "go with --points"),
+    "units of nothing": (["arm.toml", "m.csv", "-o", "o.toml", "--points-unit", "mm"], "need --points"),
     "no such points": (["arm.toml", "m.csv", "-o", "o.toml", "--points", "none.txt"], "none.txt: cannot be read"),
     "an input": (["arm.toml", "m.csv", "-o", "arm.toml"], "is an input of this command"),
     "a page over an input": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "m.csv"], "is an input of this command"),
