@@ -146,7 +146,7 @@ def _paper_joint(folder: Path) -> dict[str, float]:
             verdict = "no machine: turns too far"
         rows.append([text, number(gives * 1e3), number(turns * 1e3), number(moves * 1e3), verdict])
         extrapolating += [flag.text for flag in found.flags if flag.code == "extrapolating"]
-    columns = ["A4", "A4 gives mm", "A4 turns mrad", "tip moves mm", "verdict"]
+    columns = ["A4", "A4 moves mm", "A4 turns mrad", "tip moves mm", "verdict"]
     print_table(f"What each does to the tip, straight out with {PAYLOAD}", columns, rows)
     say(
         *dict.fromkeys(extrapolating),

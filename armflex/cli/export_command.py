@@ -84,7 +84,7 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
         if option not in wanted.options:
             known = [name for name, other in FORMATS.items() if option in other.options]
             flag = flags.get(option, "--payload or --force")
-            raise InputError(f"{flag} means nothing to --to {target}; it is an option of --to {listing(known)}")
+            raise InputError(f"{flag} has no meaning for --to {target}; it is an option of --to {listing(known)}")
     for option in wanted.needs:
         if option not in asked and not (option == "output" and output):
             choices = {

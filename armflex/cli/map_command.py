@@ -111,7 +111,7 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
     sigma = "" if found.sigma is None else f" ± {number(found.sigma[here] * 1e3, 2)}"
     left = "" if tolerance is None else f", {number((tolerance - found.worst[here]) * 1e3, 3)} mm to the tolerance"
     place = ", ".join(f"{x:.3g}" for x in found.centres[here])
-    say(f"The tip moves most, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
+    say(f"Largest displacement of the tip, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
     q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(found.joints, found.worst_q[here], strict=True))
     say(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
     if found.worst_of_draws is not None:

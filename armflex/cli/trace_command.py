@@ -147,7 +147,7 @@ def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | No
     if any(path is not None and options.same_file(kept, path) for path in others):
         raise InputError(f"{kept} is where the search is kept while it goes on: name another file")
     if kept.exists() and not resume:
-        warn(f"{kept} is of a search that did not end: this one begins anew, --resume would go on with that one")
+        warn(f"{kept} is of an unfinished search: this search starts anew, --resume continues that one")
     return kept
 
 
@@ -261,7 +261,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         least = min(found.smallest, key=lambda one: one.least)
         median = float(np.median([one.least for one in found.smallest]))
         yield (
-            f"Effects would have shown from {number(median * 1e3, 2)} {unit} RMS {readings.where_read} "
+            f"Effects are observable from {number(median * 1e3, 2)} {unit} RMS {readings.where_read} "
             f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} {unit})."
         )
     for advice in found.next_measurement[:MOST_ADVICE]:

@@ -135,7 +135,7 @@ class _Tables:
             "COVARIATES": (len(self.covariates), "covariates"),
             "FACTORS": (len(self.factors), "functions of a column"),
             "CHANGING": (len(self.changing), "parts of laws that depend on a column"),
-            "TERMS": (len(self.terms), "parts of laws that are not straight in the load"),
+            "TERMS": (len(self.terms), "parts of laws that are not linear in the load"),
             "CURVED": (len(self.curved), "laws that have such parts"),
             "STRAIGHTENED": (len(self.curved) * self.steady, "the same, where none depends on a joint's position"),
             "LOADED": (len(self.curved) * self.steady + len(self.unproven), ""),

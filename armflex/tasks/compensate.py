@@ -169,7 +169,7 @@ def compensate(
         trajectory.check_targets(arm)
         away = int((trajectory.meant != trajectory.q).any(axis=1).sum())
         text = f"{away} of {len(trajectory)} rows have joints elsewhere than their {TARGET}_ columns: this path was"
-        text = f"{text} compensated before, and is held against where those have the rigid arm"
+        text = f"{text} compensated before; its target is the rigid tip at those columns"
         again = (Flag("compensated", text),)
     trajectory = replace(trajectory, target=trajectory.meant if targets is None else None)
     costs = np.ones(len(arm.joint_names)) if weights is None else real_array(weights, "weights")

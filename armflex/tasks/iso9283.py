@@ -362,7 +362,7 @@ def _remarks(
         lost = [
             str(measurements.places[row]) if measurements.places else f"row {row}" for row in found.same_session.lost
         ]
-        yield f"Further from their fellows than noise goes, and counted all the same: {listing(lost, 5)}."
+        yield f"Outliers beyond the noise, included in the figures: {listing(lost, 5)}."
     yield (
         "A campaign at rest does not give distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
         "compliance under the standard's forces, and anything of paths and velocities."

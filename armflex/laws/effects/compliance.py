@@ -19,7 +19,7 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 COMPLIANCE = TwistLaw(
     name="compliance",
-    words=Words("compliance", "the joint gives more (or less) than declared", "C · w"),
+    words=Words("compliance", "the compliance of the joint is larger (or smaller) than declared", "C · w"),
     instead="measure a second target between the joints in question",
     watched=True,
     plausible=Plausible(0.015, 0.01, "a larger deflection is visible to the naked eye, and declared"),

@@ -180,7 +180,7 @@ def test_what_is_unexplained_and_nothing_missing_are_said(ran, capsys: pytest.Ca
     assert "at J3 ry, 0.00015 rad from pose to pose" in said and "No further effect" not in said
     print_trace(dataclasses.replace(found, found=(), unexplained=None))
     said = capsys.readouterr().out
-    assert "No further effect is observable in these data." in said and "Effects would have shown from" in said
+    assert "No further effect is observable in these data." in said and "Effects are observable from" in said
     json.dumps(told, allow_nan=False)
 
 
