@@ -109,7 +109,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     words = in_dh_words(found.arm.robot)
     chosen = found.parameters if show_all else sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
-        columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
+        columns = ["parameter", "value", "± std", "unit", "prior deviations", "determined"]
         cells = [_cells(one, words) for one in chosen]
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, cells)
     blind = [p for p in found.undetermined if p.kind is not ParameterKind.LAW]
@@ -127,8 +127,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         if scatter > SCATTERED:
             whose = f"The readings of {name}" if several else "The readings"
             say(
-                f"{whose} scatter {scatter:.2g} times as much as stated, and were weighed by that: something is "
-                "missing, which what was fitted may make up for. `armflex trace` looks for it."
+                f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
+                "missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."
             )
     if found.left_out:
         say(f"Excluded as outliers by the robust fit: readings of {found.left_out} rows, which no figure includes.")
@@ -142,7 +142,7 @@ def _cells(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -
     """Return a parameter's line, a DH row's number by its name there (`in_dh_words`), a compliance by its factor."""
     name, sign = words.get(parameter.name, (parameter.name, 1.0))
     pull = number(sign * parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
-    says = "wrong as declared" if parameter.surprising else "this" if parameter.determined else "nothing"
+    says = "wrong as declared" if parameter.surprising else "yes" if parameter.determined else "no"
     if parameter.combined:
         others = (words.get(other, (other,))[0] for other in parameter.trades_against[:2])
         says = f"only with {', '.join(others) or 'others'}"

@@ -218,7 +218,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         )
     if found.outliers:
         lost, less = found.told("lost beam"), found.told("counted less")
-        yield f"Outliers, in no figure: {lost} rows excluded as lost beams, {less} down-weighted by the fit."
+        yield f"Outliers, in none of the figures: {lost} rows excluded as lost beams, {less} down-weighted by the fit."
     if unknown := found.told("direction unknown"):
         yield f"{unknown} more rows are excluded: the direction of a joint is not known before it first moves."
     if far := found.told("unexplained"):
