@@ -22,7 +22,7 @@ def main() -> tuple[float, float]:
         values = {name: f"{value:.3g} ± {one.std.get(name, 0.0):.1g}" for name, value in one.effect.named.items()}
         print(f"{one.effect.title}: {values}")
     before, after = error(found.calibration.arm, held_out), error(found.arm, held_out)
-    print(f"on poses not used: calibrated {before * 1e3:.2f} mm, with what was found {after * 1e3:.2f} mm")
+    print(f"on held-out poses: calibrated {before * 1e3:.2f} mm, with what was found {after * 1e3:.2f} mm")
     return before, after
 
 

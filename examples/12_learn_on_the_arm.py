@@ -61,7 +61,7 @@ def main(folder: str = ".") -> tuple[float, float]:
     for arm in (declared, learning):
         found = armflex.calibrate(arm, campaign).arm
         errors.append(float(np.sqrt((away(found, held_out) ** 2).sum(axis=1).mean())) / (np.sqrt(3.0) * NOISE))
-    print(f"error on poses not used, over the noise: not learned {errors[0]:.2f}, learned {errors[1]:.2f}")
+    print(f"error on held-out poses, over the noise: not learned {errors[0]:.2f}, learned {errors[1]:.2f}")
     armflex.draw_laws(found, Path(folder) / "laws.png")
     return errors[0], errors[1]
 

@@ -129,7 +129,7 @@ def fit_polynomial(loads: Array, deflections: Array, features: str | Sequence[st
     if len(values) <= len(names):
         problem = f"{len(values)} rows of loads do not determine {len(names)} features"
         raise IdentifiabilityError(problem, min(values.shape), np.inf, names)
-    check_determined(values, names, "loads do not tell the features of a polynomial apart")
+    check_determined(values, names, "loads do not distinguish the features of a polynomial")
     return _law(names, values, loads, deflections, [range(len(names))] * loads.shape[1])
 
 

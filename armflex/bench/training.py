@@ -288,5 +288,5 @@ def _worth(model: str, held: HeldOut, others: Sequence[Compared], least: Array) 
     ratio = float(np.exp(np.log(np.maximum(networks[0], least) / np.maximum(best.rms, least)).mean()))
     if ratio < 0.95:
         return ()
-    text = f"a network is not worth its weights here: {ratio:.2f} times the held-out error of {best.name!r}"
+    text = f"a network does not improve on a plainer model here: {ratio:.2f} times the held-out error of {best.name!r}"
     return (Flag("not_worth_its_weights", text),)

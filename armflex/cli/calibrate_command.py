@@ -56,7 +56,7 @@ def command(
     unnamed: Callable[[Arm], Unnamed],
     lax: bool,
 ) -> None:
-    """Fit what [prior] frees, on the deflected arm, and say what the data cannot tell."""
+    """Fit what [prior] frees, on the deflected arm, and report what the data do not determine."""
     arm = options.declared_arm(arm_path, "calibrate", keep, lax)
     if sample and keep:
         raise InputError("--keep keeps laws as an earlier campaign taught them: leave out --sample, or --keep")
@@ -112,12 +112,12 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     words = in_dh_words(found.arm.robot)
     chosen = found.parameters if show_all else sorted(known, key=lambda parameter: -abs(parameter.pull))[:8]
     if chosen:
-        columns = ["parameter", "value", "± std", "unit", "prior deviations", "the data say"]
+        columns = ["parameter", "value", "± std", "unit", "prior deviations", "determined"]
         cells = [_cells(one, words) for one in chosen]
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, cells)
     blind = [p for p in found.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
-        columns = ["not told from its prior", "can be exchanged for"]
+        columns = ["not determined", "can be exchanged for"]
         named = [[words.get(name, (name,))[0] for name in (p.name, *p.trades_against)] for p in blind[:12]]
         cells = [[name, ", ".join(others) or "moves the readings too little"] for name, *others in named]
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
@@ -130,11 +130,11 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         if scatter > SCATTERED:
             whose = f"The readings of {name}" if several else "The readings"
             say(
-                f"{whose} scatter {scatter:.2g} times as much as stated, and were weighed by that: something is "
-                "missing, which what was fitted may make up for. `armflex trace` looks for it."
+                f"{whose} scatter {scatter:.2g} times as much as stated, and were weighted by that: an effect is "
+                "missing, which the fitted parameters may absorb in part. `armflex trace` searches for it."
             )
     if found.left_out:
-        say(f"In no figure: readings of {found.left_out} rows that are far off, by the robust fit.")
+        say(f"Excluded as outliers by the robust fit: readings of {found.left_out} rows, which no figure includes.")
     for outlier in found.outliers[:5]:
         unit, factor = SHOWN[outlier.unit]
         by = f" by {outlier.instrument}" if outlier.instrument else ""
@@ -146,7 +146,7 @@ def _cells(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -
     """Return a parameter's line, a DH row's number by its name there (`in_dh_words`), a compliance by its factor."""
     name, sign = words.get(parameter.name, (parameter.name, 1.0))
     pull = number(sign * parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
-    says = "wrong as declared" if parameter.surprising else "this" if parameter.determined else "nothing"
+    says = "wrong as declared" if parameter.surprising else "yes" if parameter.determined else "no"
     if parameter.combined:
         others = (words.get(other, (other,))[0] for other in parameter.trades_against[:2])
         says = f"only with {', '.join(others) or 'others'}"
@@ -167,10 +167,10 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
             sampled = [] if axis.sampled is None else [number(axis.sampled * factor, 3)]
             rows.append([axis.flexure, axis.axis, *sizes, unit, *sampled])
     columns = ["flexure", "axis", "declared", "learned", "bent", "± std", "unit", *(["sampled"] if samples else [])]
-    print_table("Laws learned: RMS over the loads seen", columns, rows)
+    print_table("Laws learned: RMS over the observed loads", columns, rows)
     left = ", ".join(f"{axis.flexure} {axis.axis}" for axis in axes if not axis.told)
     if left:
-        say(f"Hardly told by these readings, held by what was declared: {left}.")
+        say(f"Hardly observable in these readings, kept near the declared values: {left}.")
     if samples is not None:
         found = samples.diagnostics
         say(f"Sampled: R-hat {found.rhat_max:.3f}, {found.ess_min:.0f} effective draws or more.")

@@ -26,7 +26,7 @@ from armflex.mechanics.equilibrium import METHODS
 @click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ",
               help=f"Load from outside with unit, or as fx=0,fz=-500N: {options.FORCE_HELP}. Any number.")  # fmt: skip
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
-@click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
+@click.option("--strict", is_flag=True, help="Refuse loads beyond those that a law was trained on.")
 @click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
 @options.covariates
 def command(

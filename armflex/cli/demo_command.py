@@ -114,7 +114,7 @@ def _sag_and_path(arm: Arm, folder: Path, output: Path) -> bool:
     for q, commanded, payload in zip(found.trajectory.q, trajectory.q, trajectory.payload, strict=True):
         pose = arm.deflection(q, payload, method="fixed_point").pose
         worst = max(worst, float(np.linalg.norm(pose.translation - arm.rigid_pose(commanded).translation)))
-    say(f"Asked again by fixed-point iteration instead of Newton: {worst:.1e} m remain at most.", "")
+    say(f"Checked by fixed-point iteration instead of Newton: {worst:.1e} m remain at most.", "")
     return found.ok
 
 
@@ -146,11 +146,11 @@ def _paper_joint(folder: Path) -> dict[str, float]:
             verdict = "no machine: turns too far"
         rows.append([text, number(gives * 1e3), number(turns * 1e3), number(moves * 1e3), verdict])
         extrapolating += [flag.text for flag in found.flags if flag.code == "extrapolating"]
-    columns = ["A4", "A4 gives mm", "A4 turns mrad", "tip moves mm", "verdict"]
+    columns = ["A4", "A4 moves mm", "A4 turns mrad", "tip moves mm", "verdict"]
     print_table(f"What each does to the tip, straight out with {PAYLOAD}", columns, rows)
     say(
         *dict.fromkeys(extrapolating),
-        "As printed, A4 alone gives way by most of a metre: at 1 kN a steel member of its size would be strained far "
+        "As printed, A4 alone deflects by most of a metre: at 1 kN a steel member of its size would be strained far "
         "past yield.",
         "Read as um/kN it is an ordinary steel hinge. The arm's own A4 does not come from the table.",
     )

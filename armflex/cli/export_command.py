@@ -61,7 +61,7 @@ FORMATS = {
                              "of the program [default: armflex_path].")  # fmt: skip
 @click.option("--flavour", type=options.Choice(["ur_calibration", "robot_calibration"]), help="yaml: who reads it.")
 @click.option("--over", metavar="ROWS.csv", type=options.InputPath,
-              help="Rows over which it is told what the file leaves out; else the joints' limits.")  # fmt: skip
+              help="Rows over which the omitted error is computed [default: the joints' limits].")  # fmt: skip
 @click.option("--traj", metavar="TRAJ.csv", type=options.InputPath, help="The path of a program.")
 @click.option("--compensate", is_flag=True, default=None, help="Write the path on which the loaded tip is where the "
                                                                "rigid one would be.")  # fmt: skip
@@ -74,7 +74,7 @@ FORMATS = {
 def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **given: Any) -> None:
     """Write the arm for other programs: see --to.
 
-    What a format cannot carry is refused by name, or said with what it amounts to in mm.
+    What a format cannot hold is refused by name, or its error is printed in mm.
     """
     wanted, asked = FORMATS[target], {option: value for option, value in given.items() if value is not None}
     asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}
@@ -84,7 +84,7 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
         if option not in wanted.options:
             known = [name for name, other in FORMATS.items() if option in other.options]
             flag = flags.get(option, "--payload or --force")
-            raise InputError(f"{flag} means nothing to --to {target}; it goes with --to {listing(known)}")
+            raise InputError(f"{flag} has no meaning for --to {target}; it is an option of --to {listing(known)}")
     for option in wanted.needs:
         if option not in asked and not (option == "output" and output):
             choices = {

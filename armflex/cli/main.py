@@ -21,7 +21,7 @@ COMMANDS = {
     "check": "is a loaded path within tolerance, or a compensated one where it was meant to be",
     "compensate": "joint positions that put the deflected tip where the rigid arm would be",
     "calibrate": "fit what [prior] frees to a measured campaign",
-    "trace": "calibrate, and trace what is left to an effect that the arm lacks",
+    "trace": "calibrate, and find the effects that explain the residual",
     "report": "pose accuracy and repeatability of a campaign, as ISO 9283 defines them",
     "plan": "the poses, payloads and approach directions to measure next",
     "train": "learn a joint deformation model from loads and deflections",

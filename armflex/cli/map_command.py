@@ -45,7 +45,7 @@ Output = options.OutputPath
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
 @click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of the worst in every voxel.")
 @click.option("--draws", type=int, default=0, show_default=True, help=DRAWS)
-@click.option("--strict", is_flag=True, help="Refuse loads beyond those that a trained law has seen.")
+@click.option("--strict", is_flag=True, help="Refuse loads beyond those that a law was trained on.")
 @options.covariates
 def command(
     arm: Arm,
@@ -65,7 +65,7 @@ def command(
     # Before hours of work: a file that could not be written after them. Inputs end otherwise.
     for path, endings in ((output, SUFFIXES), (picture, PICTURES), (page, (".html",))):
         if path is not None and path.suffix not in endings:
-            raise InputError(f"{path}: expected a name that ends in {' or '.join(endings)}")
+            raise InputError(f"{path}: expected a file name that ends in {' or '.join(endings)}")
     limit, edge = (None if text is None else parse_quantity(text, "length") for text in (tolerance, voxel))
     names = [name.strip() for name in payloads.split(",")]
     if limit is not None and limit <= 0.0:
@@ -111,7 +111,7 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
     sigma = "" if found.sigma is None else f" ± {number(found.sigma[here] * 1e3, 2)}"
     left = "" if tolerance is None else f", {number((tolerance - found.worst[here]) * 1e3, 3)} mm to the tolerance"
     place = ", ".join(f"{x:.3g}" for x in found.centres[here])
-    say(f"The tip moves most, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
+    say(f"Largest displacement of the tip, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
     q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(found.joints, found.worst_q[here], strict=True))
     say(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
     if found.worst_of_draws is not None:

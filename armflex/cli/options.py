@@ -89,7 +89,7 @@ TABLES = (".csv", ".parquet", ".pq", ".xlsx", ".xlsm")
 """Suffixes that no arm has."""
 
 FILES = {
-    "ARM": "An arm.toml: URDF, where it gives, payloads; or a URDF alone, which does not give.",
+    "ARM": "An arm.toml: URDF, flexures, payloads; or a URDF alone, which is rigid.",
     "TRAJ.csv": "A path: time, q_<joint>; optional payload, via (a name where it counts), v_<joint>, a_<joint>, "
     "force_fx .. force_mz with force_frame and force_axes, and what effects depend on.",
     "ROWS.csv": "What is to be predicted: q_<joint>; optional payload, session, time, approach_<joint>, force_*.",
@@ -313,7 +313,7 @@ def points(function: Callable) -> Callable:
     @functools.wraps(function)
     def with_points(points_path: Path | None, points_unit: str | None, points_frame: str | None, **rest: Any) -> Any:
         if points_path is None and (points_unit or points_frame):
-            raise InputError("--points-unit and --points-frame go with --points")
+            raise InputError("--points-unit and --points-frame need --points")
         points = None if points_path is None else read_points(points_path, points_unit, points_frame)
         return function(points=points, **rest)
 

@@ -43,7 +43,7 @@ MOST_LINES = 10
 @click.option(
     "--between",
     metavar="E1,E2",
-    help="Tell two effects apart, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
+    help="Distinguish two effects, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
     "backlash:A2:ry,encoder_offset:A2",
 )
 @click.option(
@@ -52,7 +52,7 @@ MOST_LINES = 10
     help="What is read: names that ARM declares, or wire, level, accelerometer, encoder, target, whose best place is "
     "chosen, and tracker.",
 )
-@click.option("--payload", "payloads", metavar="A,B", help="What may be carried; all payloads where it is left out.")
+@click.option("--payload", "payloads", metavar="A,B", help="What may be carried [default: all payloads].")
 @click.option(
     "--covariates",
     "--covariate",
@@ -65,7 +65,7 @@ MOST_LINES = 10
     "--sigma",
     type=Quantity("length"),
     metavar="0.2mm",
-    help="Of a position read; that of MEAS.csv, else 0.2mm, where left out.",
+    help="Of a position read [default: that of MEAS.csv, else 0.2mm].",
 )
 @click.option(
     "--floor",
@@ -93,17 +93,17 @@ def command(
     points: PointExport | None,
     **given: Any,
 ) -> None:
-    """The rows to measure next, in the order to drive them, and what they will tell.
+    """The rows to measure next, in the order to drive them, and what they will determine.
 
-    They make what [prior] frees as certain as can be, or what is predicted --along a path, or they tell two effects
-    apart --between. Stops whose pose begins with 'to ' are driven to and not read.
+    They minimise the uncertainty of what [prior] frees or of predictions --along a path, or distinguish two effects
+    (--between). Stops whose pose begins with 'to ' are driven to and not read.
     """
     if picture is not None:
         check_ending(picture)  # before minutes of work
     if arm_path.suffix != ".toml":
         raise InputError(f"{arm_path}: plan needs an arm.toml, whose [prior] says what is not known")
     if points is not None and after_path is None:
-        raise InputError("--points goes with --after: it has the positions of that campaign")
+        raise InputError("--points needs --after: it has the positions of that campaign")
     arm = load_arm(arm_path, strict=not lax)
     asked = {
         "after": None if after_path is None else read_measurements(after_path, arm, points=points),
@@ -164,7 +164,7 @@ def print_plan(found: Plan) -> None:
     left = sum(found.offered.dropped.values())
     if left:
         reasons = ", ".join(f"{n} {reason.replace('_', ' ')}" for reason, n in found.offered.dropped.items())
-        say(f"Of {left + len(found.offered.rows)} rows offered {left} were left out: {reasons}.")
+        say(f"Of {left + len(found.offered.rows)} rows offered {left} were excluded: {reasons}.")
     for hypothesis in found.hypotheses:
         named = zip(hypothesis.candidate.labels, hypothesis.size, hypothesis.candidate.units, strict=True)
         sizes = ", ".join(f"{label} {value:.3g} {unit}" for label, value, unit in named if value)

@@ -64,7 +64,7 @@ def command(
     unnamed: Callable[[Arm], Unnamed],
     lax: bool,
 ) -> None:
-    """Calibrate, find what residual is left, trace it to an effect the arm lacks, add it, and say what it was worth.
+    """Calibrate, find the effects that explain the residual, add them, and report the errors before and after.
 
     After every accepted effect the outputs are written, marked unfinished, and beside ARM2.toml (-o) a file
     ARM2.checkpoint.json, from which --resume goes on; it is removed at the end. Effects with which held-out poses are
@@ -147,7 +147,7 @@ def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | No
     if any(path is not None and options.same_file(kept, path) for path in others):
         raise InputError(f"{kept} is where the search is kept while it goes on: name another file")
     if kept.exists() and not resume:
-        warn(f"{kept} is of a search that did not end: this one begins anew, --resume would go on with that one")
+        warn(f"{kept} is of an unfinished search: this search starts anew, --resume continues that one")
     return kept
 
 
@@ -166,7 +166,15 @@ def print_trace(found: Trace) -> None:
     unit = SHOWN[readings.unit][0]
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     if found.found:
-        columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}", "again"]
+        columns = [
+            "added",
+            "site",
+            "axis",
+            "depends on",
+            "value ± standard uncertainty",
+            f"held out {unit}",
+            "in folds",
+        ]
         print_table("Effects identified", columns, [row for one in found.found for row in _lines(one)])
     if found.families:
         columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
@@ -179,7 +187,7 @@ def print_trace(found: Trace) -> None:
             ]
             for one in found.families
         ]
-        print_table("What its drives have in common", columns, rows)
+        print_table("Families: small errors at every drive", columns, rows)
     say(*_remarks(found))
 
 
@@ -199,28 +207,31 @@ def _lines(found: Found) -> Iterator[list[str]]:
 
 def _remarks(found: Trace) -> Iterator[str]:
     if found.compared is not None:
-        yield "Poses held out: effects chosen and fitted without them; again: how often they are chosen so."
+        yield (
+            "Held out: poses without which the effects were selected and fitted; "
+            "in folds: the share of folds that select the effect."
+        )
     if found.families:
         yield (
-            "What drives have in common is no named cause: it says of what kind and how large their errors are. "
-            "Members that show by themselves are among the effects identified."
+            "A family at every drive is not a named cause: it gives the kind and the size of the errors of the drives. "
+            "Members that are observable alone are among the effects identified."
         )
     if found.outliers:
         lost, less = found.told("lost beam"), found.told("counted less")
-        yield f"In no figure: {lost} readings excluded as lost beams, {less} rows that the fit counts less as outliers."
+        yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."
     if pairs := [one for one in found.outliers if one.fellow]:
         said = listing(f"{one.place or one.row} and {one.fellow}" for one in pairs[::2])
         yield f"Exchanged readings, excluded: {said}."
     if unknown := len(found.unjudged):
-        yield f"{unknown} of the rows are not in the fit: nothing says from where a joint came before it first moved."
+        yield f"{unknown} of the rows are not in the fit: the direction of a joint is not known before it first moves."
     if far := found.told("unexplained"):
-        yield f"{far} more rows, far off together, are left out: nothing explains them."
+        yield f"{far} more rows, far off together, are excluded: no candidate explains them."
     for one, which in zip(found.found, found.numbers, strict=True):
         title = f"{one.effect.title}{numbered(which)}"
         if one.witness:
             yield (
-                f"{title} is believed because fitted parameters no longer strain against their priors; "
-                "held-out rows are not predicted clearly better."
+                f"{title} is accepted because fitted parameters no longer strain against their priors; "
+                "the prediction of held-out rows is not clearly better."
             )
         hypotheses = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
         if one.probability is not None:
@@ -228,7 +239,7 @@ def _remarks(found: Trace) -> Iterator[str]:
             yield f"Probability: {one.probability:.0%} {title}{others}."
         elif hypotheses:
             more = f", and {len(hypotheses) - 3} more" if len(hypotheses) > 3 else ""
-            yield f"These data do not tell {title} from {', '.join(hypotheses[:3])}{more}."
+            yield f"These data do not distinguish {title} from {', '.join(hypotheses[:3])}{more}."
     readings = found.state.measurements.readings
     unit = SHOWN[readings.unit][0]
     for gone in found.withdrawn:
@@ -244,16 +255,16 @@ def _remarks(found: Trace) -> Iterator[str]:
         size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
         others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
         also = f" (or {others})" if others else ""
-        yield f"Left unexplained: {number(left.rms * 1e3, 3)} {unit} RMS {where}{size}{also}; no column tells why."
+        yield f"Left unexplained: {number(left.rms * 1e3, 3)} {unit} RMS {where}{size}{also}; no column explains it."
     elif found.undecided is not None:
         yield found.undecided.text
     elif not found.found and not found.families and not found.withdrawn:
-        yield "Nothing is missing that these data could show."
+        yield "No further effect is observable in these data."
     if found.smallest:
         least = min(found.smallest, key=lambda one: one.least)
         median = float(np.median([one.least for one in found.smallest]))
         yield (
-            f"Effects would have shown from {number(median * 1e3, 2)} {unit} RMS {readings.where_read} "
+            f"Effects are observable from {number(median * 1e3, 2)} {unit} RMS {readings.where_read} "
             f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} {unit})."
         )
     for advice in found.next_measurement[:MOST_ADVICE]:

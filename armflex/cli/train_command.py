@@ -67,7 +67,7 @@ def command(
     picture: Path | None,
     **others: Any,
 ) -> None:
-    """Learn a joint deformation model, with its error on rows it has not seen.
+    """Learn a joint deformation model, with its error on held-out rows.
 
     JOINT.csv has loads fx fy fz [mx my mz] on the joint and deflections dx dy dz [rx ry rz], each column with its unit,
     such as fx_kN and dx_mm.

@@ -40,7 +40,7 @@ def command(
 ) -> None:
     """One self-contained page, made without a display, opened by any browser."""
     if trajectory_path is None and tolerance is not None:
-        raise InputError("--tolerance goes with --traj")
+        raise InputError("--tolerance needs --traj")
     if trajectory_path is not None and positions:
         raise InputError("--traj brings its own positions: leave --q out")
     path, covariates = shown["path"], shown["covariates"]

@@ -365,7 +365,7 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
         )
     flags = derived_directions(arm, measurements, used)
     if untold.any():
-        text = f"{untold.sum()} rows are left out: nothing tells from where a joint came before it first moved"
+        text = f"{untold.sum()} rows are excluded: the direction of a joint is not known before it first moves"
         flags = (*flags, Flag("direction_unknown", text))
     return used, flags
 

@@ -134,10 +134,10 @@ class _Tables:
             "PULLS": (len(self.pulls), "forces from outside"),
             "COVARIATES": (len(self.covariates), "covariates"),
             "FACTORS": (len(self.factors), "functions of a column"),
-            "CHANGING": (len(self.changing), "parts of laws that go with a column"),
-            "TERMS": (len(self.terms), "parts of laws that are not straight in the load"),
+            "CHANGING": (len(self.changing), "parts of laws that depend on a column"),
+            "TERMS": (len(self.terms), "parts of laws that are not linear in the load"),
             "CURVED": (len(self.curved), "laws that have such parts"),
-            "STRAIGHTENED": (len(self.curved) * self.steady, "the same, where none goes with a joint's position"),
+            "STRAIGHTENED": (len(self.curved) * self.steady, "the same, where none depends on a joint's position"),
             "LOADED": (len(self.curved) * self.steady + len(self.unproven), ""),
             "UNPROVEN": (len(self.unproven), "payloads with which no bound proves that the arm cannot buckle"),
             "FORMS": (len(self.forms), "quadratic forms of the load"),
@@ -234,7 +234,7 @@ def _amount(arm: Arm, other: Arm) -> str:
             tips = [one.deflection(q, payload, covariates=covariates).displacement for one in (arm, other)]
             most = max(most, float(np.linalg.norm((tips[0] - tips[1])[:, :3], axis=1).max()))
     except ArmflexError:
-        return "what it amounts to cannot be told"
+        return "its effect on the tip is not known"
     return f"it moves the tip by up to {most * 1e3:.3g} mm{', covariates at 0' if covariates else ''}"
 
 

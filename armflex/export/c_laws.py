@@ -292,7 +292,7 @@ def _softening(law: BoundTwist, here: Here, inner: Sequence[float]) -> list[Term
 def _dress_pack(law: BoundTwist, here: Here, inner: Sequence[float]) -> list[Terms]:
     base = [] if here.base_law is None else terms_of(here.base_law)
     if not all(term.straight for term in base):
-        raise UnsupportedError("goes by the tangent of a law that is not straight in the load")
+        raise UnsupportedError("depends on the tangent of a law that is not linear in the load")
     pulled = [replace(term, kind="UNLOADED").times(float(term.u @ here.drive)) for term in base if term.kind == "ALONG"]
     return [[term.times(1.0, *_powers(_own(here), 1)) for term in pulled]]
 

@@ -245,7 +245,7 @@ def path_of(
     if not compensate:
         if covariates or unnamed != UNLOADED or table_path is not None:
             given = "--covariates" if covariates else "--payload, --force and --force-table"
-            raise InputError(f"{given} go with --compensate: without it nothing depends on them")
+            raise InputError(f"{given} need --compensate: without it nothing depends on them")
         told = "The path is written as it is; --compensate has the loaded tip where the rigid one would be."
         if path.is_moved:
             told = "The path is written as it is: off its target_ columns, as a path is that was compensated."

@@ -224,7 +224,7 @@ def uncertainties(
         warnings.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
     if wide := [key for key, x in found.items() if key.unit == "rad" and key.section.startswith("dh") and x > LINEAR]:
         names = listing(dict.fromkeys(f"{key.quantity} of {key.of}" for key in wide))
-        text = "are known to no better than 0.1 rad, where a straight line no longer tells how well"
+        text = "are known to no better than 0.1 rad, where the linear uncertainty is not valid"
         warnings.append(f"{names} {text}; what they do against each other cancels, so the arm is known better.")
     return found, tuple(warnings)
 

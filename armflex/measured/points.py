@@ -207,7 +207,7 @@ def _guess(path: Path, rows: Rows) -> int:
     if len(written_alike) == 1:
         return written_alike[0]
     if fitting:
-        text = "names cannot be told from numbers: add a header line such as '// Group Point X Y Z'"
+        text = "names cannot be distinguished from numbers: add a header line such as '// Group Point X Y Z'"
         raise TableError(Place(path, rows[0][0]), text)
     line, cells = rows[max(possible, key=sum).index(False)]
     text = f"expected a name of one to three parts and x y z, found {listing(map(repr, cells), 8)}"

@@ -64,7 +64,7 @@ def named_effect(text: str, arm: Arm, columns: Sequence[str]) -> Effect:
         raise UnknownNameError("effect", name, [*CATALOGUE, *known])
     law = CATALOGUE[name]
     if law.of_session:
-        raise UnsupportedError(f"{name} is of a session that has been: no row still to be measured tells of it")
+        raise UnsupportedError(f"{name} is of a session that has been: no row still to be measured depends on it")
     locations = {}
     for location in sorted(locations_on(law, arm), key=lambda location: len(location.terms)):
         locations[_spelled(law.name, location)] = location
@@ -120,7 +120,9 @@ def candidate_of(effect: Effect, arm: Arm, offer: Offer) -> CandidateBlock:
         inner = tuple(_usual(one, effect, offer.view.context) for one in effect.law.inner)
         effect = replace(effect, values=(*effect.amplitudes, *inner))
     if effect.remembers:
-        text = f"{effect.title} depends on the rows before: no choice of single rows tells it from another effect"
+        text = (
+            f"{effect.title} depends on the rows before: no choice of single rows distinguishes it from another effect"
+        )
         raise UnsupportedError(text)
     free = free_inner(effect) if known else ()
     prior = amplitude_prior(effect, free, offer.view, offer.view.context)

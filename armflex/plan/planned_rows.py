@@ -179,7 +179,7 @@ class Plan(Result):
             most = max(one.moves for one in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
             read = "No tip reading" if "" in self.reach.read else "None of these readings"
-            told.append(f"{read} tells {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
+            told.append(f"{read} determines {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
         return tuple(told)
 
 
@@ -196,7 +196,7 @@ def _between(plan: Plan) -> tuple[str, ...]:
     told: tuple[str, ...] = ()
     if plan.goal.shown(plan.everything) < TOLD:
         read = "No tip reading" if "" in plan.reach.read else "None of these readings"
-        return (f"{read} tells {pair}; instead, {otherwise}.",)
+        return (f"{read} distinguishes {pair}; instead, {otherwise}.",)
     if isinstance(plan.goal, TOptimal) and len(plan.goal.truths) == 1:
         places = np.flatnonzero(plan.goal.truths[0].own)
         true = int(places[0] not in plan.model.place(plan.hypotheses[0].candidate))
@@ -206,5 +206,5 @@ def _between(plan: Plan) -> tuple[str, ...]:
         )
     if apart < TOLD:
         more = int(np.ceil((len(plan.reached) - 1) * (TOLD / max(apart, 1e-9)) ** 2))
-        told += (f"These rows do not tell {pair}: {apart:.2g} standard deviations; about {more} rows would.",)
+        told += (f"These rows do not distinguish {pair}: {apart:.2g} standard deviations; about {more} rows would.",)
     return told

@@ -111,7 +111,7 @@ def plan(
     _check(rows, seed, along, between, sigma, floor, settable)
     effects = [named_effect(text, arm, tuple(settable)) for text in between or ()]
     if effects and effects[0] == effects[1]:
-        raise InputError(f"{spelled(effects[0])} is to be told from itself: name two effects")
+        raise InputError(f"{spelled(effects[0])} cannot be distinguished from itself: name two effects")
     before = known_before(arm, after, as_stated=bool(effects))
     reach, flags = _reach_of(before, effects, payloads, settable, sigma, floor)
     path_flags = () if along is None else along.derived_directions(before.setup.arm)

@@ -505,6 +505,6 @@ def _read_sdf(path: Path, root: etree._Element) -> Urdf:
         tree.joint(name, kind, (parent, child), at, rest, axis, limits, element.sourceline or 0, problem)
     light = [one.child for one in tree.joints.values() if one.child in parts and tree.links[one.child].inertial is None]
     if light:
-        text = f"{path}: {listing(light)}: no <inertial>, which SDF takes for 1 kg; here they weigh nothing"
+        text = f"{path}: {listing(light)}: no <inertial>, which is 1 kg in SDF; here they have no mass"
         tree.flags.append(Flag("default_mass", text))
     return tree.robot(models[0].get("name") or path.stem)

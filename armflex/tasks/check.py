@@ -175,9 +175,7 @@ def check(
         trajectory.check_targets(arm, against.places or [f"row {i} of the desired path" for i in range(len(against))])
     elif trajectory.is_moved:
         trajectory.check_targets(arm)
-        held = (
-            Flag("target", "the tip is held against where the rigid arm has it with the joints of target_ columns"),
-        )
+        held = (Flag("target", "the tip is compared with the rigid tip at the joints of the target_ columns"),)
     derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
     _check_steps(arm, trajectory)
     certain, count = without_declared_uncertainty(arm), len(trajectory)

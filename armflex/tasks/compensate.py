@@ -185,7 +185,7 @@ def compensate(
         trajectory.check_targets(arm)
         away = int((trajectory.meant != trajectory.q).any(axis=1).sum())
         text = f"{away} of {len(trajectory)} rows have joints elsewhere than their {TARGET}_ columns: this path was"
-        text = f"{text} compensated before, and is held against where those have the rigid arm"
+        text = f"{text} compensated before; its target is the rigid tip at those columns"
         again = (Flag("compensated", text),)
     trajectory = replace(trajectory, target=trajectory.meant if targets is None else None)
     costs = np.ones(len(arm.joint_names)) if weights is None else real_array(weights, "weights")
@@ -209,7 +209,7 @@ def compensate(
     if match == "position" and len(arm.joint_names) >= 6:
         flags += turned_further(*turned)
     if between is not None and (widest is None or widest > between):
-        left = "is not looked at with targets of one's own" if widest is None else f"is still {widest:.3g} m"
+        left = "is not computed for user-defined targets" if widest is None else f"is still {widest:.3g} m"
         text = f"the error halfway between rows {left}; at most {between:g} m was asked"
         flags.append(Flag("between", text))
     result = Compensation(moved, rows, match, widest, tuple(flags))

@@ -366,11 +366,9 @@ def _remarks(
             [row for row in excluded if not measurements.approach[row].any()],
         )
         once = [row for row in excluded if row not in first]
-        causes = [f"no row before it and no column approach_* says from where: {_places(measurements, first)}"] * bool(
-            first
-        )
-        causes += [f"the pose was attained from there but once: {_places(measurements, once)}"] * bool(once)
-        yield f"{len(excluded)} of {counted + len(excluded)} cycles are in no figure: {'; '.join(causes)}."
+        causes = [f"no row before it and no column approach_*: {_places(measurements, first)}"] * bool(first)
+        causes += [f"the pose was attained only once from this direction: {_places(measurements, once)}"] * bool(once)
+        yield f"{len(excluded)} of {counted + len(excluded)} cycles are excluded: {'; '.join(causes)}."
     mixed = [one.pose for one in poses if one.direction is None]
     if mixed:
         yield f"From no direction attained twice, so all directions are one: {listing(mixed)}."
@@ -378,7 +376,7 @@ def _remarks(
         yield "No pose was repeated from two directions: vAP cannot be given (the standard: three, 30 cycles each)."
     derived = [name for name in measurements.derived if name.startswith("approach_")]
     if derived and any(one.direction is not None for one in poses):
-        yield "Directions are told by the row before: the file has no columns approach_*."
+        yield "Directions are derived from the row before: the file has no columns approach_*."
     if block is None:
         yield "Drift is not given: it needs the time that a block of cycles takes (--block)."
     elif not drifts:
@@ -388,8 +386,8 @@ def _remarks(
     found = repeats(measurements)
     if found is not None and found.same_session.lost:
         lost = _places(measurements, found.same_session.lost)
-        yield f"Further from their fellows than noise goes, and counted all the same: {lost}."
+        yield f"Outliers beyond the noise, included in the figures: {lost}."
     yield (
-        "A campaign at rest does not tell distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
+        "A campaign at rest does not give distance accuracy by pairs, stabilisation time, overshoot, exchangeability, "
         "compliance under the standard's forces, and anything of paths and velocities."
     )

@@ -395,8 +395,8 @@ class Trace(Result):
     def said_of_held_out(self) -> str:
         """What was decided without the poses that held-out errors are of, and what was not, in a sentence."""
         return (
-            "laws, places and values were chosen and fitted without them, and whether an effect is added at all; "
-            "which laws competed at last, and what drives have in common, with all rows in sight."
+            "laws, places and values were selected and fitted without these poses, and so was the decision to add an "
+            "effect; the final candidates and the families at every drive were selected from all rows."
         )
 
     @property
@@ -438,7 +438,7 @@ def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
         view = look(state.fit.setup, state.measurements, together)
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
-    state.say("looking what could not be told, and what to measure next")
+    state.say("finding what is not observable, and what to measure next")
     undecided = None if state.effects or left is not None or withdrawn else _undecided(state, looked)
     others = {one.index: [hypothesis for hypothesis, _ in one.equivalent] for one in found}
     hypotheses = [others.get(index, []) for index in range(len(state.effects))]

@@ -91,13 +91,15 @@ def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str
         would = " or ".join(f"{name} ({more:.2g} standard deviations)" for name, more in splitting)
         other = f"{would}, read in {READ} of these rows, would" if splitting else ""
         if sigmas < TELLING and other:
-            told.append(f"No more rows like those recorded tell {pair}; {other}.")
+            told.append(f"More rows like those recorded do not distinguish {pair}; {other}.")
         elif sigmas < TELLING:
-            told.append(f"No more rows like those recorded tell {pair}; instead, {instead(own, hypothesis, levels)}.")
+            told.append(
+                f"More rows like those recorded do not distinguish {pair}; instead, {instead(own, hypothesis, levels)}."
+            )
         else:
             size = f"{said_of(difference, view.readings.unit)} apart, {sigmas:.2g} standard deviations"
             where = f"measure at {_described(own, hypothesis, offer, row)} ({size})"
-            told.append(f"To tell {pair}: {where}{f'; or {other}' if other else ''}.")
+            told.append(f"To distinguish {pair}: {where}{f'; or {other}' if other else ''}.")
     return tuple(told)
 
 
@@ -245,11 +247,12 @@ def lacking(measurements: Measurements) -> tuple[str, ...]:
     kinds = len({payload for payload, read in zip(measurements.payload, used, strict=True) if read})
     if kinds < 3:
         told.append(
-            f"Measure with three payloads, one in between: {kinds} cannot tell a curved law from a straight one."
+            f"Measure with three payloads, one in between: {kinds} cannot distinguish a curved law from a linear one."
         )
     if len(set(measurements.session)) < 2:
         told.append(
-            "Set the instrument up again half way: one session cannot tell a drift of the base from one of the arm."
+            "Set the instrument up again half way: one session cannot distinguish a drift of the base "
+            "from one of the arm."
         )
     turned = measurements.approach[used]
     one_way = [name for i, name in enumerate(measurements.joint_names) if len(set(turned[:, i].tolist()) - {0.0}) < 2]

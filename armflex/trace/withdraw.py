@@ -124,7 +124,7 @@ def never_worse(state: State, known: Compared | None = None) -> Kept:
                     again = compared(after)
                     alike = again.linear_after <= found.linear_after or _as_likely(after, state)
                     if again.after <= found.after and alike and not again.worse:
-                        state.say("going on without a name that other poses do not lead to")
+                        state.say("continuing without an effect that other poses do not select")
                         return _joined(withdrawn, never_worse(after, again))
             return state, tuple(withdrawn), found
         unit, rest = _best_without(state)

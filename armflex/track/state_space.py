@@ -164,7 +164,7 @@ def model_of(arm: Arm) -> Model:
         InputError: See `Tracker`.
     """
     if arm.instrument is None and arm.measurement.frame != "base":
-        raise InputError("nobody knows where the instrument stands: calibrate the arm before it is tracked")
+        raise InputError("the place of the instrument is not known: calibrate the arm before it is tracked")
     if arm.instrument and any(motion[3:].any() for motion in arm.instrument.targets.values()):
         raise InputError(
             "sessions turned the target on the tool anew, which a tracker cannot follow: leave rx ry rz out"

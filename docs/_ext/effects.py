@@ -239,7 +239,7 @@ def page(found: dict[str, Shown], records: Records, folder: Path) -> str:
         lines += [f"| needs | {needs(law, one)} |"]
         if law.instead:
             tilts = f"; where gravity turns with the joint, {law.level}" if law.level else ""
-            lines += [f"| told otherwise | {law.instead}{tilts} |"]
+            lines += [f"| other ways to distinguish it | {law.instead}{tilts} |"]
         if one:
             draw(one, folder / f"{name}.png")
             alike = (

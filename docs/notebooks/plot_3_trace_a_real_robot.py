@@ -59,12 +59,12 @@ for one in traced.found:
     values = ", ".join(f"{name} = {value:.3g}" for name, value in one.effect.named.items())
     print(f"{one.effect.title}: {values}")
 after = error(traced.arm, rows, held_out)
-print(f"on poses not used {told(after)}; as declared, instrument and target placed: {1e3 * traced.declared_rms:.2f} mm")
+print(f"on held-out poses {told(after)}; as declared, instrument and target placed: {1e3 * traced.declared_rms:.2f} mm")
 
 fig, ax = plt.subplots(figsize=(7, 3), layout="constrained")
 for name, values in (("calibrated", before), ("traced", after)):
     ax.plot(np.sort(values), np.linspace(0, 1, len(values)), label=name)
-ax.set(xlabel="3-D error on poses not used [mm]", ylabel="share of poses")
+ax.set(xlabel="3-D error on held-out poses [mm]", ylabel="share of poses")
 ax.legend(frameon=False)
 
 # %%
@@ -83,8 +83,8 @@ calibrated = armflex.calibrate(arm, rows, rows=used)
 before = error(calibrated.arm, rows, held_out)
 traced = armflex.trace(arm, rows, rows=used)
 after = error(traced.arm, rows, held_out)
-print(f"poses not used, calibrated: {told(before)}")
-print(f"poses not used, traced: {told(after)}; as declared {1e3 * traced.declared_rms:.1f} mm RMS")
+print(f"held-out poses, calibrated: {told(before)}")
+print(f"held-out poses, traced: {told(after)}; as declared {1e3 * traced.declared_rms:.1f} mm RMS")
 for title in (*(family.title for family in traced.families), *(one.effect.title for one in traced.found)):
     print(title)
 

@@ -46,9 +46,9 @@ fig, ax = plt.subplots(figsize=(7, 3), layout="constrained")
 for name, arm in (("not learned", declared), ("learned", learning)):
     found = armflex.calibrate(arm, campaign).arm
     errors = np.linalg.norm(example["away"](found, held_out), axis=1) * 1e3
-    print(f"{name}: {np.sqrt((errors**2).mean()):.2f} mm RMS on poses not used; the noise is {0.2 * 3**0.5:.2f} mm")
+    print(f"{name}: {np.sqrt((errors**2).mean()):.2f} mm RMS on held-out poses; the noise is {0.2 * 3**0.5:.2f} mm")
     ax.plot(np.sort(errors), np.linspace(0, 1, len(errors)), label=name)
-ax.set(xlabel="3-D error on poses not used [mm]", ylabel="share of poses")
+ax.set(xlabel="3-D error on held-out poses [mm]", ylabel="share of poses")
 ax.legend(frameon=False)
 
 # %%

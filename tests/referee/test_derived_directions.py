@@ -96,7 +96,9 @@ def test_the_file_says_that_the_direction_was_derived(traced: Path, arm: Arm) ->
 
 def test_the_campaign_that_was_traced_is_predicted(armflex: Run, traced: Path, folder: Path, tmp_path: Path) -> None:
     said = fine(armflex("predict", traced, folder / "m1.csv", "-o", "p.csv", "--json", "p.json"))
-    line = "approach_J2 is not given: taken from how the rows before moved the joint; 3 rows do not tell it, and are"
+    line = (
+        "approach_J2 is not given: taken from how the rows before moved the joint; 3 rows do not determine it, and are"
+    )
     assert f"{line} taken as halfway" in " ".join(said.stderr.split())
     assert any(line in flag for flag in strict_json(tmp_path / "p.json")["flags"])
     found, seen = (list(csv.DictReader(path.open())) for path in (tmp_path / "p.csv", folder / "m1.csv"))

@@ -175,7 +175,7 @@ def test_a_plan_knows_the_harmonics_apart(again: Arm) -> None:
     assert len(set(told.model.names)) == len(told.model.names) == len(names)
     with pytest.raises(InputError, match="gear_harmonic:J2:ry or gear_harmonic:J2:ry#2 or gear_harmonic:J2:ry#3: say"):
         plan(again, 6, between=("gear_harmonic:J2", "encoder_offset:J3"))
-    with pytest.raises(InputError, match="told from itself"):
+    with pytest.raises(InputError, match="distinguished from itself"):
         plan(again, 6, between=("gear_harmonic:J2:ry#2", "gear_harmonic:J2:ry#2"))
 
 

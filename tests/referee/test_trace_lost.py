@@ -90,7 +90,7 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
     print_trace(found)
     said = capsys.readouterr().out
     assert f"over {count - 2} rows" in said and "2 readings excluded as lost beams" in said
-    assert "2 of them left out of the fit" in render_report(found)
+    assert "2 of them excluded from the fit" in render_report(found)
 
 
 def test_an_effect_believed_for_the_priors_sake_says_so(found, capsys):

@@ -53,7 +53,7 @@ def test_poses_too_few_to_tell_an_effect_from_chance_are_said_to_be(capsys: pyte
     assert found.undecided.poses == 8 and found.undecided.rms > 3.0 * found.undecided.stated
     print_trace(found)
     said = capsys.readouterr().out
-    assert "cannot decide what is missing: 0.688 mm RMS" in said and "Nothing is missing" not in said
+    assert "cannot decide what is missing: 0.688 mm RMS" in said and "No further effect" not in said
 
 
 @pytest.mark.slow

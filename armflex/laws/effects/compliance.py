@@ -19,10 +19,10 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 COMPLIANCE = TwistLaw(
     name="compliance",
-    words=Words("compliance", "the joint gives more (or less) than declared", "C · w"),
+    words=Words("compliance", "the compliance of the joint is larger (or smaller) than declared", "C · w"),
     instead="measure a second target between the joints in question",
     watched=True,
-    plausible=Plausible(0.015, 0.01, "what gives by more is seen with the naked eye, and declared"),
+    plausible=Plausible(0.015, 0.01, "a larger deflection is visible to the naked eye, and declared"),
     places=lambda records: [*at_joints(records), *about_several(records, 4)],
     amplitudes=(
         Amplitude("C", "{m}/{w}"),

@@ -7,9 +7,9 @@ from armflex.laws.effects.shapes import along, at_joints, of_column, on_axis
 
 CREEP = TwistLaw(
     name="creep",
-    words=Words("creep", "the joint goes on giving while the load stands", "c τ log(1 + h / t₀)"),
+    words=Words("creep", "the deflection of the joint grows while the load stands", "c τ log(1 + h / t₀)"),
     instead="hold the heaviest payload for an hour and the empty arm as well",
-    plausible=Plausible(0.005, 0.005, "a tenth of what gives at once, at most"),
+    plausible=Plausible(0.005, 0.005, "at most a tenth of the immediate deflection"),
     places=lambda records: at_joints(records, covariate="hold") if "hold" in records.recorded else [],
     amplitudes=(Amplitude("c", "{m}/{w}"),),
     basis=on_axis(

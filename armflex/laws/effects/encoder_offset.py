@@ -7,7 +7,7 @@ from armflex.laws.effects.shapes import IN_THE_BASE, at_drives, on_drive
 
 ENCODER_OFFSET = TwistLaw(
     name="encoder_offset",
-    words=Words("encoder offset", "the joint stands beside where it is said to stand", "constant"),
+    words=Words("encoder offset", "the joint is displaced from its reported position by a constant", "constant"),
     instead=IN_THE_BASE,
     level="level the joint's link with an inclinometer",
     watched=True,

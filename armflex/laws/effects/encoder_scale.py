@@ -5,7 +5,7 @@ from armflex.laws.effects.shapes import OVER_ITS_RANGE, SECOND_ENCODER, at_drive
 
 ENCODER_SCALE = TwistLaw(
     name="encoder_scale",
-    words=Words("encoder scale", "the joint moves further than is said, or less", "scale · (q − q₀)"),
+    words=Words("encoder scale", "the joint moves further than reported, or less", "scale · (q − q₀)"),
     instead=SECOND_ENCODER,
     level=OVER_ITS_RANGE,
     watched=True,

@@ -26,10 +26,10 @@ def _change(effect: Effect, model: Model) -> Model:
 
 GRAVITY_TILT = ModelLaw(
     name="gravity_tilt",
-    words=Words("gravity tilt", "down is not where the frame says", "rotation of gravity"),
+    words=Words("gravity tilt", "the direction of gravity differs from the declared one", "rotation of gravity"),
     instead="measure a plumb line in the base frame",
     level="put an inclinometer on the base",
-    plausible=Plausible(1, 0.05, "a floor that leans by more is seen to"),
+    plausible=Plausible(1, 0.05, "a floor that leans by more is repaired"),
     places=lambda records: singly_and_together((BASE,), (0, 1), axes=("rx", "ry")),
     amplitudes=(Amplitude("rx", "rad", most=0.1, usual=0.01), Amplitude("ry", "rad", most=0.1, usual=0.01)),
     act=Act.GRAVITY,

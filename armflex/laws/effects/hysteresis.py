@@ -29,7 +29,7 @@ def _radii(location: Location, context: Context) -> Iterable[float]:
 
 HYSTERESIS = TwistLaw(
     name="hysteresis",
-    words=Words("hysteresis", "the joint gives with the loads it carried before", "gain · play(τ; radius)"),
+    words=Words("hysteresis", "the deflection of the joint depends on earlier loads", "gain · play(τ; radius)"),
     instead="load and unload the joint with weights at one pose",
     plausible=Plausible(0.001, 0.002, "a part of lost motion"),
     places=at_joints,

@@ -273,7 +273,7 @@ def derived_direction(name: str, untold: int) -> Flag:
     """Return the flag about a direction that no column gives and some rows do not tell."""
     text = f"{name} is not given: taken from how the rows before moved the joint"
     if untold:
-        rows = "row does not tell it, and is" if untold == 1 else "rows do not tell it, and are"
+        rows = "row does not determine it, and is" if untold == 1 else "rows do not determine it, and are"
         text += f"; {untold} {rows} taken as halfway"
     return Flag("approach_derived", text)
 

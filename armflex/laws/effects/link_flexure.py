@@ -11,7 +11,7 @@ LINK_FLEXURE = TwistLaw(
     words=Words("link flexure", "the link itself bends", "C · w"),
     instead=ON_THE_LINK,
     watched=True,
-    plausible=Plausible(0.015, 0.01, "what gives by more is seen with the naked eye, and declared"),
+    plausible=Plausible(0.015, 0.01, "a larger deflection is visible to the naked eye, and declared"),
     places=lambda records: singly_and_together(records.links, *turning_terms(3, 6)),
     amplitudes=(
         *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),

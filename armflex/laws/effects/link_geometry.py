@@ -8,7 +8,7 @@ from armflex.laws.effects.shapes import ON_THE_LINK, singly_and_together
 
 LINK_GEOMETRY = TwistLaw(
     name="link_geometry",
-    words=Words("link geometry correction", "the link is otherwise than drawn", "constant twist"),
+    words=Words("link geometry correction", "the geometry of the link differs from the drawing", "constant twist"),
     instead=ON_THE_LINK,
     watched=True,
     plausible=Plausible(0.005, 0.01, "what is built a cm off its drawing is measured again"),

@@ -45,7 +45,7 @@ def _weighs(effect: Effect, context: Context, arm: Manipulator) -> bool:
 
 LINK_MASS = ModelLaw(
     name="link_mass",
-    words=Words("link mass correction", "the link weighs otherwise than declared", "m, centre of mass"),
+    words=Words("link mass correction", "the mass of the link differs from the declared one", "m, centre of mass"),
     instead="weigh the link",
     plausible=Plausible(0.35, 0.35, "hoses and what is bolted on weigh a tenth of an arm"),
     places=_places,

@@ -38,7 +38,9 @@ def _change(effect: Effect, model: Model) -> Model:
 
 PAYLOAD_COM = ModelLaw(
     name="payload_com",
-    words=Words("payload centre-of-mass correction", "the payload hangs elsewhere than declared", "Δcom"),
+    words=Words(
+        "payload centre-of-mass correction", "the centre of mass of the payload differs from the declared one", "Δcom"
+    ),
     instead="carry the same mass at another place of the tool",
     plausible=Plausible(0.35, 0.35, "of a payload that weighs half of what carries it, half a metre"),
     places=_places,

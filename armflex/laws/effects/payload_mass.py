@@ -68,7 +68,7 @@ def _shares(location: Location, masses: dict[str, float]) -> dict[str, float]:
 
 PAYLOAD_MASS = ModelLaw(
     name="payload_mass",
-    words=Words("payload mass correction", "the payload weighs otherwise than declared", "Δm"),
+    words=Words("payload mass correction", "the mass of the payload differs from the declared one", "Δm"),
     instead="weigh the payload",
     plausible=Plausible(0.35, 0.35, "a payload is weighed to a tenth"),
     places=_places,

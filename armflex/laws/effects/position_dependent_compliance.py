@@ -17,7 +17,9 @@ def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, 
 
 POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     name="position_dependent_compliance",
-    words=Words("position-dependent compliance", "the joint gives more in some positions", "(C₁ q + C₂ q²) · w"),
+    words=Words(
+        "position-dependent compliance", "the compliance of the joint depends on its position", "(C₁ q + C₂ q²) · w"
+    ),
     instead="hang the same weight on the joint's link at several positions of the joint",
     plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=lambda records: with_terms(

@@ -8,7 +8,9 @@ from armflex.laws.effects.shapes import along, at_joints, on_axis
 
 STIFFENING = TwistLaw(
     name="stiffening",
-    words=Words("load-dependent stiffness", "the joint gives not in proportion", "c₂ τ|τ| + c₃ τ³"),
+    words=Words(
+        "load-dependent stiffness", "the deflection of the joint is not proportional to the load", "c₂ τ|τ| + c₃ τ³"
+    ),
     instead="load the joint in steps with weights at one pose",
     plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=lambda records: with_terms(at_joints(records), (0,), (1,), (0, 1)),

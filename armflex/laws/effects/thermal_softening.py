@@ -29,7 +29,7 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 THERMAL_SOFTENING = TwistLaw(
     name="thermal_softening",
-    words=Words("thermal softening", "the joint gives more as it warms", "β (T − T₀) · C w"),
+    words=Words("thermal softening", "the compliance of the joint grows as it warms", "β (T − T₀) · C w"),
     instead="load the joint with weights at one pose when it is cold and when it is warm",
     plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=_places,

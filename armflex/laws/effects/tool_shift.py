@@ -38,7 +38,7 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 TOOL_SHIFT = TwistLaw(
     name="tool_shift",
-    words=Words("tool shift", "the target is elsewhere than declared, or moved", "constant shift"),
+    words=Words("tool shift", "the place of the target differs from the declared one, or it moved", "constant shift"),
     instead="measure a second target on the tool",
     plausible=Plausible(0.01, 0.01, "a target put back by hand"),
     places=_places,

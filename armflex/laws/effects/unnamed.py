@@ -125,7 +125,7 @@ SPLINE = TwistLaw(
 )
 SPLINE_COMPLIANCE = TwistLaw(
     name="unnamed_compliance",
-    words=Words("unnamed compliance", "it gives with the load, as a column goes", "f(x) · w"),
+    words=Words("unnamed compliance", "a compliance that depends on a column", "f(x) · w"),
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
     basis=on_axis(_spline_compliance),

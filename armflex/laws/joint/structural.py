@@ -313,7 +313,7 @@ def _solved(system: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(system, right), float)
     except np.linalg.LinAlgError:
-        text = "two rigid sub-joints hold one node the same way, or one is softer than numbers can tell beside the rest"
+        text = "two rigid sub-joints hold one node the same way, or one is too soft beside the rest for doubles"
         raise LawError(f"the structure's equations are singular: {text}") from None
 
 

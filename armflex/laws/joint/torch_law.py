@@ -206,7 +206,7 @@ def check_module(module: torch.nn.Module, size: int) -> None:
     if not torch.isfinite(found).all():
         raise LawError(f"{name} gives numbers that are not finite at loads of order one, expected finite ones")
     if not torch.equal(found, again):
-        raise LawError(f"{name} gives other numbers when asked again, expected the same in evaluation mode")
+        raise LawError(f"{name} gives other numbers when called again, expected the same in evaluation mode")
     if not torch.allclose(found[1:2], single, rtol=1e-9, atol=1e-12):
         raise LawError(f"{name} gives a row other numbers beside other rows, expected each row by itself")
 
@@ -303,7 +303,7 @@ def to_tensors(law: TorchLaw) -> dict[str, Array]:
     numbers = {name: np.broadcast_to(getattr(law, name), size) for name in ("load_mean", "load_scale", "twist_scale")}
     arrays = {**numbers, "noise": law.noise, "seen": law.seen}
     if law.noise is None or law.seen is None:
-        raise LawError(f"{_called(law)} was not trained by armflex: its noise and the loads seen are not known")
+        raise LawError(f"{_called(law)} was not trained by armflex: its noise and the observed loads are not known")
     for name, value in law.module.state_dict().items():
         kind = np.float64 if value.is_floating_point() else np.int64
         arrays[WEIGHT + name] = value.numpy().astype(kind)

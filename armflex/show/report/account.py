@@ -118,7 +118,9 @@ def _campaign(trace: Trace) -> Table:
     left_out = len(trace.outliers) - trace.told("counted less")
     used = f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
     if trace.outliers:
-        used += f"; {len(trace.outliers)} not believed and in no error here, {left_out} of them left out of the fit"
+        used += (
+            f"; {len(trace.outliers)} outliers, in none of the errors here, {left_out} of them excluded from the fit"
+        )
     return cover.facts(trace.arm, trace.state.measurements, used)
 
 

@@ -30,7 +30,7 @@ def against_suspect(trace: Trace, index: int) -> str:
     figure, axes = canvas(10.0, 3.3, 1, 3, sharey=True, sharex=True)
     panels = (
         ("Before: calibrated arm", seen.calibrated, BEFORE),
-        ("All refitted, only this left out", seen.without, BEFORE),
+        ("All refitted without this effect", seen.without, BEFORE),
         ("After: with the effect", seen.after, AFTER),
     )
     for number, (panel, (title, values, colour)) in enumerate(zip(axes, panels, strict=True)):
@@ -47,7 +47,7 @@ def against_suspect(trace: Trace, index: int) -> str:
     axes[0].set_ylabel(seen.y_label, fontsize=8.0)
     axes[1].set_xlabel(cut(seen.x_label, 60))
     axes[0].set_ylim(*_limits(seen))
-    return inline(figure, f"Residual against its suspect, effect {index + 1}")
+    return inline(figure, f"Residual against its possible cause, effect {index + 1}")
 
 
 def _limits(seen: Suspicion) -> tuple[float, float]:

@@ -233,4 +233,4 @@ def detectable(smallest: Sequence[Smallest], noise: float, readings: Readings) -
     unit = SHOWN[readings.unit][0]
     panel.set_xlabel(f"RMS {readings.where_read}, best to worst place [{unit}] (dashed: noise)")
     grid(panel, "x")
-    return inline(figure, "Smallest effects that would have been seen")
+    return inline(figure, "Smallest effects that would have been observable")

@@ -28,7 +28,7 @@ def headline(trace: Trace) -> str:
     if trace.undecided is not None:
         return "These data cannot decide what is missing."
     if not trace.found and trace.withdrawn:
-        return "Nothing that was tried predicts poses not used better than the calibrated arm."
+        return "Nothing that was tried predicts held-out poses better than the calibrated arm."
     if trace.found:
         parts = []
         for one, number in pairs:
@@ -42,16 +42,16 @@ def headline(trace: Trace) -> str:
         size = "" if left.std is None else f", {measure(left.std, None, left.unit or '')}"
         where = "" if left.site is None else f"; it acts at {site_words(left.site)} ({left.axis}){size}"
         return f"Something moves this arm that no recorded column explains{where}."
-    return "Nothing is missing that this campaign could show."
+    return "No further effect is observable in this campaign."
 
 
 def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
-    """Return the error on poses not used, before and after, beside the noise."""
+    """Return the error on held-out poses, before and after, beside the noise."""
     unit = trace.state.fit.view.readings.unit
     noise = f"noise as stated: {millimetres(accurate.stated, unit=unit)}"
     if not trace.found:
-        return f"Error on poses not used: {millimetres(accurate.after.rms, unit=unit)} ({noise})."
-    return f"Error on poses not used: {change(accurate.before.rms, accurate.after.rms, unit)} ({noise})."
+        return f"Error on held-out poses: {millimetres(accurate.after.rms, unit=unit)} ({noise})."
+    return f"Error on held-out poses: {change(accurate.before.rms, accurate.after.rms, unit)} ({noise})."
 
 
 def further(trace: Trace) -> list[str]:
@@ -62,39 +62,41 @@ def further(trace: Trace) -> list[str]:
         others = [other for other in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if other != own]
         if others:
             shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
-            said.append(f"These data do not tell {called(one.effect, number)} from {joined(shown)}.")
+            said.append(f"These data do not distinguish {called(one.effect, number)} from {joined(shown)}.")
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
     said += [
-        f"Adding {words(one.effect.law.name).title} hardly lowers the error; it is believed because fitted "
-        "parameters no longer strain against what was known of them."
+        f"Adding {words(one.effect.law.name).title} hardly lowers the error; it is accepted because fitted "
+        "parameters no longer strain against their priors."
         for one in trace.found
         if one.witness
     ]
     for family in trace.families:
         size = measure(family.kin.std, None, family.unit)
-        said.append(f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, believed together and no named cause.")
+        said.append(
+            f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family, not a named cause."
+        )
     for one, number in zip(trace.found, trace.numbers, strict=True):
         if one.survives is not None and one.survives < 1.0:
             share = f"{one.survives:.0%}"
-            said.append(
-                f"Without a fifth of the poses, {called(one.effect, number)} is chosen again in {share} of trials."
-            )
+            said.append(f"Without a fifth of the poses, {called(one.effect, number)} is selected in {share} of folds.")
     if trace.undecided is not None:
         said.append(trace.undecided.text)
     if trace.compared is not None:
-        said.append(f"Of the error on poses not used: {trace.said_of_held_out}")
+        said.append(f"Of the error on held-out poses: {trace.said_of_held_out}")
     readings = trace.state.fit.view.readings
     unit = readings.unit
     said += [
-        f"Withdrawn: {one.title}. With it poses not used are predicted to "
+        f"Withdrawn: {one.title}. With it held-out poses are predicted to "
         f"{change(one.errors[1], one.errors[0], unit)} (the calibrated arm)."
         for one in trace.withdrawn
     ]
     if trace.said_of_limit:
         said.append(trace.said_of_limit)
     if trace.told("unexplained"):
-        said.append(f"{trace.told('unexplained')} readings far off together are left out: nothing explains them.")
+        said.append(
+            f"{trace.told('unexplained')} readings, far off together, are excluded: no candidate explains them."
+        )
     if trace.unexplained:
         said.append(left(trace.unexplained, readings))
     elif not 0.8 < trace.noise < 1.2:
@@ -136,10 +138,10 @@ def sure(found: Found) -> str:
         fall = "The squared error of poses held out did not fall"
     parts.append(fall + ".")
     if proof.sessions_before is None:  # one session only, or a step between two
-        parts.append("No session can be left out and the others still show it: nothing is known about another day.")
+        parts.append("No session could be held out: nothing is known about another day.")
     if found.witness:
         parts.append(
-            "It is believed because fitted parameters no longer strain against their priors, not because held-out "
+            "It is accepted because fitted parameters no longer strain against their priors, not because held-out "
             "poses are predicted better."
         )
     return " ".join(parts)

@@ -30,7 +30,7 @@ def called(effect: Effect, number: int = 1) -> str:
     title = effect.law.words.title
     if not effect.law.physical:
         shape, columns = title.removeprefix("unnamed "), " and ".join(effect.location.covariates)
-        title = f"something without a name (a {shape} in {columns})"
+        title = f"an unnamed effect (a {shape} in {columns})"
     location = effect.location
     axis, partner = (
         f" ({location.axis})" if location.axis else "",

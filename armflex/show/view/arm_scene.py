@@ -580,7 +580,7 @@ def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterat
             size = float(np.linalg.norm(shown.corrected[:3]) * 1e3)
             yield f"Beside them the calibrated geometry moves the tip by {number(size, 3, TINY)} mm."
     if shown.payload.mass and shown.payload.inertia is None:
-        yield "The payload is drawn as a cube of its mass in stone: no inertia is given, which would tell its size."
+        yield "The payload is drawn as a cube of its mass in stone: its size is not known without an inertia."
     if len(motion.frames) < motion.rows:
         yield f"{len(motion.frames)} of {motion.rows} rows are drawn; the figures are of the worst of all rows."
     if shown.covariance is not None:

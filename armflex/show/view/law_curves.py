@@ -146,7 +146,7 @@ def _draw(axes: Axes, one: Slice, points: Curve | None) -> None:
     axes.plot(x, scale * one.declared(loads), "--", color="C3", lw=1.2, label="declared")
     axes.plot(x, y, color="C0", lw=1.8, label="learned")
     low, high = per * one.law.seen.loads[:, one.component]
-    axes.axvspan(x[0], low, color="0.92", zorder=0, lw=0, label="no load seen")
+    axes.axvspan(x[0], low, color="0.92", zorder=0, lw=0, label="no observed load")
     axes.axvspan(high, x[-1], color="0.92", zorder=0, lw=0)
     axes.set(xlim=(x[0], x[-1]), xlabel=f"{WRENCH_NAMES[one.component]} [{kind}]")
     axes.set_ylabel(f"{TWIST_NAMES[one.axis]} [{unit}]")

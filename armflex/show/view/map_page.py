@@ -79,7 +79,7 @@ def map_page(
         legend=tuple(LegendRow(color, text, str(some.sum())) for color, text, some in groups),
         notes=(
             f"Base {found.base}, tip {found.tip}. The arm stands where its tip moves most.",
-            "Half of the voxels are left out, so that the arm is seen; the legend counts all.",
+            "Half of the voxels are not drawn, so that the arm is visible; the legend counts all.",
         ),
         camera=camera,
         floor_z=float(corners[:, 2].min()),

@@ -338,7 +338,7 @@ def test_loads_of_the_path_are_compensated(tmp_path: Path) -> None:
     load = Wrench(arm.robot.tip, [0.0, 0.0, -800.0], [0.0, 0.0, 0.0])
     tip = arm.deflection(np.array(driven), "p100", wrenches=[load]).pose.translation
     np.testing.assert_allclose(tip, arm.rigid_pose(q[0]).translation, atol=1e-9)
-    for more, complaint in (([], "go with --compensate"), (["--compensate", "--to", "c"], "--to c")):
+    for more, complaint in (([], "need --compensate"), (["--compensate", "--to", "c"], "--to c")):
         options = [*command[:-1], "n.script", "--traj", plain, "--payload", "p100", *more]
         assert complaint in fine(run_here(tmp_path, *options), 2).stderr and not (tmp_path / "n.script").exists()
 

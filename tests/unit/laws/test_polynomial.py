@@ -253,7 +253,7 @@ def test_loads_that_do_not_determine_the_features() -> None:
     with pytest.raises(IdentifiabilityError, match="9 rows of loads do not determine 9 features"):
         fit_polynomial(loads[:9], deflections[:9], "quadratic")
     one_sided = np.abs(loads)
-    with pytest.raises(IdentifiabilityError, match="do not tell the features of a polynomial apart") as caught:
+    with pytest.raises(IdentifiabilityError, match="do not distinguish the features of a polynomial") as caught:
         fit_polynomial(one_sided, deflections, ["|fx|", "radial"])
     assert caught.value.names == ("fx", "|fx|") and caught.value.rank == 4
     with pytest.raises(IdentifiabilityError) as caught:

@@ -297,7 +297,7 @@ def module_of(forward: str) -> str:
         ("        return found.float()", "gives torch.float32"),
         ("        return found.numpy()", "gives ndarray"),
         ("        return found, loads", "gives tuple"),
-        ("        return found + torch.randn(3)", "other numbers when asked again"),
+        ("        return found + torch.randn(3)", "other numbers when called again"),
         ("        return found - found.mean(dim=0)", "each row by itself"),
         ("        return found.detach()", "cannot be differentiated twice"),
         (

@@ -221,7 +221,7 @@ def test_a_table_of_forces_in_other_commands(armflex: Run, heavy: Arm, tmp_path:
     assert (tmp_path / "a.script").read_text() == (tmp_path / "b.script").read_text()
     assert "loads from outside up to" in (tmp_path / "a.script").read_text()
     result = fine(armflex("export", arm, "--to", "krl", "-o", "c.src", "--traj", file, *table), 2)
-    assert "--force-table go with --compensate" in result.stderr
+    assert "--force-table need --compensate" in result.stderr
 
 
 def test_a_table_whose_unit_is_doubtful(heavy: Arm, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_layouts_are_read_in_any_order_of_points(heavy: Arm, tmp_path: Path, lay
 def test_a_header_tells_names_that_are_numbers_and_names_further_columns(heavy: Arm, tmp_path: Path) -> None:
     rows = [row | {"pose": str(i)} for i, row in enumerate(BARE)]
     body = "\n".join(f"Main,{i},{1000 + i},2000,3000,{0.01 * i:.2f}" for i in range(6))
-    with pytest.raises(TableError, match="names cannot be told from numbers: add a header"):
+    with pytest.raises(TableError, match="names cannot be distinguished from numbers: add a header"):
         joined(heavy, tmp_path, body, rows)
     for header in ("// Group, Point, X [mm], Y [mm], Z [mm], RMS\n", "Group,Point,X_mm,Y_mm,Z_mm,RMS\n"):
         found = joined(heavy, tmp_path, header + body, rows, "// Frame: World\n")
@@ -89,7 +89,12 @@ def test_a_joined_name_is_whole(heavy: Arm, tmp_path: Path) -> None:
 
 BODY = "\n".join(line(i, f"Main p{i}", " ") for i in range(6))
 REFUSED = {
-    "one coordinate is whole": ("A,tip,p2,101.5,201.25,125", HEAD, {}, "export.txt:4: names cannot be told from num"),
+    "one coordinate is whole": (
+        "A,tip,p2,101.5,201.25,125",
+        HEAD,
+        {},
+        "export.txt:4: names cannot be distinguished from num",
+    ),
     "no unit": (BODY, "// Frame: World\n", {}, "states no unit: add .*// Unit: mm"),
     "no frame": (BODY, "// Units: mm\n", {}, "states no frame: add .*// Frame: World"),
     "unknown unit": (BODY, "// Units: milimeters\n", {}, "export.txt:1: unit 'milimeters'.*did you mean 'millimeters'"),

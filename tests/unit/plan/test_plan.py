@@ -238,7 +238,7 @@ def test_points_of_the_campaign_before_may_be_in_a_file_of_their_own(armflex: Ru
     (tmp_path / "points.csv").write_text("\n".join(["// Units: mm", "// Frame: base", *points]) + "\n")
     given = ("--rows", 3, "--points", "points.csv", "-o", "p.csv")
     assert "3 rows to read" in fine(armflex("plan", arm, *given, "--after", "log.csv")).stdout
-    assert "--points goes with --after" in fine(armflex("plan", arm, *given), 2).stderr
+    assert "--points needs --after" in fine(armflex("plan", arm, *given), 2).stderr
 
 
 def test_no_link_is_below_the_floor_or_in_the_base(six: Arm) -> None:
@@ -319,7 +319,9 @@ def test_backlash_and_friction_are_told_only_where_the_load_differs(six: Arm, to
     assert "would do as well" in told.advice[0] and "brake" in told.advice[0]
     assert all("moves readings by 5 standard deviations" in hypothesis.source for hypothesis in told.hypotheses)
     same = plan(six, 4, between=("encoder_offset:J1", "encoder_offset:J2"))
-    assert same.advice[0].startswith("No tip reading tells encoder offset at J1 (rz) from encoder offset at J2 (ry)")
+    assert same.advice[0].startswith(
+        "No tip reading distinguishes encoder offset at J1 (rz) from encoder offset at J2 (ry)"
+    )
     assert "inclinometer" in same.advice[0]
 
 
@@ -355,7 +357,7 @@ def test_a_name_from_the_json_of_trace_is_understood() -> None:
         (("backlsh:J2", "backlash:J3"), UnknownNameError, "did you mean 'backlash'"),
         (("backlash:J9", "backlash:J3"), UnknownNameError, "backlash:J"),
         (("stiffening:J2", "backlash:J3"), InputError, "say which"),
-        (("backlash:J2", "backlash:J2:ry"), InputError, "told from itself"),
+        (("backlash:J2", "backlash:J2:ry"), InputError, "distinguished from itself"),
         (("thermal_growth:J2", "backlash:J3"), InputError, "--covariates temperature=10,35"),
         (("hysteresis:J2:ry", "backlash:J3"), UnsupportedError, "the rows before"),
         (("session_frame:base", "backlash:J3"), UnsupportedError, "session that has been"),

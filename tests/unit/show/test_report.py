@@ -95,7 +95,7 @@ def test_first_sentence_names_effect_place_value_and_error(found: Trace, page: s
     text = Outline(page).text
     assert re.search(r"Identified: thermal growth at the link ending at J4: alpha .* ± .* ppm/K\.", text)
     before, after = (f"{1e3 * value:.2f} mm" for value in (found.held_out_before, found.held_out_after))
-    assert f"Error on poses not used: {before} → {after} (noise as stated: 0.35 mm)." in text
+    assert f"Error on held-out poses: {before} → {after} (noise as stated: 0.35 mm)." in text
 
 
 def test_every_section_and_figure_is_there(page: str) -> None:
@@ -195,7 +195,7 @@ def test_page_is_written_whole_or_not_at_all(found: Trace, page: str, tmp_path: 
 
 def test_nothing_missing_says_what_would_have_shown(found: Trace) -> None:
     outline = Outline(render_report(without_effects(found)))
-    assert "Nothing is missing that this campaign could show." in outline.text
+    assert "No further effect is observable in this campaign." in outline.text
     assert "The smallest effect that this campaign would have shown:" in outline.text
     assert "Error before" not in outline.text
     assert not any(attributes.get("id") == "effect-1" for _, attributes in outline.tags)
@@ -205,7 +205,7 @@ def test_unexplained_says_place_and_size(found: Trace) -> None:
     left = Unexplained("J2", "ry", 1.5e-4, "rad", 4e-4)
     text = Outline(render_report(without_effects(found, left))).text
     assert "Something moves this arm that no recorded column explains; it acts at J2 (ry), 0.15 mrad." in text
-    assert "0.40 mm RMS at the target" in text and "Nothing is missing" not in text
+    assert "0.40 mm RMS at the target" in text and "No further effect" not in text
 
 
 def test_unexplained_without_a_place(found: Trace) -> None:
@@ -218,7 +218,8 @@ def test_equivalents_are_said_first(found: Trace) -> None:
     told = replace(found, found=(replace(found.found[0], equivalent=((hypothesis, 2.0),)),))
     text = Outline(render_report(told)).text
     said = (
-        "These data do not tell thermal growth at the link ending at J4 from thermal growth at the link ending at J5."
+        "These data do not distinguish thermal growth at the link ending at J4 "
+        "from thermal growth at the link ending at J5."
     )
     assert 0 < text.index(said) < text.index("Before and after")
 

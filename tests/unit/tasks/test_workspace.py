@@ -490,7 +490,7 @@ def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     asked = ("map", TARM, "--rows", 64, "--payload", "none,p600", "--chunk", 16, "--seed", 5)
     found = map_workspace(tarm, PAYLOADS, rows=64, chunk=16, seed=5)
     said = fine(armflex(*asked, "-o", "a.safetensors", "--jobs", 2)).stdout
-    assert same(read_map(tmp_path / "a.safetensors"), found) and "The tip moves most" in said
+    assert same(read_map(tmp_path / "a.safetensors"), found) and "Largest displacement of the tip" in said
     fine(armflex(*asked, "-o", "b.csv", "--tolerance", "100mm", "--json", "b.json", "--picture", "b.png"), 1)
     told = json.loads((tmp_path / "b.json").read_text())
     assert told["verdicts"] == {name: int((found.verdicts(0.1) == name).sum()) for name in ("ok", "uncertain", "fail")}

@@ -113,7 +113,7 @@ def test_what_is_unfinished_says_so_wherever_it_is_read(whole: Whole, tmp_path: 
         assert strict_json(outputs.json).get("unfinished", False) is marked
         page = outputs.report.read_text()
         assert ("Unfinished: written while" in page) is marked
-        assert ("Not worked out yet." in page) is marked
+        assert ("Not computed yet." in page) is marked
 
 
 def test_an_unfinished_arm_stays_whole_until_the_next_takes_its_place(
@@ -511,12 +511,12 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     print_trace(found)
     said = " ".join(capsys.readouterr().out.split())
     assert f"Withdrawn: {gone.title}; with it poses held out are predicted to " in said
-    assert "Nothing is missing" not in said
+    assert "No further effect" not in said
     assert "The search ended at its limit of 1 effect: more may be missing." in said
     assert found.stopped_at == as_json(found)["stopped_at_limit"] == 1
     page = render_report(found)
     assert found.said_of_limit in page
-    assert "Withdrawn: " in page and "predicts poses not used better than the calibrated arm" in page
+    assert "Withdrawn: " in page and "predicts held-out poses better than the calibrated arm" in page
 
 
 def test_what_is_there_is_not_withdrawn(whole: Whole) -> None:

@@ -177,17 +177,17 @@ def test_what_is_unexplained_and_nothing_missing_are_said(ran, capsys: pytest.Ca
     }  # fmt: skip
     print_trace(dataclasses.replace(found, found=(), unexplained=left))
     said = capsys.readouterr().out
-    assert "at J3 ry, 0.00015 rad from pose to pose" in said and "Nothing is missing" not in said
+    assert "at J3 ry, 0.00015 rad from pose to pose" in said and "No further effect" not in said
     print_trace(dataclasses.replace(found, found=(), unexplained=None))
     said = capsys.readouterr().out
-    assert "Nothing is missing that these data could show." in said and "Effects would have shown from" in said
+    assert "No further effect is observable in these data." in said and "Effects are observable from" in said
     json.dumps(told, allow_nan=False)
 
 
 BAD = {
     "a URDF": (["robot.urdf", "m.csv", "-o", "o.toml"], "trace needs an arm.toml"),
     "no output": (["arm.toml", "m.csv"], "missing option '-o'"),
-    "units of nothing": (["arm.toml", "m.csv", "-o", "o.toml", "--points-unit", "mm"], "go with --points"),
+    "units of nothing": (["arm.toml", "m.csv", "-o", "o.toml", "--points-unit", "mm"], "need --points"),
     "no such points": (["arm.toml", "m.csv", "-o", "o.toml", "--points", "none.txt"], "none.txt: cannot be read"),
     "an input": (["arm.toml", "m.csv", "-o", "arm.toml"], "is an input of this command"),
     "a page over an input": (["arm.toml", "m.csv", "-o", "o.toml", "--report", "m.csv"], "is an input of this command"),

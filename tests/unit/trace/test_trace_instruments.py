@@ -94,7 +94,7 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
     assert fitted["unit"] == "rad" and fitted["rms_mm"] is None
     assert fitted["rms"]["calibrated"] == pytest.approx(told["rms"]["calibrated"], rel=0.5)
     page = (tmp_path / "r.html").read_text()
-    lead = re.findall(r"Error on poses not used: ([^<]*)\(", page)[0]
+    lead = re.findall(r"Error on held-out poses: ([^<]*)\(", page)[0]
     assert "mrad" in lead and "mm" not in lead and "poses held out [mrad]" in page
     body = page.partition("<body")[2].partition("<h2>What to measure next")[0]
     assert not re.search(r"(\d|\[)\s?mm\b", body) and "Error of a reading" in body and "3-D" not in body

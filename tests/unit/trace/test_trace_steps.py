@@ -72,7 +72,7 @@ def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(camp
     assert added.uses(state.rows) and left.uses(state.rows[state.rows >= 20]) and left.untold.sum() == 20
     arm = added.fit.setup.arm
     (flag,) = derived_directions(arm, rows, state.rows)  # the effect says that it was found in such rows
-    assert f"{(state.rows < 20).sum()} rows do not tell it" in flag.text
+    assert f"{(state.rows < 20).sum()} rows do not determine it" in flag.text
     recorded = replace(arm, effects=tuple(replace(effect, derived=()) for effect in arm.effects))
     with pytest.raises(MissingCovariateError, match="approach_J4"):
         derived_directions(recorded, rows, state.rows)
