@@ -251,7 +251,9 @@ def fitted_to(
     errors = _held_out(placed, found, measurements)
     sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
     fitted = zip(found.parameters, sizes, strict=True)
-    pulls = {one.label: size for one, size in fitted if one.group.kind is not ParameterKind.LAW}
+    open_ = () if calibrated.certainty is None else calibrated.certainty.undetermined
+    known = [(one, size) for one, size in fitted if one.group.kind is not ParameterKind.LAW]
+    pulls = {one.label: size for one, size in known if one.label not in open_}
     judgement = tuple(wrong_sigma(found, about, as_stated))
     flags = (
         *derived,

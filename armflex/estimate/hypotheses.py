@@ -137,13 +137,13 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
     for unit, taken, factor in _factors("m"):
         remedy = f"write the unit into the header: x_{unit}, y_{unit}, z_{unit}"
         remedy = remedy if unit != "inches" else "convert them, and write x_mm, y_mm, z_mm into the header"
-        name = f"x, y, z are in {unit}, taken for {taken}"
+        name = f"x, y, z are in {unit}, read as {taken}"
         volume, every = float(np.log(factor)), np.eye(3) * factor
         yield Hypothesis(name, remedy, _positions(every), some=True, volume=volume)
         yield Hypothesis(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
         for axis, one in zip("xyz", np.eye(3), strict=True):
             scale = np.diag(np.where(one > 0.0, factor, 1.0))
-            name = f"{axis} alone is in {unit}, taken for {taken}"
+            name = f"{axis} alone is in {unit}, read as {taken}"
             yield Hypothesis(name, remedy, _positions(scale), RARE, volume=volume / 3.0)
     smaller = "write sigma_mm into the header"
     yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)))

@@ -199,5 +199,5 @@ def check_enough(points: Array, sigma: Array) -> None:
         names = [f"instrument {TWIST_NAMES[3 + axis]}" for axis in np.flatnonzero(free)]
         alike = "are all alike" if not known.any() else "lie on one line"
         condition = float(np.linalg.cond(jacobian.reshape(-1, 6)))
-        text = f"{len(points)} measured points {alike}: they cannot tell how the instrument stands"
+        text = f"{len(points)} measured points {alike}: they do not determine how the instrument stands"
         raise IdentifiabilityError(text, 3 + int(known.sum()), condition, names)

@@ -207,7 +207,8 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
     sizes = [
         (one.label, abs(value) / std) for some, own, std in found if std for one, value in zip(some, own, strict=True)
     ]
-    yield from beyond_priors(dict(sizes))
+    unknown = () if arm.certainty is None else arm.certainty.undetermined  # their values say nothing
+    yield from beyond_priors({label: size for label, size in sizes if label not in unknown})
     yield from soft((one for one in arm.flexures if one.name in arm.factors), anywhere(arm.robot), arm.flags)
     if arm.certainty is not None and (moved := _displaced(arm.certainty.parameters, offsets)):
         text = f"{moved.label!r} is not where a fit writes it: are names of parameters exchanged?"

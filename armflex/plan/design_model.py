@@ -116,7 +116,8 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
         return Before(Setup(arm, arm.instrument or Instrument()))
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
     fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
-    weights[fitted.view.rows] = fitted.weights
+    assert found.arm.certainty is not None
+    weights[fitted.view.rows] = fitted.weights / found.arm.certainty.design_effect  # readings that repeat one another
     told = Told(after, look(fitted.setup, after), weights, fitted)
     return Before(fitted.setup, told, noises_of(fitted), found.flags)
 

@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from armflex.trace.telling import Doing
 
 
+METHODS = ("steps", "posterior")
+
+
 @checked_kinds
 def trace(
     arm: Arm,
@@ -84,6 +87,8 @@ def trace(
         if account is not None:
             account(found)
 
+    if not (isinstance(method, str) and method in METHODS):
+        raise InputError(f"method is {method!r}: expected one of {', '.join(METHODS)}")
     if method == "posterior":
         from armflex.trace.posterior.run import trace as by_posterior
 

@@ -38,12 +38,15 @@ def asked(folder: Path, prior: str) -> tuple[Arm, Measurements]:
 def spread_over_stated(folder: Path, prior: str) -> float:
     """Return the median ratio of standard deviations, over the parameters that the campaign determines.
 
-    The fit's are those of the noise as stated, before they are widened by how far the readings scatter beyond it.
+    The fit's are those of the noise as stated, before they are widened by how far the readings scatter beyond it, and
+    by how many of them count as one.
     """
     arm, measurements = asked(folder, prior)
     found = bootstrap(arm, measurements, draws=DRAWS, seed=1)
     calibrated = calibrate(arm, measurements, as_stated=True)
     stated, widened = {one.name: one for one in calibrated.parameters}, max(1.0, calibrated.fit.noise)
+    assert calibrated.arm.certainty is not None
+    widened *= float(np.sqrt(calibrated.arm.certainty.design_effect))
     ratios = [
         std / (stated[name].std / widened)
         for name, std in zip(found.names, found.std, strict=True)

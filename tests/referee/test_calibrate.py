@@ -76,7 +76,7 @@ def test_the_plant_and_the_library_agree_on_the_declared_arm(measured):
 
 
 def test_residual_falls_to_the_noise(found):
-    assert found.declared_rms > 4.0 * found.noise_rms
+    assert found.declared_rms > 3.0 * found.noise_rms  # with the target placed, too
     freedom = 1.0 - len(found.fit.values) / (3 * len(found.fit.view.rows))
     assert found.rms == pytest.approx(found.noise_rms * np.sqrt(freedom), rel=0.1)
     assert not found.outliers

@@ -18,6 +18,7 @@ from armflex.cli.trace_command import print_trace
 from armflex.errors import ConvergenceError
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import Effort, fit
+from armflex.estimate.held_out import apart_folds
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +101,7 @@ def test_the_published_layout_is_read(tmp_path: Path) -> None:
 
 def test_parts_of_joint_space_lie_apart() -> None:
     q = np.random.default_rng(0).normal(size=(200, 6))
-    part = scoreboard.parts_apart(q, 4)
+    part = apart_folds(q, 4)
     assert sorted(np.unique(part)) == [0, 1, 2, 3] and np.bincount(part).min() > 10
     far = np.linalg.norm(q[:, None] - q, axis=2)
     np.fill_diagonal(far, np.inf)

@@ -21,6 +21,7 @@ from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, Flag
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.mechanics.deflection import length_sigma
+from armflex.mechanics.many_rows import kernel_pays
 from armflex.storage.array_file import Layout
 from armflex.storage.schema import Numbers
 from armflex.storage.store import PieceForm
@@ -106,6 +107,7 @@ class Question:
         payloads: Names; "none" for nothing.
         voxel: Edge of a cell [m].
         options: Of `Arm.deflection`, covariates among them.
+        rows: Configurations under all payloads, of the whole question: one engine answers all of them.
         token: Names this question among all that a worker ever gets.
     """
 
@@ -113,6 +115,7 @@ class Question:
     payloads: tuple[str, ...]
     voxel: float
     options: Mapping[str, Any]
+    rows: int
     token: str = field(default_factory=lambda: uuid4().hex)
 
     @property
@@ -137,7 +140,8 @@ class Answer:
 
 @lru_cache(maxsize=2)
 def _kept(question: Question) -> tuple[Arm, ...]:
-    """Return the arms as they first came here: their models are made already."""
+    """Return the arms as they first came here: their models are made already, and so is the engine if it pays."""
+    kernel_pays(question.rows)  # in every process alike: two engines agree to rounding, a map to the last bit
     return question.arms
 
 

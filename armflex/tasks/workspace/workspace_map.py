@@ -220,7 +220,7 @@ def map_workspace(
     arm.loaded(None).flags_under(wrenches, moves=False)  # raises where a link is not the arm's
     options = {"covariates": known, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))
-    question = Question(arms, names, edge, options)
+    question = Question(arms, names, edge, options, rows * len(names))
     drawn = Configurations(lower, upper, rows, seed, chunk)
 
     def tasks(wanted: list[bool]) -> Iterator[Callable[[], Answer]]:

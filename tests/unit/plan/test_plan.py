@@ -520,7 +520,7 @@ def learning(arm: Arm, name: str) -> Arm:
 @pytest.mark.slow
 def test_the_command_writes_rows_a_picture_and_json(armflex: Run, tmp_path: Path) -> None:
     out = fine(armflex("plan", BOOM, "--rows", 5, "-o", "p.csv", "--json", "p.json", "--picture", "p.png"))
-    assert "5 rows to read" in out.stdout and "No tip reading tells" in out.stdout
+    assert "5 rows to read" in out.stdout and "No tip reading determines" in out.stdout
     content = strict_json(tmp_path / "p.json")
     assert content["format"] == "armflex-plan-1" and content["rows"] == 5
     assert len(content["stops"]) == 5 and all(stop["read"] and stop["worth"] >= 0.0 for stop in content["stops"])
