@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from armflex.arm import Arm, Prior
 from armflex.conventions import STANDARD_GRAVITY, Array
@@ -23,6 +23,9 @@ from armflex.readings import Kind, Orientation, Position
 from armflex.readings.acceleration import OPPOSITE, Acceleration
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Written = tuple[Arm, Measurements]
 Rewriting = Callable[[Arm, Measurements], Written]
@@ -196,6 +199,8 @@ def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
 
 def _of_orientations() -> Iterator[Hypothesis]:
     """Yield what may have been written into rx, ry, rz instead of a rotation vector in the unit of the header."""
+    from scipy.spatial.transform import Rotation  # not needed to import the package
+
     forms: dict[str, tuple[Callable[[Array], Rotation], str]] = {
         "a rotation vector": (Rotation.from_rotvec, ""),
         "a quaternion's x, y, z": (_from_quaternion, ""),
@@ -239,6 +244,8 @@ def _of_orientations() -> Iterator[Hypothesis]:
 def _from_quaternion(vectors: Array) -> Rotation:
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
     angle = 2.0 * np.arcsin(np.minimum(size, 1.0))
+    from scipy.spatial.transform import Rotation  # not needed to import the package
+
     return Rotation.from_rotvec(vectors * angle / np.maximum(size, 1e-12))
 
 

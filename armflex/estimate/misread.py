@@ -21,7 +21,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from armflex.arm import Arm
 from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
@@ -446,6 +445,8 @@ def _first_look(
 
 def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | None) -> list[Hypothesis]:
     """Return the hypotheses about orientations after which a target is turned on the tool alike in most rows."""
+    from scipy.spatial.transform import Rotation  # not needed to import the package
+
     spread = []
     for hypothesis in turned if found is not None else ():
         kind = case.meant(hypothesis).rows.readings.of(Orientation)

@@ -203,7 +203,9 @@ def test_what_nothing_determines_has_no_end(measured, found, tmp_path):
         load_arm(tmp_path / "bad.toml")
     # Readings do not depend on what cannot be told; where the tip is, from the base, does.
     there, known = predict(again, rows), predict(found.arm, rows)
-    assert np.abs(np.log(there.sigma / known.sigma)).max() < 1.0 and not there.flags
+    assert np.abs(np.log(there.sigma / known.sigma)).max() < 1.0
+    # J6 turns about the target, whose mounting is free: its value ran away, and that is said.
+    assert {flag.code for flag in there.flags} <= {"beyond_priors"}
     assert "undetermined" in [flag.code for flag in total_covariance(again.deflection(again.position(J2=0.3)))[1]]
 
 

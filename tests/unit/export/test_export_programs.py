@@ -228,7 +228,7 @@ def test_commands(language: str, tmp_path: Path) -> None:
     done = run_here(tmp_path, "export", arm, "--to", language, "--traj", file)
     assert done.returncode == 2 and f"--to {language} needs -o" in done.stderr
     done = run_here(tmp_path, "export", arm, "--to", language, "--traj", file, "-o", "p.txt", "--over", file)
-    assert done.returncode == 2 and "--over means nothing" in done.stderr
+    assert done.returncode == 2 and "--over has no meaning" in done.stderr
     done = run_here(tmp_path, "export", arm, "--to", language, "--traj", file, "-o", "p.txt", "--covariates", "t=1")
     assert done.returncode == 2 and not list(tmp_path.iterdir())
     done = fine(run_here(tmp_path, "export", arm, "--to", language, "--traj", file, "-o", "p.txt", "--json", "p.json"))

@@ -100,13 +100,13 @@ def test_the_terminal_says_on_what_an_effect_depends_and_how_often_it_is_chosen_
     lines = ran[1].stdout.splitlines()
     (line,) = [line for line in lines if f"{truth.effects[0].site}  " in line and "->" in line]
     assert one["covariates"][0] in line and f"{one['chosen_again']:.0%}" in line
-    assert any("chosen and fitted without them" in line for line in lines)
+    assert any("the share of folds that select the effect" in line for line in lines)
 
 
 def test_held_out_errors_are_of_what_was_chosen_without_the_poses(ran) -> None:
     found, said = ran[2], strict_json(ran[0] / "t.json")
     assert said["held_out_rms_mm"]["after"] == pytest.approx(1e3 * max(found.compared.after, found.held_out_after))
-    assert "without them" in said["held_out_is_of"] and said["families"] == [] and said["undecided"] is None
+    assert "without these poses" in said["held_out_is_of"] and said["families"] == [] and said["undecided"] is None
 
 
 def test_the_summary_fits_a_screen_and_the_steps_go_to_stderr(ran) -> None:

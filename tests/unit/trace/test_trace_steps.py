@@ -60,7 +60,8 @@ def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(camp
     approach = rows.approach.copy()
     approach[:20, j] = 0.0
     rows = replace(rows, approach=approach, derived=tuple(f"approach_{name}" for name in rows.joint_names))
-    state = replace(before, measurements=rows, context=context_at(before.fit, rows))
+    calibration = replace(before.calibration, measurements=rows)
+    state = replace(before, calibration=calibration, measurements=rows, context=context_at(before.fit, rows))
     law = CATALOGUE["backlash"]
     backlash = next(
         Candidate(law, location, ()) for location in law.places(state.context.records) if location.site == "J4"
