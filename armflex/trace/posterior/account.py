@@ -37,9 +37,6 @@ from armflex.trace.posterior.validate import Validated, chance, validated, weake
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.withdraw import Compared, Withdrawn
 
-ALONE = 0.5
-"""Confidence: probability from which a member of a family is said to show by itself."""
-
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
@@ -75,7 +72,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             return Weighed(here, found, seen, null), tuple(withdrawn)
         last = weakest(model, evidence)
         unit = here.state.units[last]
-        effect, compared = here.state.fitted[unit[0]], _compared(seen, here.state)
+        effect, compared = here.state.fitted[unit[0]], _compared(seen)
         withdrawn.append(Withdrawn(effect, None, compared, len(unit) > 1))
         here.state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
         rest = tuple(one for i, one in enumerate(here.model) if i != last)
@@ -85,7 +82,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         here = after
 
 
-def _compared(seen: Validated, state: State) -> Compared:
+def _compared(seen: Validated) -> Compared:
     return Compared(seen.before, seen.after, seen.linear_before, seen.linear_after)
 
 
@@ -125,7 +122,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
         next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),  # pyright: ignore[reportArgumentType]
-        compared=None if seen is None else _compared(seen, state),
+        compared=None if seen is None else _compared(seen),
         withdrawn=withdrawn,
         nothing=known.credible[-1].nothing if not state.known else 0.0,
     )
@@ -162,9 +159,9 @@ def _found(known: Weighed, number: int) -> Found:
     index = state.units[number][0]
     block = state.effects[index]
     std = block.std(state.values_of(block), state.stds_of(block))
-    others = tuple((_effect(known, one), chance) for one, chance in credible.others if not one.family)
+    others = tuple((_effect(one), chance) for one, chance in credible.others if not one.family)
     best = credible.ranking[0][1]
-    ranking = tuple(_ranked(known, one, odds) for one, odds in credible.ranking if not one.family)
+    ranking = tuple(_ranked(one, odds) for one, odds in credible.ranking if not one.family)
     equivalent = tuple(
         (effect, 2.0 * float(np.log(max(credible.probability, 1e-9) / chance))) for effect, chance in others
     )
@@ -183,11 +180,11 @@ def _found(known: Weighed, number: int) -> Found:
     )
 
 
-def _effect(known: Weighed, one: Hypothesis) -> Effect:
+def _effect(one: Hypothesis) -> Effect:
     return one.one.effect(np.zeros(len(one.one.location.terms)))
 
 
-def _ranked(known: Weighed, one: Hypothesis, odds: float) -> Polished:
+def _ranked(one: Hypothesis, odds: float) -> Polished:
     return Polished(one.one, 2.0 * odds, 2.0 * odds, np.zeros(len(one.one.location.terms)), ())
 
 

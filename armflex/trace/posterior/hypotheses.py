@@ -9,7 +9,7 @@ one law at every drive `FAMILIAL`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -159,8 +159,3 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
             units = np.concatenate([1.0 / size for _, size in kept])
             found.append(Hypothesis(tuple(one for one, _ in kept), prior, units))
     return found
-
-
-def priors_of(known: Iterable[Hypothesis]) -> dict[tuple, float]:
-    """Return the prior of every law and place."""
-    return {one.spot: one.prior for one in known}

@@ -93,7 +93,6 @@ class Screen(Evidence):
         self._further = np.hstack([self._further, whole])
         for one, columns in made:
             size, squares = columns.shape[1], (columns**2).sum(axis=0)
-            own = slice(first - self._first - (self._further.shape[1] - whole.shape[1]), None)
             at = np.arange(first, first + size)
             local = at - (len(self.scores) - whole.shape[1])
             inside = columns.T @ cleared[:, local] - seen[local] @ seen[local].T
@@ -192,8 +191,8 @@ class Screen(Evidence):
         groups = [
             Group(one.hypothesis, np.arange(*pair), one.scale) for one, pair in zip(known, pairwise(ends), strict=True)
         ]
-        columns = np.hstack([self.columns(places), projection.data[:, None]])[kept]
-        cleared = projection.cleared(np.hstack([self.columns(places), projection.data[:, None]]))[kept]
+        every = np.hstack([self.columns(places), projection.data[:, None]])
+        columns, cleared = every[kept], projection.cleared(every)[kept]
         own, shared = projection.regressors[kept], projection.shared[kept]
         root = LinearGaussian(own.T @ shared + np.diag(projection.precision)).root
         seen = columns.T @ shared @ root

@@ -312,20 +312,17 @@ def rivals(
     return sorted(found, key=lambda one: -one.odds)[:most]
 
 
-def climbed(
-    evidence: Evidence, model: Model = (), refine: Refine | None = None, only: Only | None = None, most: int = MOST
-) -> Model:
+def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None, most: int = MOST) -> Model:
     """Return the model that no addition, deletion or exchange of one hypothesis, or of a pair, makes more probable.
 
     Args:
         evidence: The hypotheses; refined ones are added.
         model: Where to begin.
         refine: Refines what is inside the best hypotheses before one is chosen; None to take them as they are.
-        only: Which hypotheses may come in; all where not given.
         most: Hypotheses at most.
     """
     begun = evidence.log_posterior(model)
-    model, value = _swept(evidence, model, begun, refine, only, most)
+    model, value = _swept(evidence, model, begun, refine, most)
     again = True
     while again:
         again = False
@@ -333,9 +330,9 @@ def climbed(
             rest = tuple(one for i, one in enumerate(model) if i not in pair)
             trial, found = rest, evidence.log_posterior(rest)
             for _ in pair:
-                trial, found = _extended(evidence, trial, found, begun, refine, only, most)
+                trial, found = _extended(evidence, trial, found, begun, refine, most)
             if found > value - WITHIN and set(trial) != set(model):
-                trial, found = _swept(evidence, trial, begun, refine, only, most)
+                trial, found = _swept(evidence, trial, begun, refine, most)
             if found > value + BETTER:
                 model, value, again = trial, found, True
                 break
@@ -348,32 +345,29 @@ def _extended(
     value: float,
     begun: float,
     refine: Refine | None,
-    only: Only | None,
     most: int,
 ) -> tuple[Model, float]:
     """Return the model with the hypothesis more that makes it most probable, or the model itself."""
     if len(model) >= most:
         return model, value
-    for rival in rivals(evidence.beside(model), refine, only)[:2]:
+    for rival in rivals(evidence.beside(model), refine)[:2]:
         found = evidence.log_posterior((*model, rival.chosen))
         if found > value + max(BETTER, LINEAR * (found - begun)):
             return (*model, rival.chosen), found
     return model, value
 
 
-def _swept(
-    evidence: Evidence, model: Model, begun: float, refine: Refine | None, only: Only | None, most: int
-) -> tuple[Model, float]:
+def _swept(evidence: Evidence, model: Model, begun: float, refine: Refine | None, most: int) -> tuple[Model, float]:
     """Return a model, and its log posterior, that no one hypothesis more, less or exchanged makes more probable."""
     value, changed = evidence.log_posterior(model), True
     while changed:
         before = value
-        model, value = _extended(evidence, model, value, begun, refine, only, most)
+        model, value = _extended(evidence, model, value, begun, refine, most)
         for i in range(len(model) - 1, -1, -1):
             rest = (*model[:i], *model[i + 1 :])
             beside = evidence.beside(rest)
             trials = [(beside.log_posterior, rest)]
-            for rival in rivals(beside, refine, only)[:2]:
+            for rival in rivals(beside, refine)[:2]:
                 trial = (*model[:i], rival.chosen, *model[i + 1 :])
                 trials.append((evidence.log_posterior(trial), trial))
             found, trial = max(trials, key=lambda one: one[0])

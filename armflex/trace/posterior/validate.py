@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.held_out import errors_of, judged_by, pose_folds
 from armflex.linear_gaussian import LinearGaussian
+from armflex.readings import Readings
 from armflex.trace.accept import Proof, sessions_held_out
 from armflex.trace.posterior.screen import Dense
 from armflex.trace.posterior.search import Standing
@@ -48,26 +50,34 @@ class Folds:
         """Return the (M,) squared errors of every row [m^2], predicted from the other folds with a model for each."""
         screen, fit = self.here.screen, self.here.state.fit
         projection, left = screen.projection, np.empty(len(screen.projection.data))
-        for part, learned, model in zip(self.parts, self.learned, models, strict=True):
-            groups = [part.groups[one.number] for one in model]
+        for part, learned, fitted, model in zip(self.parts, self.learned, self.fitted, models, strict=True):
             own = [screen.groups[self.numbers[one.number]] for one in model]
             places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in own)])
             amplitudes = np.concatenate([np.zeros(0), *part.beside(model).amplitudes])
-            assert len(places) == sum(len(one.places) for one in groups)
             data = projection.data - screen.columns(places) @ amplitudes
-            shared, regressors = projection.shared[learned], projection.regressors[learned]
-            known = LinearGaussian(regressors.T @ shared + np.diag(projection.precision))
-            values = known.solve(shared.T @ data[learned])
+            values = fitted.solve(projection.shared[learned].T @ data[learned])
             left[~learned] = (data - projection.regressors @ values)[~learned]
-        judged = judged_by(self.here.state.calibrated, fit)
-        return fit.view.readings.where(judged).row_squares(errors_of(fit, screen.quiet * left))
+        return self.readings.row_squares(errors_of(fit, screen.quiet * left))
+
+    @cached_property
+    def fitted(self) -> tuple[LinearGaussian, ...]:
+        """What the other poses say of the parameters that are fitted anyway, whatever the model."""
+        projection, found = self.here.screen.projection, list[LinearGaussian]()
+        for learned in self.learned:
+            own = projection.regressors[learned].T @ projection.shared[learned]
+            found.append(LinearGaussian(own + np.diag(projection.precision)))
+        return tuple(found)
+
+    @cached_property
+    def readings(self) -> Readings:
+        """What errors are over."""
+        state = self.here.state
+        return state.fit.view.readings.where(judged_by(state.calibrated, state.fit))
 
     @property
     def judged(self) -> np.ndarray:
         """(M,) rows that errors are over."""
-        readings = self.here.state.fit.view.readings
-        fits = (self.here.state.calibrated, self.here.state.fit)
-        return readings.where(judged_by(*fits)).foremost_count > 0
+        return self.readings.foremost_count > 0
 
     def rms(self, squares: Array) -> float:
         """Return the RMS of (M,) squared errors over the rows that are judged [m]."""
