@@ -92,6 +92,10 @@ class TableError(FileError):
     """A CSV table (trajectory, joint data, measurements) cannot be read as one."""
 
 
+class MeshError(FileError):
+    """A mesh, or what was condensed from one, cannot be computed with."""
+
+
 class ModelFileError(FileError):
     """A trained model's file is damaged, foreign, or made for something else."""
 

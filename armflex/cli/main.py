@@ -25,6 +25,7 @@ COMMANDS = {
     "report": "pose accuracy and repeatability of a campaign, as ISO 9283 defines them",
     "plan": "the poses, payloads and approach directions to measure next",
     "train": "learn a joint deformation model from loads and deflections",
+    "fem": "condense a mesh to stiffness, mass and weight where it joins its neighbours",
     "map": "worst displacement, uncertainty and margin over the whole workspace",
     "export": "for others: URDF, a sheet for the controller, C, programs in URScript, KRL and RAPID",
     "view": "write a page of the arm that opens in a browser",

@@ -19,7 +19,10 @@ class Key(NamedTuple):
 
 _FLEXURE = {
     "model": Key("the joint deformation model, see the laws below"),
-    "file": Key("the law that `armflex train` wrote, relative to this file"),
+    "file": Key("the law that `armflex train`, or the part that `armflex fem` wrote, relative to this file"),
+    "rpy": Key(
+        "of a part that `armflex fem` wrote: turns the axes of its mesh into those of the joint", "rad", "0 0 0"
+    ),
     "compliance": Key(
         "deflection by load, in the axes fx fy fz mx my mz: the diagonal, or the full symmetric matrix",
         "m/N, rad/Nm, mixed",

@@ -8,13 +8,15 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
-from armflex.errors import Flag, LawError, ModelFileError, UnknownNameError
+from armflex.errors import Flag, LawError, ModelFileError, UnknownNameError, listing
+from armflex.fem.part import Part, read_part
 from armflex.laws.joint.beam import Beam, Section, stiffness
 from armflex.laws.joint.carried import AtNode
-from armflex.laws.joint.linear import read_linear, softness
+from armflex.laws.joint.linear import LinearLaw, read_linear, softness
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.law_file import FORMS, load_law
@@ -62,8 +64,9 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
         ArmFileError: The declaration is incomplete or its numbers are not physical.
     """
     model = law_name(table)
-    if table.has("file"):
-        path = table.path.parent / table.text("file")
+    if table.has("file") and (path := table.path.parent / table.text("file")).suffix == ".toml":
+        law = _read_meshed(table, read_part(path))
+    elif table.has("file"):
         try:
             trained = load_law(path)
         except ModelFileError as error:
@@ -81,6 +84,19 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
     return law
+
+
+def _read_meshed(table: Declaration, part: Part) -> LinearLaw:
+    """Return the law of a condensed part; `rpy` turns its mesh into the joint's axes."""
+    if law_name(table) != "linear":
+        raise table.fail("model", "a condensed part is a linear law")
+    if len(part.loaded) > 1:
+        text = (
+            f"has {len(part.loaded)} loaded interfaces ({listing(part.loaded)}), a flexure one: condense it onto that"
+        )
+        raise table.fail("file", text)
+    turn = np.kron(np.eye(2), pin.rpy.rpyToMatrix(table.numbers("rpy", (3,)))) if table.has("rpy") else np.eye(6)
+    return LinearLaw(turn @ part.compliance @ turn.T, part.young_std)
 
 
 def law_name(table: Declaration) -> str:

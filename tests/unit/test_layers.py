@@ -13,7 +13,7 @@ ROOMS = (
     *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "plotting"),
     *("robot", "rows", "readings"),
-    *("laws", "laws.effects"),
+    *("fem", "laws", "laws.effects"),
     "mechanics",
     *("parameters", "arm", "configurations", "files"),
     *("measured", "trajectory"),

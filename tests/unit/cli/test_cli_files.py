@@ -22,6 +22,7 @@ TARM = ROBOTS / "tarm_like"
 TABLE = TARM / "a4_table_1.csv"
 FILES = {"arm.toml": TARM / "arm.toml", "robot.urdf": TARM / "robot.urdf", "rows.csv": TARM / "trajectory.csv"}
 FILES |= {"paper_A4_um.safetensors": TARM / "paper_A4_um.safetensors", "joint.csv": TABLE}
+FILES |= {"bar.inp": ROBOTS.parent / "tests" / "referee" / "calculix" / "c3d20.inp"}
 READ = {
     "deflect": ["arm.toml"],
     "predict": ["arm.toml", "rows.csv"],
@@ -32,6 +33,7 @@ READ = {
     "report": ["arm.toml", "rows.csv", "--iso9283", "--points", "joint.csv"],
     "plan": ["arm.toml", "--after", "rows.csv", "--along", "joint.csv"],
     "train": ["joint.csv", "--assembly", "arm.toml"],
+    "fem": ["bar.inp", "--fixed", "ROOT", "--loaded", "TIP"],
     "map": ["arm.toml"],
     "view": ["arm.toml", "--traj", "rows.csv"],
     "trust": ["rows.csv"],
@@ -90,6 +92,7 @@ def test_no_command_writes_two_results_into_one_file(folder: Path, name: str) ->
 
 
 ENDINGS = {("-o", "train"): ".safetensors", ("-o", "map"): ".safetensors", ("--picture", "plan"): ".png"}
+ENDINGS |= {("-o", "fem"): ".toml"}
 ENDINGS |= {("--picture", "map"): ".png", ("--page", "map"): ".html"}
 NO_INPUT = ["none", "none/none", "folder", "empty", "binary", "circle", "rows.csv/none", "x" * 300, "none.toml"]
 NO_INPUT += ["none.urdf", "folder.urdf", "empty.toml", "none.parquet", "binary.parquet", "joint.csv", "unreadable"]
@@ -175,5 +178,5 @@ def test_commands_that_fit_take_a_doubtful_robot_with_lax_as_all_others_do(
 
 @pytest.mark.slow
 def test_every_command_that_takes_a_robot_has_lax(armflex: Run) -> None:
-    for name in READ.keys() - {"train", "trust"}:
+    for name in READ.keys() - {"train", "fem", "trust"}:
         assert "--lax" in fine(armflex(name, "--help")).stdout, name

@@ -37,6 +37,7 @@ frame = "base"
 joint_offset = 1e-2
 """
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
+MESH = ROBOTS.parent / "tests" / "referee" / "calculix" / "c3d20.inp"
 GIVEN = {
     "deflect": ["arm.toml"],
     "predict": ["arm.toml", "rows.csv", "-o", "o.csv"],
@@ -47,6 +48,7 @@ GIVEN = {
     "report": ["arm.toml", "rows.csv", "--iso9283", "-o", "o.html"],
     "plan": ["arm.toml", "--rows", "2", "-o", "o.csv", "--picture", "o.png"],
     "train": [TABLE, "-o", "o.safetensors", "--picture", "o.png"],
+    "fem": [MESH, "--fixed", "ROOT", "--loaded", "TIP", "-o", "o.toml"],
     "map": ["arm.toml", "--rows", "64", "-o", "o.csv", "--picture", "o.png", "--page", "o.html"],
     "export": ["arm.toml", "--to", "sheet", "-o", "o.csv"],
     "view": ["arm.toml", "-o", "o.html"],

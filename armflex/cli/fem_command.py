@@ -1,0 +1,83 @@
+"""armflex fem: a mesh into a part that an arm can name, or into a table of loads and deflections."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from armflex.cli import options
+from armflex.cli.terminal import doing, number, print_table, say
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
+from armflex.errors import InputError
+from armflex.fem.condense import condense
+from armflex.fem.mesh import UNITS
+from armflex.fem.part import Part, write_part
+from armflex.fem.read import read_mesh
+from armflex.storage.whole_file import together
+
+
+@click.command(cls=options.Command)
+@click.argument("mesh_path", metavar="MESH", type=options.InputPath)
+@click.option("--fixed", required=True, metavar="SET", help="The set of nodes, or surface, that is held.")
+@click.option("--loaded", required=True, metavar="SET[,SET]", help="The sets that carry load, an interface each.")
+@click.option("--unit", type=options.Choice(tuple(UNITS)), default="m", show_default=True, help="mm: mm, N, t, MPa.")
+@click.option("--young", type=float, help="Young's modulus of all elements [Pa].")
+@click.option("--poisson", type=float, help="Poisson's ratio of all elements.")
+@click.option("--density", type=float, help="Density of all elements [kg/m^3].")
+@click.option("--young-std", type=click.FloatRange(0.0, 1.0), default=0.0, help="How well that is known, relative.")
+@click.option("--size", type=options.Quantity("length"), metavar="20mm", help="Of the elements of a STEP file.")
+@click.option(
+    "--interface",
+    type=options.Choice(("rigid", "average")),
+    default="rigid",
+    show_default=True,
+    help="A loaded set moves as one body, or its motion is the mean of its nodes' and its load distributed.",
+)
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Part to write (.toml).")
+def command(
+    mesh_path: Path,
+    fixed: str,
+    loaded: str,
+    unit: str,
+    young: float | None,
+    poisson: float | None,
+    density: float | None,
+    young_std: float,
+    size: float | None,
+    interface: str,
+    output: Path,
+) -> None:
+    """Condense a mesh to stiffness, mass and weight where it joins its neighbours.
+
+    MESH is an Abaqus or CalculiX .inp, a Nastran .bdf, a gmsh .msh, or a STEP file, which gmsh meshes.
+    """
+    if output.suffix != ".toml":
+        raise InputError(f"{output}: a part is a .toml file; name it so")
+    names = tuple(name.strip() for name in loaded.split(",") if name.strip())
+    doing(f"reading {mesh_path.name}")
+    mesh = read_mesh(mesh_path, unit, young, poisson, density, size)
+
+    def tick(what: str, done: int, total: int | None) -> None:
+        doing(what + (f", {done} of {total}" if total else ""))
+
+    part = condense(mesh, fixed.strip(), names, interface, young_std, tick)
+    with together():
+        write_part(part, output)
+        options.conclude(lambda: {**part.to_dict(), "flags": []}, part.flags)
+    print_part(part)
+    say(f'Written to {output}. In an arm.toml: [flexure.NAME] with joint = "..." and file = "{output.name}".')
+
+
+def print_part(part: Part) -> None:
+    """Print how a part gives, weighs and vibrates."""
+    for place, name in enumerate(part.loaded):
+        own = part.compliance[6 * place : 6 * place + 6, 6 * place : 6 * place + 6]
+        print_table(
+            f"Compliance at {name!r}, {part.fixed!r} held (m/N, rad/Nm and mixed)",
+            ["", *(f"per {axis}" for axis in WRENCH_NAMES)],
+            [[axis, *(f"{x:.4g}" for x in row)] for axis, row in zip(TWIST_NAMES, own, strict=True)],
+        )
+    if part.mass:
+        said = ", ".join(number(x, 4) for x in part.frequencies_hz)
+        say(f"{part.nodes} nodes, {number(part.mass, 5)} kg. Natural frequencies, {part.fixed!r} held: {said} Hz.")

@@ -1,0 +1,133 @@
+"""Stiffness and mass of a mesh: scikit-fem's shape functions and quadratures, all elements of a block at once.
+
+The elements are CalculiX's, and stiffness and mass are summed over the points that it has: one in a C3D4, four in a
+C3D10, 27 in a C3D20, eight in a C3D20R and a C3D8. scikit-fem's own forms loop over pairs of shape functions, and its
+20-node brick has a trilinear geometry; so the sum over points is a matrix product here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array
+
+from armflex.conventions import Array
+from armflex.errors import UnsupportedError
+from armflex.fem.mesh import Block, Mesh, volume_error
+
+AT_ONCE = 4096
+"""Elements whose matrices are held in memory together."""
+
+_TET = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+_HEX = np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))])
+_TET_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
+_HEX_EDGES = tuple((i, (i + 1) % 4 + 4 * (i // 4)) for i in range(8)) + tuple((i, i + 4) for i in range(4))
+
+
+class Rule(NamedTuple):
+    """How an element is integrated.
+
+    Attributes:
+        shapes: (Q, k) shape functions at its points.
+        gradients: (Q, k, 3) their derivatives in the reference element.
+        weights: (Q,) weights of the points.
+    """
+
+    shapes: Array
+    gradients: Array
+    weights: Array
+
+
+def rule(kind: str) -> Rule:
+    """Return the rule of an element type."""
+    try:
+        from skfem import element as elements
+        from skfem.quadrature import get_quadrature
+    except ImportError:
+        raise UnsupportedError("a mesh is assembled with scikit-fem: pip install 'armflex[fem]'") from None
+    corners, edges = (_TET, _TET_EDGES) if kind in ("C3D4", "C3D10") else (_HEX, _HEX_EDGES)
+    made: Any
+    made, degree = {
+        "C3D4": (elements.ElementTetP1, 1),
+        "C3D10": (elements.ElementTetP2, 2),
+        "C3D8": (elements.ElementHex1, 2),
+        "C3D20": (elements.ElementHexS2, 5),
+        "C3D20R": (elements.ElementHexS2, 2),
+    }[kind]
+    one = made()
+    places = one.doflocs
+    wanted = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in edges]])[: len(places)]
+    order = [int(np.abs(places - place).sum(axis=1).argmin()) for place in wanted]
+
+    points, weights = get_quadrature(one.refdom, degree)
+    values = [one.lbasis(points, i) for i in order]
+    return Rule(np.array([v for v, _ in values]).T, np.array([g for _, g in values]).transpose(2, 0, 1), weights)
+
+
+def assembled(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None) -> tuple[Any, Any]:
+    """Return the (3 N, 3 N) stiffness [N/m] and the (N, N) mass [kg] of a mesh, x y z of node after node.
+
+    The mass of x, y and z alike is that of a node.
+
+    Raises:
+        MeshError: An element's volume is not positive; file and line.
+    """
+    count, done = len(mesh.points), 0
+    total = sum(len(block.ids) for block in mesh.blocks)
+    stiffness, mass = csc_array((3 * count, 3 * count)), csc_array((count, count))
+    for block in mesh.blocks:
+        for some, ke, me in _matrices(mesh, block):
+            nodes = block.nodes[some]
+            dofs = (3 * nodes[..., None] + np.arange(3)).reshape(len(nodes), -1)
+            stiffness = stiffness + _summed(ke, dofs, 3 * count)
+            mass = mass + _summed(me, nodes, count)
+            done += len(nodes)
+            if tick:
+                tick(done, total)
+    return stiffness, mass
+
+
+def _summed(blocks: Array, places: np.ndarray, size: int) -> Any:
+    each = places.shape[1]
+    rows, columns = np.repeat(places, each, axis=1).ravel(), np.tile(places, (1, each)).ravel()
+    return coo_array((blocks.ravel(), (rows, columns)), (size, size)).tocsc()
+
+
+def _matrices(mesh: Mesh, block: Block) -> Iterator[tuple[slice, Array, Array]]:
+    """Yield for some elements after others their (E, 3 k, 3 k) stiffness and (E, k, k) mass."""
+    how = rule(block.kind)
+    assert block.material is not None
+    first, shear = block.material.lame()
+    density = block.material.density or 0.0
+    for start in range(0, len(block.ids), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        points = mesh.points[block.nodes[some]]
+        volumes, gradients = _at_points(points, how.gradients)
+        wrong = (volumes <= 0.0).any(axis=1)
+        if len(points[0]) in (4, 10):  # middles of edges alone may hide that corners are exchanged
+            wrong |= np.linalg.det(points[:, 1:4] - points[:, :1]) <= 0.0
+        bad = np.flatnonzero(wrong)
+        if len(bad):
+            raise volume_error(mesh, block, bad + start)
+        weights = volumes * how.weights
+        scaled = (gradients * np.sqrt(weights)[..., None, None]).reshape(*weights.shape, -1)
+        each = gradients.shape[2]
+        pairs = (np.swapaxes(scaled, 1, 2) @ scaled).reshape(len(points), each, 3, each, 3)
+        ke = shear * np.swapaxes(pairs, 2, 4)
+        along = shear * np.einsum("eicjc->eij", pairs)
+        for axis in range(3):
+            ke[:, :, axis, :, axis] += along
+        ke += first * pairs
+        me = density * np.einsum("qi,qj,eq->eij", how.shapes, how.shapes, weights)
+        yield some, ke.reshape(len(points), 3 * each, 3 * each), me
+
+
+def _at_points(points: Array, reference: Array) -> tuple[Array, Array]:
+    """Return the (E, Q) volumes and (E, Q, k, 3) gradients [1/m] of (E, k, 3) elements at points of the reference."""
+    jacobian = np.einsum("eka,qkb->eqab", points, reference)
+    volumes = np.linalg.det(jacobian)
+    if (volumes <= 0.0).any():
+        return volumes, np.zeros((*volumes.shape, points.shape[1], 3))
+    return volumes, np.einsum("qkb,eqba->eqka", reference, np.linalg.inv(jacobian))

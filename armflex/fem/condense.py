@@ -1,0 +1,175 @@
+"""Static condensation of a mesh onto its interfaces (Guyan 1965): stiffness, mass, weight, natural frequencies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse import linalg
+
+from armflex.conventions import Array
+from armflex.errors import Flag, InputError, OutOfMemoryError, listing
+from armflex.fem.assembly import assembled
+from armflex.fem.mesh import Mesh, check_connected, check_size
+from armflex.fem.part import MOST, Part
+from armflex.storage.trust import sha256_of
+
+MODES = 6
+"""Natural frequencies that are found."""
+
+ACCURATE = 1e-6
+"""Share of a load that the solution may leave: more of it means that something is free to move."""
+
+Tick = Callable[[str, int, int | None], None]
+
+
+def condense(
+    mesh: Mesh,
+    fixed: str,
+    loaded: Sequence[str],
+    interface: str = "rigid",
+    young_std: float = 0.0,
+    tick: Tick | None = None,
+) -> Part:
+    """Return a mesh condensed onto sets of its nodes.
+
+    With K and M of the free nodes and E their loads per load on the interfaces, the compliance is C = E' K^-1 E, the
+    shapes K^-1 E C^-1 carry the mass, and the own weight moves the interfaces as the loads C^-1 E' K^-1 M g do.
+
+    Args:
+        mesh: The mesh, whose elements have a material.
+        fixed: The set that is held.
+        loaded: The sets that carry load.
+        interface: "rigid" or "average", see `Part`.
+        young_std: Relative standard uncertainty of the compliance.
+        tick: Is given what is done, how far, of how much.
+
+    Raises:
+        MeshError: The mesh is broken, or free to move though its nodes are connected.
+        UnitError: Its size is that of another unit.
+        UnknownNameError: A set is not there.
+    """
+    said = tick or (lambda *_: None)
+    loaded = tuple(loaded)
+    if not 1 <= len(loaded) <= MOST or len({name.lower() for name in (fixed, *loaded)}) <= len(loaded):
+        raise InputError(f"expected one held set and 1 to {MOST} loaded ones, all different, got {listing(loaded)}")
+    check_size(mesh)
+    sets = {name: mesh.nodes_of(name) for name in (fixed, *loaded)}
+    check_connected(mesh, sets)
+    stiffness, mass = assembled(mesh, lambda done, total: said("assembling elements", done, total))
+    origins = np.array([mesh.points[sets[name]].mean(axis=0) for name in loaded])
+    reduced, entry = _interfaces(mesh, sets, fixed, loaded, origins, interface)
+    body = sparse.kron(mass, sparse.eye_array(3), "csc")
+    gravity = body @ np.tile(np.eye(3), (len(mesh.points), 1))
+    stiffness, inner = (reduced.T @ stiffness @ reduced).tocsc(), (reduced.T @ body @ reduced).tocsc()
+    pull = reduced.T @ gravity
+    said("factorising the stiffness", 0, None)
+    solver = _factor(mesh, stiffness)
+    loads = np.hstack([entry.toarray(), pull])
+    moves = solver.solve(loads)
+    size = 6 * len(loaded)
+    left = np.linalg.norm(stiffness @ moves - loads, axis=0)
+    if not np.isfinite(moves).all() or (left > ACCURATE * np.linalg.norm(loads, axis=0).clip(1e-300)).any():
+        raise mesh.fail(
+            f"is free to move though {fixed!r} is held: parts that share an edge or a node alone are hinged"
+        )
+    compliance = entry.T @ moves[:, :size]
+    compliance = 0.5 * (compliance + compliance.T)
+    shapes = np.linalg.solve(compliance, moves[:, :size].T).T
+    flags = list(mesh.flags)
+    total = float(mass.sum())
+    frequencies = np.zeros(0)
+    if total > 0.0:
+        said("natural frequencies", 0, None)
+        frequencies = _frequencies(stiffness, inner, solver)
+    else:
+        flags.append(Flag("no_density", "no density is known: the part has neither mass, weight nor frequencies"))
+    flags += [
+        Flag(
+            "stiff_elements",
+            f"{block.name or 'elements'}: {block.kind} are too stiff in bending; C3D10 or C3D20 are not",
+        )
+        for block in mesh.blocks
+        if block.kind in ("C3D4", "C3D8")
+    ]
+    second = mesh.points.T @ (mass @ mesh.points)
+    com = mesh.points.T @ np.asarray(mass.sum(axis=1)).ravel() / total if total else mesh.points.mean(axis=0)
+    second = second - total * np.outer(com, com)
+    inner_mass = shapes.T @ (inner @ shapes)
+    return Part(
+        mesh.path.name,
+        sha256_of(mesh.path),
+        fixed,
+        mesh.points[sets[fixed]].mean(axis=0),
+        loaded,
+        origins,
+        interface,
+        compliance,
+        total,
+        com,
+        np.trace(second) * np.eye(3) - second,
+        0.5 * (inner_mass + inner_mass.T),
+        np.linalg.solve(compliance, entry.T @ moves[:, size:]),
+        frequencies,
+        young_std,
+        len(mesh.points),
+        tuple(dict.fromkeys(flags)),
+    )
+
+
+def _interfaces(
+    mesh: Mesh, sets: dict[str, np.ndarray], fixed: str, loaded: tuple[str, ...], origins: Array, interface: str
+) -> tuple[Any, Any]:
+    """Return the (3 N, n) map from the unknowns to all nodes, and the (n, 6 m) loads on them per interface's load."""
+    count = len(mesh.points)
+    bodies = [_rigid(mesh.points[sets[name]] - origin) for name, origin in zip(loaded, origins, strict=True)]
+    gone = [sets[fixed], *((sets[name] for name in loaded) if interface == "rigid" else ())]
+    free = np.setdiff1d(np.arange(count), np.concatenate(gone))
+    place: Any = sparse.eye_array(3 * count, format="csc")
+    reduced = place[:, (3 * free[:, None] + np.arange(3)).ravel()]
+    own = [place[:, (3 * sets[name][:, None] + np.arange(3)).ravel()] for name in loaded]
+    if interface == "rigid":
+        moved = [where @ sparse.csc_array(body) for where, body in zip(own, bodies, strict=True)]
+        size = 6 * len(loaded)
+        entry = sparse.csc_array(
+            (np.ones(size), (reduced.shape[1] + np.arange(size), range(size))), (reduced.shape[1] + size, size)
+        )
+        return sparse.hstack([reduced, *moved], "csc"), entry
+    spread = sparse.block_diag([sparse.csc_array(body @ np.linalg.inv(body.T @ body)) for body in bodies], "csc")
+    return reduced, reduced.T @ sparse.hstack(own, "csc") @ spread
+
+
+def _rigid(arms: Array) -> Array:
+    """Return the (3 M, 6) motion of points at (M, 3) arms [m] from a body's origin by the body's twist."""
+    found = np.zeros((len(arms), 3, 6))
+    found[:, :, :3] = np.eye(3)
+    x, y, z = arms.T
+    found[:, 0, 4], found[:, 0, 5], found[:, 1, 3] = z, -y, -z
+    found[:, 1, 5], found[:, 2, 3], found[:, 2, 4] = x, y, -x
+    return found.reshape(-1, 6)
+
+
+def _factor(mesh: Mesh, stiffness: Any) -> Any:
+    """Return a solver; the matrix is symmetric and positive, so that nothing is pivoted and fill stays low."""
+    try:
+        return linalg.splu(
+            stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        )
+    except RuntimeError:
+        raise mesh.fail("is free to move: its stiffness is singular") from None
+    except MemoryError:
+        raise OutOfMemoryError(f"{mesh.path}: the stiffness of {len(mesh.points)} nodes has no room") from None
+
+
+def _frequencies(stiffness: Any, mass: Any, solver: Any) -> Array:
+    """Return the lowest natural frequencies [1/s]."""
+    size = stiffness.shape[0]
+    operator: Any = linalg.LinearOperator  # whose __new__ and __init__ the checker takes for one
+    back = operator((size, size), matvec=solver.solve, dtype=float)
+    start = np.ones(size)
+    found = linalg.eigsh(
+        stiffness, min(MODES, size - 1), mass, sigma=0.0, OPinv=back, return_eigenvectors=False, v0=start
+    )
+    return np.sort(np.sqrt(np.maximum(found, 0.0))) / (2.0 * np.pi)

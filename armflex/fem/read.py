@@ -1,0 +1,54 @@
+"""One reader for every kind of mesh file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from armflex.errors import InputError, MeshError, Place, did_you_mean, listing
+from armflex.fem.bdf import read_bdf
+from armflex.fem.inp import read_inp
+from armflex.fem.mesh import Mesh, with_material
+from armflex.fem.msh import mesh_step, read_msh
+
+KINDS = (".inp", ".bdf", ".nas", ".dat", ".msh", ".step", ".stp")
+"""Suffixes that are read."""
+
+
+def read_mesh(
+    path: Path,
+    unit: str = "m",
+    young: float | None = None,
+    poisson: float | None = None,
+    density: float | None = None,
+    size: float | None = None,
+) -> Mesh:
+    """Return the mesh of an .inp, .bdf, .msh or STEP file, all of whose elements have a material.
+
+    Args:
+        path: The file.
+        unit: A key of `mesh.UNITS`, of what has no unit of its own; a STEP file has.
+        young, poisson, density: Material of all elements [Pa, 1, kg/m^3], where the file has none or another is meant.
+        size: Of the elements that a STEP file is meshed into [m].
+
+    Raises:
+        MeshError: It is none of them, cannot be read, or elements have no material.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in KINDS:
+        hint = did_you_mean(suffix, KINDS)
+        raise MeshError(
+            Place(path), f"{suffix or 'a file without a suffix'} is no mesh{hint} (known: {listing(KINDS)})"
+        )
+    step = suffix in (".step", ".stp")
+    if step and size is None:
+        raise InputError(f"{path}: a STEP file has no elements: give their size (--size 20mm)")
+    if size is not None and not step:
+        raise InputError(f"{path} is meshed already: --size is for a STEP file")
+    if step:
+        assert size is not None
+        found = mesh_step(path, size)
+    elif suffix == ".msh":
+        found = read_msh(path, unit)
+    else:
+        found = read_inp(path, unit) if suffix == ".inp" else read_bdf(path, unit)
+    return with_material(found, young, poisson, density)

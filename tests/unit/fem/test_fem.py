@@ -1,0 +1,265 @@
+"""`armflex fem`: beams are Timoshenko's, every reader gives the same part, and broken meshes are named by line."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.command_line import fine, run_here, strict_json
+from support.meshes import bar, write_bar
+from support.small_arms import ROBOTS
+
+import armflex
+from armflex.fem.bdf import read_bdf
+from armflex.fem.inp import read_inp
+from armflex.fem.part import read_part
+
+pytest.importorskip("skfem")
+
+YOUNG, POISSON, DENSITY = 2.1e11, 0.3, 7850.0
+SHEAR = YOUNG / 2.6
+
+
+def condensed(folder: Path, mesh: Path, *more: object) -> dict:
+    found = run_here(
+        folder, "fem", mesh, "--fixed", "root", "--loaded", "tip", "-o", "p.toml", "--json", "p.json", *more
+    )
+    fine(found)
+    return strict_json(folder / "p.json")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hollow", [0, 1])
+@pytest.mark.parametrize("kind", ["C3D10", "C3D20"])
+def test_a_beam_is_timoshenkos(kind: str, hollow: int, tmp_path: Path) -> None:
+    length, wide, high = 3.0, 0.2, 0.3
+    counts = (20, 2, 3) if not hollow else (20, 6, 9)
+    mesh = write_bar(tmp_path / "bar.inp", kind, *bar(kind, counts, (length, wide, high), hollow))
+    part = condensed(tmp_path, mesh)
+    inner = [side * (1.0 - 2.0 * hollow / count) if hollow else 0.0 for side, count in ((wide, 6), (high, 9))]
+    area = wide * high - inner[0] * inner[1]
+    second_y = (wide * high**3 - inner[0] * inner[1] ** 3) / 12.0
+    second_z = (high * wide**3 - inner[1] * inner[0] ** 3) / 12.0
+    compliance = np.array(part["compliance"])
+    shears = (5 / 6, 5 / 6) if not hollow else (0.4, 0.55)  # of a solid and roughly of a box section
+    for axis, second, kappa in ((1, second_z, shears[0]), (2, second_y, shears[1])):
+        expected = length**3 / (3.0 * YOUNG * second) + length / (kappa * SHEAR * area)
+        assert compliance[axis, axis] == pytest.approx(expected, rel=0.02)
+    assert compliance[0, 0] == pytest.approx(length / (YOUNG * area), rel=0.02)
+    assert compliance[4, 4] == pytest.approx(length / (YOUNG * second_y), rel=0.02)
+    assert compliance[5, 5] == pytest.approx(length / (YOUNG * second_z), rel=0.02)
+    assert compliance[1, 5] == pytest.approx(length**2 / (2.0 * YOUNG * second_z), rel=0.02)
+    assert part["origin"] == pytest.approx([length, wide / 2, high / 2])
+    assert part["mass"] == pytest.approx(DENSITY * area * length)
+    first = 1.8751**2 / (2.0 * np.pi) * np.sqrt(YOUNG * second_z / (DENSITY * area * length**4))
+    assert part["frequencies_hz"][0] == pytest.approx(first, rel=0.02)
+    # Its own weight: 3/8 of the end load's sag, q L^4 / 8 E I.
+    found = read_part(tmp_path / "p.toml")
+    expected = DENSITY * area * 9.81 * length**4 / (8.0 * YOUNG * second_y)
+    assert found.sag(np.array([0.0, 0.0, -9.81]))[2] == pytest.approx(-expected, rel=0.03)
+
+
+def small(tmp_path: Path, **how: object) -> Path:
+    return write_bar(tmp_path / "bar.inp", "C3D10", *bar("C3D10", (3, 1, 1), (0.6, 0.1, 0.2)), **how)
+
+
+def nastran(mesh: Path) -> str:
+    """Return a bar's .inp as Nastran's bulk data, some of it in large fields and some free."""
+    found = read_inp(mesh)
+    lines = [f"SET {n} = {', '.join(str(found.ids[r]) for r in rows)}" for n, rows in found.sets.items()]
+    lines += ["BEGIN BULK", "MAT1,1,2.1+11,,0.3,7850.", "PSOLID,1,1"]
+    for number, place in zip(found.ids, found.points, strict=True):
+        x, y, z = (f"{value:16.9E}" for value in place)
+        lines += [f"GRID*   {number:16d}{'':16}{x}{y}*", f"*       {z}"]
+    (block,) = found.blocks
+    for number, own in zip(block.ids, found.ids[block.nodes], strict=True):
+        lines += [f"CTETRA,{number},1,{','.join(map(str, own[:6]))},+", f"+,{','.join(map(str, own[6:]))}"]
+    return "\n".join([*lines, "ENDDATA"]) + "\n"
+
+
+def test_every_reader_gives_the_same_part(tmp_path: Path) -> None:
+    mesh = small(tmp_path)
+    expected = condensed(tmp_path, mesh)
+    compliance = np.array(expected["compliance"])
+    # In mm, N and tonnes.
+    in_mm = small(tmp_path, scale=1e3)
+    in_mm.write_text(in_mm.read_text().replace("2.1e11", "210000.").replace("7850.", "7.85e-9"))
+    np.testing.assert_allclose(
+        condensed(tmp_path, in_mm, "--unit", "mm")["compliance"], compliance, rtol=1e-9, atol=1e-18
+    )
+    # As a part and an instance, moved and turned about z by a right angle.
+    text = small(tmp_path).read_text()
+    head, _, tail = text.partition("*MATERIAL")
+    tail, _, section = tail.partition("*SOLID")
+    text = f"*PART, NAME=P\n{head}*SOLID{section}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=I, PART=P\n1., 2., 3.\n"
+    text += f"1., 2., 3., 1., 2., 4., 90.\n*END INSTANCE\n*END ASSEMBLY\n*MATERIAL{tail}"
+    (tmp_path / "parts.inp").write_text(text)
+    turned = condensed(tmp_path, tmp_path / "parts.inp")
+    turn = np.kron(np.eye(2), [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(turned["compliance"], turn @ compliance @ turn.T, rtol=1e-6, atol=1e-18)
+    np.testing.assert_allclose(turned["origin"], [0.95, 2.6, 3.1])
+    # Nastran.
+    (tmp_path / "bar.bdf").write_text(nastran(small(tmp_path)))
+    np.testing.assert_allclose(
+        condensed(tmp_path, tmp_path / "bar.bdf")["compliance"], compliance, rtol=1e-6, atol=1e-18
+    )
+    # The faces of a surface.
+    surface = small(tmp_path).read_text() + "*SURFACE, NAME=FACES\nALL, S1\nALL, S2\nALL, S3\nALL, S4\n"
+    (tmp_path / "faces.inp").write_text(surface)
+    found = read_inp(tmp_path / "faces.inp")
+    assert set(found.sets["FACES"]) == set(range(len(found.points)))
+
+
+def test_gmsh_meshes_are_read(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    points, nodes = bar("C3D4", (4, 2, 2), (0.6, 0.1, 0.2))
+    triangles = {0.0: [], 0.6: []}
+    for own in nodes:
+        for face in ((0, 1, 2), (0, 1, 3), (1, 2, 3), (0, 2, 3)):
+            x = points[own[list(face)], 0]
+            for place, found in triangles.items():
+                found += [own[list(face)]] if np.abs(x - place).max() < 1e-9 else []
+    cells = [("triangle", np.array(triangles[0.0])), ("triangle", np.array(triangles[0.6])), ("tetra", nodes)]
+    data = {"gmsh:physical": [np.full(len(c), n) for n, (_, c) in enumerate(cells, 1)]}
+    data["gmsh:geometrical"] = data["gmsh:physical"]
+    names = {"ROOT": np.array([1, 2]), "TIP": np.array([2, 2]), "BODY": np.array([3, 3])}
+    meshio.write(tmp_path / "bar.msh", meshio.Mesh(points, cells, cell_data=data, field_data=names), "gmsh22")
+    found = condensed(tmp_path, tmp_path / "bar.msh", "--young", YOUNG, "--poisson", POISSON, "--density", DENSITY)
+    same = write_bar(tmp_path / "bar.inp", "C3D4", points, nodes)
+    np.testing.assert_allclose(found["compliance"], condensed(tmp_path, same)["compliance"], rtol=1e-9, atol=1e-18)
+
+
+def test_an_average_interface_is_softer_than_a_rigid_one(tmp_path: Path) -> None:
+    mesh = small(tmp_path)
+    rigid, average = (
+        np.diag(condensed(tmp_path, mesh, "--interface", how)["compliance"]) for how in ("rigid", "average")
+    )
+    assert (average > rigid).all() and (average < 1.5 * rigid).all()
+
+
+def test_a_part_is_a_flexure(tmp_path: Path) -> None:
+    """It gives as the same compliance by numbers does, at the joint or at a node of it."""
+    part = condensed(tmp_path, small(tmp_path), "--young-std", 0.1)
+    told = (ROBOTS / "heavy_six" / "arm.toml").read_text().split("[flexure")[0].replace("robot.urdf", "R.urdf")
+    (tmp_path / "R.urdf").write_bytes((ROBOTS / "heavy_six" / "robot.urdf").read_bytes())
+    joint = armflex.load_arm(ROBOTS / "heavy_six" / "arm.toml").joint_names[1]
+    named = f'[flexure.F]\njoint = "{joint}"\nnode = [0.1, 0.2, 0.3]\n'
+    rows = ", ".join(str(row) for row in part["compliance"])
+    shifts = []
+    for how in ('file = "p.toml"\n', f"compliance = [{rows}]\nrelative_std = 0.1\n"):
+        (tmp_path / "arm.toml").write_text(told + named + how)
+        arm = armflex.load_arm(tmp_path / "arm.toml")
+        found = arm.deflection(arm.position())
+        shifts.append((found.displacement, found.covariance))
+    np.testing.assert_allclose(shifts[0][0], shifts[1][0], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(shifts[0][1], shifts[1][1], rtol=1e-9, atol=1e-20)
+
+
+def edited(change: Callable[[str], str]) -> Callable[[Path], Path]:
+    def make(folder: Path) -> Path:
+        mesh = small(folder)
+        mesh.write_text(change(mesh.read_text()))
+        return mesh
+
+    return make
+
+
+def two_apart(folder: Path) -> Path:
+    points, nodes = bar("C3D10", (1, 1, 1), (0.2, 0.1, 0.2))
+    return write_bar(
+        folder / "bar.inp",
+        "C3D10",
+        np.vstack([points, points + np.array([0.4, 0.0, 0.0])]),
+        np.vstack([nodes, nodes + len(points)]),
+    )
+
+
+def swapped(text: str) -> str:
+    lines = text.splitlines()
+    at = lines.index("*ELEMENT, TYPE=C3D10, ELSET=ALL") + 1
+    cells = lines[at].split(", ")
+    cells[1], cells[2] = cells[2], cells[1]
+    return "\n".join([*lines[:at], ", ".join(cells), *lines[at + 1 :]]) + "\n"
+
+
+BROKEN: dict[str, tuple[Callable[[Path], Path], tuple[object, ...], str]] = {
+    "a node of no element": (
+        edited(lambda t: t.replace("*NODE\n", "*NODE\n999, 1., 0., 0.\n")),
+        (),
+        "bar.inp:2: node 999 belongs to no element",
+    ),
+    "an inverted element": (edited(swapped), (), "element 1 (C3D10) has no positive volume"),
+    "a part on its own": (two_apart, (), "is not connected to 'root'"),
+    "a missing set": (small, ("--loaded", "tipp"), "no set of bar.inp named 'tipp', did you mean 'TIP'"),
+    "a missing material": (
+        edited(lambda t: t.replace("MATERIAL=STEEL", "MATERIAL=STEAL")),
+        (),
+        "a material 'STEAL' that is not there (known: STEEL)",
+    ),
+    "no section": (edited(lambda t: t.split("*SOLID")[0]), (), "have no material: give --young and --poisson"),
+    "millimetres": (lambda folder: small(folder, scale=1e3), (), "is another unit meant (--unit mm)?"),
+    "MPa in metres": (
+        edited(lambda t: t.replace("2.1e11", "210000.")),
+        (),
+        "is the mesh in mm, N and tonnes (--unit mm)?",
+    ),
+    "shared nodes": (
+        edited(lambda t: t + "*NSET, NSET=OTHER\nTIP\n"),
+        ("--loaded", "tip,other"),
+        "interfaces 'tip' and 'other' share",
+    ),
+    "an interface that is held": (small, ("--loaded", "root"), "all different"),
+    "a line of nodes": (
+        edited(lambda t: t + "*NSET, NSET=TWO\n" + "\n".join(t.split("NSET=TIP\n")[1].split("\n")[:2]) + "\n"),
+        ("--loaded", "two"),
+        "nodes on one line",
+    ),
+    "shells": (
+        edited(lambda t: t + "*ELEMENT, TYPE=S4, ELSET=X\n900, 1, 2, 3, 4\n"),
+        (),
+        "elements of the type S4 are not computed",
+    ),
+    "a tie": (edited(lambda t: t + "*TIE, NAME=T\nA, B\n"), (), "*TIE is not computed here"),
+    "a number": (edited(lambda t: t.replace("2.1e11, 0.3", "2.1e11, O.3")), (), "expected numbers, got '2.1e11,O.3'"),
+    "a node that is not there": (
+        edited(lambda t: t.replace("*NODE\n1,", "*NODE\n1001,")),
+        (),
+        "names node 1, which is not there",
+    ),
+    "Poisson's ratio": (small, ("--poisson", 0.5), "Poisson's ratio 0.5"),
+    "another suffix": (lambda folder: small(folder).rename(folder / "bar.ipn"), (), "is no mesh, did you mean '.inp'"),
+    "no file": (lambda folder: folder / "none.inp", (), "cannot be read"),
+}
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_a_broken_mesh_is_named(broken: str, tmp_path: Path) -> None:
+    make, more, expected = BROKEN[broken]
+    found = run_here(tmp_path, "fem", make(tmp_path), "--fixed", "root", "--loaded", "tip", "-o", "p.toml", *more)
+    assert found.returncode == 2 and expected in found.stderr, found.stderr
+    assert not (tmp_path / "p.toml").exists()
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_spoilt_meshes_are_refused_or_read(data: st.DataObject, tmp_path: Path) -> None:
+    """No spoilt line ends in anything but a mesh or a typed error."""
+    mesh = small(tmp_path)
+    nastrans = data.draw(st.booleans())
+    lines = (nastran(mesh) if nastrans else mesh.read_text()).splitlines()
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(lines) - 1))
+        words = st.sampled_from(
+            [*"*,0-9.", "1e999", "nan", "*NODE", "GENERATE", "ALL", "THRU", "ROOT", "", "é", "-1", "\0"]
+        )
+        place = data.draw(st.integers(0, len(lines[at])))
+        lines[at] = lines[at][:place] + data.draw(words) + lines[at][place + data.draw(st.integers(0, 5)) :]
+    path = tmp_path / ("spoilt.bdf" if nastrans else "spoilt.inp")
+    path.write_text("\n".join(lines))
+    with contextlib.suppress(armflex.InputError):
+        (read_bdf if nastrans else read_inp)(path)
