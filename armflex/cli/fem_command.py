@@ -8,13 +8,17 @@ import click
 
 from armflex.cli import options
 from armflex.cli.terminal import doing, number, print_table, say
-from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
-from armflex.errors import InputError
+from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, parse_quantity
+from armflex.errors import InputError, listing
 from armflex.fem.condense import condense
 from armflex.fem.mesh import UNITS
 from armflex.fem.part import Part, write_part
 from armflex.fem.read import read_mesh
+from armflex.fem.study import random_loads, study, write_study
 from armflex.storage.whole_file import together
+
+SOLVERS = {"calculix": "CalculiX, with large displacements", "linear": "a linear condensation"}
+"""Solver of a table -> how people read it."""
 
 
 @click.command(cls=options.Command)
@@ -34,7 +38,11 @@ from armflex.storage.whole_file import together
     show_default=True,
     help="A loaded set moves as one body, or its motion is the mean of its nodes' and its load distributed.",
 )
-@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Part to write (.toml).")
+@click.option("--table", type=click.IntRange(1, 100_000), metavar="N", help="Write a table of N random loads instead.")
+@click.option("--load", metavar="1kN:5kN", help="With --table: least and largest force, of any direction.")
+@click.option("--moment", metavar="1kNm:5kNm", help="With --table: least and largest moment; without it there is none.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="With --table: of the loads.")
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Part (.toml) or table (.csv) to write.")
 def command(
     mesh_path: Path,
     fixed: str,
@@ -46,27 +54,55 @@ def command(
     young_std: float,
     size: float | None,
     interface: str,
+    table: int | None,
+    load: str | None,
+    moment: str | None,
+    seed: int,
     output: Path,
 ) -> None:
     """Condense a mesh to stiffness, mass and weight where it joins its neighbours.
 
-    MESH is an Abaqus or CalculiX .inp, a Nastran .bdf, a gmsh .msh, or a STEP file, which gmsh meshes.
+    MESH is an Abaqus or CalculiX .inp, a Nastran .bdf, a gmsh .msh, or a STEP file, which gmsh meshes. With --table the
+    deflections under random loads are found, with large displacements where CalculiX (ccx) is installed, for `train`.
     """
-    if output.suffix != ".toml":
-        raise InputError(f"{output}: a part is a .toml file; name it so")
+    ending = ".csv" if table else ".toml"
+    if output.suffix != ending:
+        raise InputError(f"{output}: a {'table' if table else 'part'} is a {ending} file; name it so")
+    if bool(table) != bool(load) or (moment and not table):
+        raise InputError("--table N and --load 1kN:5kN belong together, and --moment with both")
     names = tuple(name.strip() for name in loaded.split(",") if name.strip())
     doing(f"reading {mesh_path.name}")
-    mesh = read_mesh(mesh_path, unit, young, poisson, density, size)
+    mesh = read_mesh(mesh_path, unit, young, poisson, density, size, springs=bool(table))
 
     def tick(what: str, done: int, total: int | None) -> None:
         doing(what + (f", {done} of {total}" if total else ""))
 
+    if table:
+        assert load is not None
+        if len(names) != 1:
+            raise InputError(f"a table is of one loaded set, got {listing(names)}")
+        loads = random_loads(table, _bounds(load, "force"), _bounds(moment, "moment") if moment else None, seed)
+        found = study(mesh, fixed.strip(), names[0], loads, unit, interface, tick)
+        with together():
+            write_study(found, output)
+            said = {"solver": found.solver, "rows": table, "seed": seed, "loads": found.loads, "twists": found.twists}
+            options.conclude(lambda: said, found.flags)
+        say(f"{table} loads, solved by {SOLVERS[found.solver]}. Written to {output}, for armflex train {output}.")
+        return
     part = condense(mesh, fixed.strip(), names, interface, young_std, tick)
     with together():
         write_part(part, output)
         options.conclude(lambda: {**part.to_dict(), "flags": []}, part.flags)
     print_part(part)
     say(f'Written to {output}. In an arm.toml: [flexure.NAME] with joint = "..." and file = "{output.name}".')
+
+
+def _bounds(text: str, kind: str) -> tuple[float, float]:
+    """Return the two quantities of a text such as 1kN:5kN."""
+    low, colon, high = text.partition(":")
+    if not colon:
+        raise InputError(f"{text!r}: expected the least and the largest {kind}, such as 1kN:5kN")
+    return parse_quantity(low, kind), parse_quantity(high, kind)
 
 
 def print_part(part: Part) -> None:

@@ -124,7 +124,7 @@ def _interfaces(
 ) -> tuple[Any, Any]:
     """Return the (3 N, n) map from the unknowns to all nodes, and the (n, 6 m) loads on them per interface's load."""
     count = len(mesh.points)
-    bodies = [_rigid(mesh.points[sets[name]] - origin) for name, origin in zip(loaded, origins, strict=True)]
+    bodies = [rigid_motion(mesh.points[sets[name]] - origin) for name, origin in zip(loaded, origins, strict=True)]
     gone = [sets[fixed], *((sets[name] for name in loaded) if interface == "rigid" else ())]
     free = np.setdiff1d(np.arange(count), np.concatenate(gone))
     place: Any = sparse.eye_array(3 * count, format="csc")
@@ -141,7 +141,7 @@ def _interfaces(
     return reduced, reduced.T @ sparse.hstack(own, "csc") @ spread
 
 
-def _rigid(arms: Array) -> Array:
+def rigid_motion(arms: Array) -> Array:
     """Return the (3 M, 6) motion of points at (M, 3) arms [m] from a body's origin by the body's twist."""
     found = np.zeros((len(arms), 3, 6))
     found[:, :, :3] = np.eye(3)

@@ -21,6 +21,7 @@ def read_mesh(
     poisson: float | None = None,
     density: float | None = None,
     size: float | None = None,
+    springs: bool = False,
 ) -> Mesh:
     """Return the mesh of an .inp, .bdf, .msh or STEP file, all of whose elements have a material.
 
@@ -29,6 +30,7 @@ def read_mesh(
         unit: A key of `mesh.UNITS`, of what has no unit of its own; a STEP file has.
         young, poisson, density: Material of all elements [Pa, 1, kg/m^3], where the file has none or another is meant.
         size: Of the elements that a STEP file is meshed into [m].
+        springs: Whether an .inp may have what only CalculiX computes; see `Mesh.beyond`.
 
     Raises:
         MeshError: It is none of them, cannot be read, or elements have no material.
@@ -50,5 +52,5 @@ def read_mesh(
     elif suffix == ".msh":
         found = read_msh(path, unit)
     else:
-        found = read_inp(path, unit) if suffix == ".inp" else read_bdf(path, unit)
+        found = read_inp(path, unit, springs) if suffix == ".inp" else read_bdf(path, unit)
     return with_material(found, young, poisson, density)

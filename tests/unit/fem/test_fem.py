@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -263,3 +264,47 @@ def test_spoilt_meshes_are_refused_or_read(data: st.DataObject, tmp_path: Path) 
     path.write_text("\n".join(lines))
     with contextlib.suppress(armflex.InputError):
         (read_bdf if nastrans else read_inp)(path)
+
+
+def test_a_table_of_loads_without_calculix_is_linear_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = small(tmp_path)
+    monkeypatch.setattr("armflex.fem.study.PROGRAM", "no such program")
+    given = ["fem", mesh, "--fixed", "root", "--loaded", "tip", "-o", "t.csv", "--table", 30, "--load", "1kN:5kN"]
+    found = fine(run_here(tmp_path, *given, "--moment", "10Nm:20Nm"))
+    assert "CalculiX (no such program) is not installed: the deflections are linear" in found.stderr
+    rows = armflex.read_joint_data(tmp_path / "t.csv")
+    compliance = np.array(condensed(tmp_path, mesh)["compliance"])
+    np.testing.assert_allclose(rows.deflections, rows.loads @ compliance.T, rtol=1e-6, atol=1e-13)
+    sizes = np.linalg.norm(rows.loads.reshape(-1, 2, 3), axis=2)
+    assert (sizes > [999.0, 9.99]).all() and (sizes < [5001.0, 20.01]).all()
+    # The paper's linear model on linear rows is structural condensation.
+    fitted = armflex.train(rows, model="linear")
+    np.testing.assert_allclose(fitted.trained.law.constant, compliance, rtol=1e-8, atol=1e-12 * compliance.max())
+    text = mesh.read_text() + "*ELEMENT, TYPE=SPRINGA, ELSET=S\n900, 1, 2\n*SPRING, ELSET=S\n1e6\n"
+    mesh.write_text(text)
+    assert "is computed by CalculiX alone" in fine(run_here(tmp_path, *given), 2).stderr
+    assert "--table N and --load" in fine(run_here(tmp_path, *given[:-2]), 2).stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("interface", ["rigid", "average"])
+def test_a_table_of_loads_by_calculix(tmp_path: Path, interface: str) -> None:
+    """Small loads give the condensation's compliance; in mm, and of a mesh that is no .inp, too."""
+    if shutil.which("ccx") is None:
+        pytest.skip("CalculiX (ccx) is not installed")
+    mesh = small(tmp_path, scale=1e3)
+    mesh.write_text(mesh.read_text().replace("2.1e11", "210000.").replace("7850.", "7.85e-9"))
+    compliance = np.array(condensed(tmp_path, mesh, "--unit", "mm", "--interface", interface)["compliance"])
+    (tmp_path / "bar.bdf").write_text(nastran(small(tmp_path)))
+    for file, unit in ((mesh, "mm"), (tmp_path / "bar.bdf", "m")):
+        if unit == "mm":
+            small(tmp_path, scale=1e3)
+            mesh.write_text(mesh.read_text().replace("2.1e11", "210000.").replace("7850.", "7.85e-9"))
+        given = ["fem", file, "--fixed", "root", "--loaded", "tip", "-o", "t.csv", "--unit", unit, "--table", 4]
+        given += ["--load", "100N:500N", "--moment", "10Nm:50Nm", "--interface", interface]
+        assert "solved by CalculiX" in fine(run_here(tmp_path, *given)).stdout
+        rows = np.loadtxt(tmp_path / "t.csv", delimiter=",", skiprows=1)
+        expected = rows[:, :6] @ compliance.T * 1e3
+        np.testing.assert_allclose(rows[:, 6:], expected, rtol=2e-3, atol=1e-3 * np.abs(expected).max())
