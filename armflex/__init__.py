@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from armflex.tasks.compensate import compensate as compensate
     from armflex.tasks.iso9283 import iso9283 as iso9283
     from armflex.tasks.predict import predict as predict
+    from armflex.tasks.rehearse import rehearse as rehearse
     from armflex.tasks.workspace import map_workspace as map_workspace
     from armflex.trace import trace as trace
     from armflex.track import Reading as Reading
@@ -69,6 +70,7 @@ HOMES = {
     "armflex.tasks.compensate": "compensate",
     "armflex.tasks.iso9283": "iso9283",
     "armflex.tasks.predict": "predict",
+    "armflex.tasks.rehearse": "rehearse",
     "armflex.tasks.workspace": "map_workspace",
     "armflex.trace": "trace",
     "armflex.track": "Reading Tracker",

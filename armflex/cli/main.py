@@ -24,6 +24,7 @@ COMMANDS = {
     "trace": "calibrate, and find the effects that explain the residual",
     "report": "pose accuracy and repeatability of a campaign, as ISO 9283 defines them",
     "plan": "the poses, payloads and approach directions to measure next",
+    "rehearse": "which missing effects a campaign would name, before it is driven",
     "train": "learn a joint deformation model from loads and deflections",
     "fem": "condense a mesh to stiffness, mass and weight where it joins its neighbours",
     "map": "worst displacement, uncertainty and margin over the whole workspace",

@@ -32,6 +32,7 @@ READ = {
     "trace": ["arm.toml", "rows.csv", "--points", "joint.csv"],
     "report": ["arm.toml", "rows.csv", "--iso9283", "--points", "joint.csv"],
     "plan": ["arm.toml", "--after", "rows.csv", "--along", "joint.csv"],
+    "rehearse": ["arm.toml", "--rows", "rows.csv"],
     "train": ["joint.csv", "--assembly", "arm.toml"],
     "fem": ["bar.inp", "--fixed", "ROOT", "--loaded", "TIP"],
     "map": ["arm.toml"],

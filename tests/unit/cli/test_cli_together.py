@@ -47,6 +47,7 @@ GIVEN = {
     "trace": ["arm.toml", "rows.csv", "-o", "o.toml", "--report", "o.html"],
     "report": ["arm.toml", "rows.csv", "--iso9283", "-o", "o.html"],
     "plan": ["arm.toml", "--rows", "2", "-o", "o.csv", "--picture", "o.png"],
+    "rehearse": ["arm.toml", "--rows", "rows.csv", "--draws", "1"],
     "train": [TABLE, "-o", "o.safetensors", "--picture", "o.png"],
     "fem": [MESH, "--fixed", "ROOT", "--loaded", "TIP", "-o", "o.toml"],
     "map": ["arm.toml", "--rows", "64", "-o", "o.csv", "--picture", "o.png", "--page", "o.html"],

@@ -1,0 +1,99 @@
+"""armflex rehearse: what poses and instruments could show, before anybody drives them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from armflex.cli import options
+from armflex.cli.terminal import number, print_table, progress, say
+from armflex.errors import InputError
+from armflex.files.effect_file import names_of
+from armflex.laws.effects.catalogue import EVERY
+from armflex.measured.measurements import read_measurements
+from armflex.plan.planning import READING
+from armflex.tasks.rehearse import DRAWS, Rehearsal, Rehearsed, rehearse, summary
+
+CLEAR, DOUBTFUL = 0.9, 0.5
+"""Probability of its own name from which a campaign is said to name an effect, and below which it is said to fail."""
+
+
+@click.command(cls=options.Command)
+@click.argument("arm_path", metavar="ARM", type=options.InputPath)
+@click.option("--rows", "rows_path", type=options.InputPath, metavar="POSES.csv", help="[default: 60 rows of plan]")
+@click.option("--sigma", type=options.Quantity("length"), metavar="0.2mm", help="Of a position read [default: 0.2mm].")
+@click.option("--size", type=options.Quantity("length"), metavar="1mm", help="Of an effect, RMS [default: 1mm].")
+@click.option("--draws", type=click.IntRange(min=1), default=DRAWS, show_default=True, help="Campaigns of each effect.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the draws.")
+@options.lax
+def command(
+    arm_path: Path,
+    rows_path: Path | None,
+    sigma: float | None,
+    size: float | None,
+    draws: int,
+    seed: int,
+    lax: bool,
+) -> None:
+    """Simulate a campaign with one hidden effect after the other, and report which of them it would name.
+
+    Each effect moves the target by --size RMS, or by less where no machine has so much. All instruments that ARM
+    declares are read, and a tracker at the target.
+    """
+    arm = options.declared_arm(arm_path, "rehearse", lax=lax)
+    rows = None if rows_path is None else read_measurements(rows_path, arm, inputs_only=True)
+    given: dict[str, Any] = {"sigma": READING if sigma is None else sigma, "size": 1e-3 if size is None else size}
+    if not all(0.0 < value < 1.0 for value in given.values()):
+        raise InputError("--sigma and --size are lengths of more than 0 and less than 1 m")
+    with progress("rehearsing: effects hidden") as tick:
+        found = rehearse(arm, rows, draws=draws, seed=seed, progress=tick, **given)
+    options.conclude(lambda: as_json(found), ())
+    print_rehearsal(found)
+
+
+def print_rehearsal(found: Rehearsal) -> None:
+    """Print a line for every law, the hardest to name first, and what these rows cannot show."""
+    rows = []
+    for name, some in found.laws:
+        named, within, nothing, confused = summary(some)
+        size = sum(one.size for one in some) / len(some)
+        shares = [f"{share:.0%}" for share in (named, within, nothing)]
+        rows.append([EVERY[name].words.title, str(len(some)), number(size * 1e3, 2), *shares, confused or "-"])
+    columns = ["hidden effect", "places", "size mm", "own name", "in 95 % set", "nothing missing", "confused with"]
+    print_table(f"Mean probability after {found.read} rows are read", columns, rows)
+    clear = sum(one.named >= CLEAR for one in found.effects)
+    failed = [one for one in found.effects if one.named < DOUBTFUL]
+    still = sum(one.size == 0.0 for one in failed)
+    say(
+        f"{clear} of {len(found.effects)} effects would get their own name with a probability of {CLEAR:.0%} or more, "
+        f"{len(failed)} with less than {DOUBTFUL:.0%}; {still} do not move what is read at all."
+    )
+
+
+def as_json(found: Rehearsal) -> dict[str, Any]:
+    """Return a rehearsal for programs."""
+    return {
+        "rows": found.read,
+        "sigma_mm": found.sigma * 1e3,
+        "size_mm": found.size * 1e3,
+        "effects": [_effect_json(one) for one in found.effects],
+    }
+
+
+def _effect_json(one: Rehearsed) -> dict[str, Any]:
+    name, shape = names_of(EVERY[one.effect])
+    return {
+        "effect": name,
+        **({"shape": shape} if shape else {}),
+        "site": one.location.place,
+        "axis": one.location.axis,
+        "covariates": one.location.covariates,
+        **({"partner": one.location.partner} if one.location.partner else {}),
+        "size_mm": one.size * 1e3,
+        "probability": one.named,
+        "in_credible_set": one.within,
+        "nothing": one.nothing,
+        "confused_with": [{"name": title, "probability": chance} for title, chance in one.confused],
+    }

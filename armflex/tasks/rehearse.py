@@ -1,0 +1,291 @@
+"""What poses and instruments could show on an arm, before anybody drives them.
+
+The campaign is simulated: the arm as declared, its free parameters drawn from [prior], the instruments' stated noise.
+One effect at a time is hidden in it, of a size that moves the target by as much as is asked for, or less where no
+machine has so much. The exact posterior over all hypotheses (`armflex.trace`) then says with what probability the
+effect would get its own name, and which other name it would get.
+
+It is the linear problem of one missing effect: values inside a law are those of the search's grid, and no other effect
+is missing. A campaign that fails here fails on the machine.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+
+import numpy as np
+from scipy.special import logsumexp
+
+from armflex.arguments import checked_kinds
+from armflex.arm import Arm, Setup
+from armflex.conventions import Array
+from armflex.errors import InputError
+from armflex.estimate import calibrate
+from armflex.estimate.view import look
+from armflex.laws.effects.location import Location
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
+from armflex.plan.drive import RUN_UP
+from armflex.plan.planning import READING, plan
+from armflex.readings import Kind, Position, Readings
+from armflex.readings.instrument import Instrument
+from armflex.result import Result
+from armflex.rows import Rows
+from armflex.rows.rows import last_motion
+from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.posterior.probabilities import CREDIBLE
+from armflex.trace.posterior.screen import MOVED, Screen, unit_of
+from armflex.trace.posterior.search import standing
+from armflex.trace.posterior.state import begin
+
+ROWS, DRAWS = 60, 3
+"""Rows that are planned where none are given, and campaigns that are simulated of each effect."""
+
+CHECKED = 12
+"""Tolerance: of the likeliest hypotheses so many have the size that they would need held against what machines have."""
+
+FAINT = 1e-3
+"""Tolerance: mean probability below which another name is not reported."""
+
+SMALLER = 1e-2
+"""Tolerance: share of the size asked for down to which a size that machines have is sought."""
+
+
+@dataclass(frozen=True)
+class Rehearsed:
+    """One effect at one place, hidden in simulated campaigns.
+
+    Attributes:
+        effect: Name of its law.
+        location: Where it acts.
+        title: Both, in words.
+        size: How far it moves the target [m], RMS over the rows; 0 where these rows do not show it at all.
+        named: Mean probability of its own name.
+        within: Share of the campaigns whose credible set of 95 % holds it.
+        nothing: Mean probability that nothing is missing.
+        confused: Names of other effects with the mean probability of each, the likeliest first.
+    """
+
+    effect: str
+    location: Location
+    title: str
+    size: float
+    named: float
+    within: float
+    nothing: float
+    confused: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Rehearsal(Result):
+    """What a campaign could show.
+
+    Attributes:
+        rows: The rows, in the order driven.
+        sigma: Standard deviation of a position read [m].
+        size: How far a hidden effect moves the target at most [m], RMS.
+        effects: Every effect that was hidden, in the order of the catalogue.
+    """
+
+    TOLD = ("size", "sigma", "read", "effects")
+    ROWS = "effects"
+
+    rows: Rows
+    sigma: float
+    size: float
+    effects: tuple[Rehearsed, ...]
+
+    @property
+    def read(self) -> int:
+        """How many rows are read."""
+        return int(self.rows.measured.sum())
+
+    @property
+    def laws(self) -> tuple[tuple[str, tuple[Rehearsed, ...]], ...]:
+        """The effects of each law, the law that is hardest to name first."""
+        grouped = [(name, tuple(some)) for name, some in groupby(self.effects, key=lambda one: one.effect)]
+        return tuple(sorted(grouped, key=lambda pair: float(np.mean([one.named for one in pair[1]]))))
+
+
+@checked_kinds
+def rehearse(
+    arm: Arm,
+    rows: Measurements | Tabular | None = None,
+    *,
+    sigma: float = READING,
+    size: float = 1e-3,
+    draws: int = DRAWS,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Rehearsal:
+    """Return with what probability effects would get their right names from a campaign that is still to be driven.
+
+    Args:
+        arm: The arm as declared; all instruments that it declares are read, and a tracker at the target.
+        rows: The rows: a table as for `predict`; 60 rows as `plan` chooses them where not given.
+        sigma: Standard deviation of a position read [m].
+        size: How far each effect moves the target [m], RMS over the rows.
+        draws: Campaigns simulated of each effect.
+        seed: Of the draws.
+        progress: Called with (effects done, effects in all).
+
+    Raises:
+        InputError: A number is out of its range, or [prior] frees nothing and no rows are given.
+        IdentifiabilityError: The rows do not determine where the instrument stands.
+    """
+    for name, value in (("sigma", sigma), ("size", size)):
+        if not 0.0 < value < 1.0:
+            raise InputError(f"{name} is {value:g} m, expected more than 0 and less than 1 m")
+    if draws < 1:
+        raise InputError(f"draws is {draws}, expected 1 or more")
+    rng = np.random.default_rng(seed)
+    if rows is None:
+        driven = plan(arm, ROWS, sigma=sigma, seed=seed).rows
+        driven = replace(driven, approach=last_motion(driven.q))
+    else:
+        driven = as_measurements(rows, arm, True)
+    campaign = simulated(arm, driven, sigma, rng)
+    screen = standing(begin(calibrate(arm, campaign, as_stated=True, anyway=True))).screen
+    _ = screen.batches  # once for all campaigns
+    places, found = Places.of(screen, rng), list[Rehearsed]()
+    for number in places.hidden:
+        found.append(_rehearsed(screen, places, number, size, draws, rng))
+        if progress is not None:
+            progress(len(found), len(places.hidden))
+    return Rehearsal(campaign, sigma, size, tuple(found))
+
+
+def simulated(arm: Arm, rows: Rows, sigma: float, rng: np.random.Generator) -> Measurements:
+    """Return the campaign that an arm without any further effect would give, all its instruments read.
+
+    Args:
+        arm: The arm.
+        rows: What is driven; a row whose pose begins with `to ` is not read.
+        sigma: Standard deviation of a position read [m].
+        rng: Of the noise.
+    """
+    bare = Rows.__dataclass_fields__
+    rows = Rows(**{name: getattr(rows, name) for name in bare})
+    read = np.array([not pose.startswith(RUN_UP) for pose in rows.pose])
+    kinds: list[Kind] = [Position.unread(len(rows), sigma)]
+    kinds += [replace(one.kind.unread(len(rows), one.sigma), name=name) for name, one in arm.sensors.items()]
+    rows = replace(rows, measured=read)
+    at = look(Setup(arm, arm.instrument or Instrument()), rows, readings=Readings(len(rows), tuple(kinds))).at
+    taken = []
+    for kind in kinds:
+        there = np.where(read[:, None], kind.sigma, np.inf)
+        noise = np.where(read[:, None], kind.sigma, 0.0) * rng.standard_normal(kind.values.shape)
+        taken.append(replace(kind, values=np.where(read[:, None], kind.predicted(at) + noise, 0.0), sigma=there))
+    return Measurements.of(rows, Readings(len(rows), tuple(taken)))
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Laws and places of a screen's hypotheses.
+
+    Attributes:
+        number: (H + 1,) which law and place each hypothesis is of; last that of nothing.
+        titles: What each is called.
+        hidden: Numbers of the hypotheses that are hidden: one for every named law and place, drawn from the grid.
+    """
+
+    number: np.ndarray
+    titles: tuple[str, ...]
+    hidden: tuple[int, ...]
+
+    @staticmethod
+    def of(screen: Screen, rng: np.random.Generator) -> Places:
+        """Return those of a screen."""
+        known = [group.hypothesis for group in screen.groups]
+        spots = {spot: i for i, spot in enumerate(dict.fromkeys(one.spot for one in known))}
+        number = np.array([*(spots[one.spot] for one in known), len(spots)])
+        titles = {
+            one.spot: f"{one.one.law.words.title} at every drive" if one.family else one.one.name for one in known
+        }
+        named = [i for i, one in enumerate(known) if not one.family and one.one.law.physical]
+        grouped: dict[int, list[int]] = {}
+        for i in named:
+            grouped.setdefault(int(number[i]), []).append(i)
+        hidden = tuple(int(rng.choice(some)) for some in grouped.values())
+        return Places(number, (*(titles[spot] for spot in spots), "nothing"), hidden)
+
+
+def _rehearsed(
+    screen: Screen, places: Places, number: int, size: float, draws: int, rng: np.random.Generator
+) -> Rehearsed:
+    """Return what simulated campaigns say of one hidden hypothesis."""
+    group, projection = screen.groups[number], screen.projection
+    one, own = group.hypothesis.one, int(places.number[number])
+    what = (one.law.name, one.location, one.name)
+    columns = screen.columns(group.places)
+    unit = unit_of(screen.fit) / screen.quiet**2
+    read = np.isfinite(screen.fit.view.sigma).ravel()
+    mean, within, sizes = np.zeros(len(places.titles)), 0, []
+    for _ in range(draws):
+        amplitudes = group.scale * _direction(group.hypothesis, rng)
+        moved = MOVED * float(np.sqrt(((columns @ amplitudes) ** 2).sum() / unit))
+        if not 0.0 < moved < np.inf:
+            return Rehearsed(*what, 0.0, 0.0, 0.0, 1.0)
+        amplitudes, moved = amplitudes * size / moved, size
+        while screen.charge(number, amplitudes) > 0.0 and moved > SMALLER * size:
+            amplitudes, moved = 0.5 * amplitudes, 0.5 * moved
+        sizes.append(moved)
+        drawn = projection.regressors @ _drawn(projection.precision, rng)
+        noise = np.where(read, rng.standard_normal(len(read)), 0.0)
+        chances = _posterior(screen, places, columns @ amplitudes + drawn + noise)
+        within += float(chances[chances > chances[own]].sum()) < CREDIBLE
+        mean += chances / draws
+    best = [i for i in np.argsort(-mean).tolist() if i not in (own, len(mean) - 1)]
+    confused = tuple((places.titles[i], float(mean[i])) for i in best[:3] if mean[i] > FAINT)
+    return Rehearsed(*what, float(np.mean(sizes)), float(mean[own]), within / draws, float(mean[-1]), confused)
+
+
+def _direction(hypothesis: Hypothesis, rng: np.random.Generator) -> Array:
+    """Return the (k,) direction of the amplitudes of a hidden hypothesis, of length 1."""
+    drawn = rng.standard_normal(len(hypothesis.one.location.terms))
+    drawn = np.abs(drawn) if hypothesis.positive else drawn
+    return drawn / np.linalg.norm(drawn)
+
+
+def _drawn(precision: Array, rng: np.random.Generator) -> Array:
+    """Return (P,) values of the fitted parameters drawn from their priors, 0 where there is none."""
+    known = precision > 0.0
+    return np.where(known, rng.standard_normal(len(precision)) / np.sqrt(np.where(known, precision, 1.0)), 0.0)
+
+
+def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
+    """Return the (S + 1,) probabilities of all laws and places where one effect at most is missing; last: of nothing.
+
+    Args:
+        screen: The hypotheses.
+        places: Their laws and places.
+        readings: (n,) whitened readings.
+    """
+    projection, problem = screen.projection, copy.copy(screen)
+    vars(problem).pop("_known", None)  # what other readings said
+    problem.scores = screen.scores_of(readings[:, None])[:, 0]
+    left = float(readings @ projection.cleared(readings))
+    problem.objective = left - float(((projection.half @ readings) ** 2).sum())
+    beside = problem.beside(())
+    logs = logsumexp(beside.odds, axis=1)
+    for number in np.argsort(-logs)[:CHECKED].tolist():
+        scale = int(beside.odds[number].argmax())
+        logs[number] -= screen.charge(number, beside.amplitudes_of(number, scale))
+    weights = np.exp(np.append(logs, 0.0) - max(float(logs.max()), 0.0))
+    return np.bincount(places.number, weights / weights.sum(), len(places.titles))
+
+
+def summary(some: Sequence[Rehearsed]) -> tuple[float, float, float, str]:
+    """Return of several effects the mean probability of the right name, the share within the credible sets, the mean
+    probability of nothing, and the name that they are most often confused with.
+    """
+    chances: dict[str, float] = {}
+    for one in some:
+        for name, chance in one.confused:
+            chances[name] = chances.get(name, 0.0) + chance
+    most = max(chances.items(), key=lambda pair: pair[1], default=("", 0.0))
+    figures = [float(np.mean([getattr(one, what) for one in some])) for what in ("named", "within", "nothing")]
+    return figures[0], figures[1], figures[2], most[0] if most[1] / len(some) >= 0.01 else ""
