@@ -270,12 +270,14 @@ def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
     left = float(readings @ projection.cleared(readings))
     problem.objective = left - float(((projection.half @ readings) ** 2).sum())
     beside = problem.beside(())
-    logs = logsumexp(beside.odds, axis=1)
+    logs: Array = np.asarray(logsumexp(beside.odds, axis=1))
     for number in np.argsort(-logs)[:CHECKED].tolist():
         scale = int(beside.odds[number].argmax())
         logs[number] -= screen.charge(number, beside.amplitudes_of(number, scale))
     weights = np.exp(np.append(logs, 0.0) - max(float(logs.max()), 0.0))
-    return np.bincount(places.number, weights / weights.sum(), len(places.titles))
+    chances = np.zeros(len(places.titles))
+    np.add.at(chances, places.number, weights / weights.sum())
+    return chances
 
 
 def summary(some: Sequence[Rehearsed]) -> tuple[float, float, float, str]:
