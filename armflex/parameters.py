@@ -125,9 +125,11 @@ def of_targets(sessions: Iterable[str], size: int = 6) -> tuple[ArmParameter, ..
 
 def of_sensor(sensor: Sensor, sessions: Iterable[str]) -> tuple[ArmParameter, ...]:
     """Return what a campaign has to find of a sensor, in every session anew; '' is one that holds for all."""
-    free = [sensor.labels[i] for i in sensor.free.tolist()]
-    groups = (Group(ParameterKind.SENSOR, f"{sensor.name} {session}".strip(), moves=False) for session in sessions)
-    return tuple(ArmParameter(group, name, unit) for group in groups for name, unit in free)
+    return tuple(
+        ArmParameter(Group(ParameterKind.SENSOR, f"{sensor.name} {session}".strip(), moves=False), *sensor.labels[i])
+        for session in sessions
+        for i in sensor.free_in(session).tolist()
+    )
 
 
 def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:

@@ -33,7 +33,7 @@ from armflex.parameters import (
     of_sensor,
     of_targets,
 )
-from armflex.readings import Orientation, Position
+from armflex.readings import Kind, Orientation, Position, Sensor, Touch
 from armflex.readings.instrument import twist_per_value
 
 
@@ -157,34 +157,42 @@ def mounting_block(setup: Setup) -> Block:
 
 
 def sensor_block(setup: Setup, name: str, sessions: tuple[str, ...]) -> Block:
-    """Return the block of what is open of a sensor itself, anew in every session; the one session '' is all of them."""
+    """Return the block of what is open of a sensor itself, anew in every session; the one session '' is all of them.
+
+    Of a touching instrument `sessions` are sockets, and '' the point that touches; see `sensor_keys`.
+    """
     sensor = setup.arm.sensors[name]
 
     def changes(view: View) -> Array:
-        own, free = view.by_sensor(name), sensor.free
-        masks = [np.array([session in ("", one) for one in view.sessions]) for session in sessions]
-        return np.concatenate([own[:, :, free] * mask[:, None, None] for mask in masks], axis=2)
+        return np.concatenate([view.by_sensor(name, key)[:, :, sensor.free_in(key)] for key in sessions], axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
         after = setup.arm.sensors[name]
-        for session, step in zip(sessions, values.reshape(len(sessions), -1), strict=True):
-            after = after.moved(session, step)
+        for session in sessions:
+            count = len(sensor.free_in(session))
+            after, values = after.moved(session, values[:count]), values[count:]
         return replace(setup, arm=replace(setup.arm, sensors={**setup.arm.sensors, name: after}))
 
     # A session that is new begins as declared.
-    return RigidBlock(of_sensor(sensor, sessions), np.tile(sensor.std[sensor.free], len(sessions)), changes, moved)
+    std = np.concatenate([sensor.std_in(key)[sensor.free_in(key)] for key in sessions])
+    return RigidBlock(of_sensor(sensor, sessions), std, changes, moved)
+
+
+def sensor_keys(sensor: Sensor, sessions: Sequence[str], kinds: Sequence[Kind]) -> tuple[str, ...]:
+    """Return what of a sensor a campaign has to find apart: its sessions, or the sockets that were touched."""
+    texts = (one for kind in kinds if kind.name == sensor.name for one in kind.texts or ())
+    return sensor.keys(sessions, list(texts))
 
 
 def sensor_start(view: View) -> dict[ArmParameter, float]:
     """Return where a fit of what is open of the sensors may begin."""
     found: dict[ArmParameter, float] = {}
-    sessions = tuple(dict.fromkeys(view.sessions))
-    for kind, _ in view.readings.placed:
-        for session in (sessions if len(sessions) > 1 else ("",)) if kind.name else ():
-            rows = np.flatnonzero([session in ("", one) for one in view.sessions])
-            sensor = view.arm.sensors[kind.name]
-            begun = kind.some(rows).start(view.at.some(rows))[sensor.free]
-            found |= dict(zip(of_sensor(sensor, [session]), begun.tolist(), strict=True))
+    for kind in (one for one in view.readings.kinds if one.name):
+        sensor = view.arm.sensors[kind.name]
+        for key in sensor_keys(sensor, view.sessions, view.readings.kinds):
+            begun = kind.begun(view.at, key)
+            if begun is not None:
+                found |= dict(zip(of_sensor(sensor, [key]), begun[sensor.free_in(key)].tolist(), strict=True))
     return found
 
 
@@ -233,7 +241,11 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     open_ = tuple(name for name in sessions if known or name in setup.instrument.sessions)
     if len(sessions) > 1 and tracked and open_:
         blocks.append(session_block(setup, open_, prior.session_translation, prior.session_rotation))
-    if prior.tool and measurements.readings.of(Position):
+    touching = [
+        one.sockets for one in arm.sensors.values() if one.sockets and measurements.readings.of(Touch, one.name)
+    ]
+    targeted = measurements.readings.of(Position) or any(not one.own_point for one in touching)
+    if prior.tool and targeted:
         blocks.append(target_block(prior.tool))
     turned = bool(measurements.readings.of(Orientation))
     if prior.session_target and measurements.readings.of(Position):
@@ -241,8 +253,8 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     elif turned:
         blocks.append(mounting_block(setup))
     for name in dict.fromkeys(kind.name for kind in measurements.readings.kinds if kind.name):
-        if len(arm.sensors[name].free):
-            blocks.append(sensor_block(setup, name, sessions if len(sessions) > 1 else ("",)))
+        if keys := sensor_keys(arm.sensors[name], sessions, measurements.readings.kinds):
+            blocks.append(sensor_block(setup, name, keys))
     if prior.joint_offset:
         blocks.append(offset_block(setup, prior.joint_offset))
     if prior.geometry:

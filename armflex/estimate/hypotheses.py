@@ -84,7 +84,9 @@ def hypotheses(arm: Arm, measurements: Measurements, suspects: Sequence[str | No
         measurements: The campaign as read.
         suspects: Names of the sensors whose readings are far off, None for the orientations of the tip's target.
     """
-    yield from _of_joints(arm)
+    # Joints that are taken to turn less bring any touches together.
+    touching = all(kind.texts is not None for kind in measurements.readings.kinds)
+    yield from (one for one in _of_joints(arm) if not (touching and one.name.endswith("in degrees")))
     yield from _of_positions(arm, measurements)
     yield from _of_loads(arm, measurements)
     for kind in measurements.readings.kinds:
@@ -252,6 +254,8 @@ def _from_quaternion(vectors: Array) -> Rotation:
 def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
     """Yield what else may be meant by what a sensor read, or of where it is."""
     name, sensor = kind.name, arm.sensors[kind.name]
+    if sensor.sockets is not None:  # it reads no number
+        return
     for unit, taken, factor in _factors(kind.unit):
         remedy = "write the unit into the header"
         what = f"what {kind.title} read fits better in {unit}, not {taken}"

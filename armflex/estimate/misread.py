@@ -30,7 +30,7 @@ from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
 from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, elsewhere, hypotheses, moved
-from armflex.estimate.placement import first_guess
+from armflex.estimate.placement import check_length, first_guess
 from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
@@ -286,8 +286,10 @@ def check_conventions(
 
     Raises:
         ConventionError: With the hypotheses that make the campaign plausible, the likeliest first, and how to write
-            each of them right; or errors larger than any arm's; or nothing that [prior] frees where readings are off.
+            each of them right; or errors larger than any arm's; or nothing that [prior] frees where readings are off;
+            or touches without a length, see `check_length`.
     """
+    check_length(arm, measurements.some(rows))
     if len(rows) > MOST_ROWS:
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))]
     case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None
@@ -501,7 +503,8 @@ def _moves(case: Case, found: Misfit) -> Iterator[Hypothesis]:
     """
     view, sensors = found.view, case.arm.sensors
     for number, (kind, place) in enumerate(view.readings.placed):
-        if isinstance(kind, Orientation) or found.excess[:, number].sum() < NAMED:
+        # What was touched stands where it stood, and a socket that fits badly is no instrument that was moved.
+        if isinstance(kind, Orientation) or kind.texts is not None or found.excess[:, number].sum() < NAMED:
             continue
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):

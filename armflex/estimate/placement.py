@@ -10,12 +10,12 @@ import pinocchio as pin
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
-from armflex.errors import IdentifiabilityError
+from armflex.errors import ConventionError, IdentifiabilityError
 from armflex.estimate.view import postures
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import Response, respond
-from armflex.readings import Position
+from armflex.readings import Position, Touch
 from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, rigid_fit
 from armflex.readings.kind import rigid_motion
 
@@ -25,6 +25,9 @@ COARSEST = 0.05
 APART, FEWEST, FLAT = 0.015, 4, 0.05
 """How far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it, but
 stood elsewhere; points that tell where, and how far they are off one line at least, as a part of its length."""
+
+SCALE_KNOWN = 2e-3
+"""Prior: share by which [prior] may leave the scale of an arm open before touches alone make it up."""
 
 FAR = 3.0
 """Times what a rigid fit leaves by which two of them differ for a reason."""
@@ -175,6 +178,38 @@ def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.nda
 
 def _moved(points: Array, pose: pin.SE3) -> Array:
     return points @ pose.rotation.T + pose.translation
+
+
+def check_length(arm: Arm, measurements: Measurements) -> None:
+    """Raise where nothing carries a length: an arm that shrinks with all its sockets then fits touches ever better.
+
+    Args:
+        arm: The arm as declared.
+        measurements: The campaign.
+
+    Raises:
+        ConventionError: All that was read are touches of sockets of unknown place and distance, and [prior] leaves the
+            arm's scale open by more than `SCALE_KNOWN`.
+    """
+    touches = [kind for kind in measurements.readings.kinds if isinstance(kind, Touch)]
+    if not touches or any(kind.unit == "m" for kind in measurements.readings.kinds if not isinstance(kind, Touch)):
+        return
+    for kind in touches:
+        known, sockets = arm.sensors[kind.name].sockets, set(kind.sockets)
+        if known is not None and sockets & ({*known.place} | {*known.radius}):
+            return
+    lengths = float(np.linalg.norm([joint.origin for joint in arm.robot.chain]))
+    open_by = arm.prior.geometry / max(lengths, RESOLUTION)
+    if open_by <= SCALE_KNOWN:
+        return
+    name = touches[0].name
+    ends = [one for one in dict.fromkeys(touches[0].sockets) if one][:2]
+    pair = f'[["{ends[0]}", "{ends[-1]}", 0.05]]' if len(ends) > 1 else '[["one", "other", 0.05]]'
+    text = f"nothing in this campaign carries a length: [instrument.{name}] touches sockets whose places and distances "
+    text += f"are unknown, and [prior] geometry leaves the arm's scale open by {100.0 * open_by:.2g} %, so that an arm "
+    text += f"that shrinks with its sockets fits better and better. Measure one length: distances = {pair} [m] under "
+    text += f"[instrument.{name}], or place = {{ {ends[0] if ends else 'socket'} = [x, y, z] }}; or trust the links: "
+    raise ConventionError(f"{text}geometry = {SCALE_KNOWN * lengths:.1g} at most under [prior]", ["no length"])
 
 
 def check_enough(points: Array, sigma: Array) -> None:

@@ -122,12 +122,12 @@ class View:
         """(M, d, 3) changes of the readings per gravity in base axes, to which the arm gives [per m/s^2]."""
         return self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
 
-    def by_sensor(self, name: str) -> Array:
-        """Return (M, d, K) changes of the readings per nuisance of a sensor, in their units."""
+    def by_sensor(self, name: str, key: str = "") -> Array:
+        """Return (M, d, K) changes of the readings per nuisance of a sensor, in their units; see `Kind.by_key`."""
         found = np.zeros((*self.residual.shape, len(self.arm.sensors[name].std)))
         for kind, place in self.readings.placed:
             if kind.name == name:
-                found[:, place] = kind.by_own(self.at)
+                found[:, place] = kind.by_key(self.at, key)
         return found
 
     @property

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.conventions import SMALLEST_STD
+from armflex.conventions import SMALLEST_STD, Array
 from armflex.declaration import Declaration
-from armflex.errors import ArmFileError, did_you_mean, listing
-from armflex.readings import SENSOR_KINDS, SlideEncoder
+from armflex.errors import ArmFileError, did_you_mean, listing, shown
+from armflex.readings import SENSOR_KINDS, SlideEncoder, Sockets
 from armflex.readings.sensor import LONGEST, Sensor, Shaft
 from armflex.robot import Robot
 
@@ -16,6 +16,9 @@ FURTHEST = 50.0
 
 UNKNOWN = ", where the wire begins [m]; of one that nobody measured write [0, 0, 0] and anchor_std = 2.0"
 """What is said where a wire's anchor is left out: it is found from as far away as its standard deviation says."""
+
+SHAPES = ("point", "plane", "sphere")
+"""Of what a point is put into, or onto."""
 
 SEEN_FROM = {"distance": "anchor_link", "relative_position": "seen_from"}
 """Key of the link that the other end is on."""
@@ -43,6 +46,7 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
             raise table.fail(key, f"the arm has no link {value!r}{hint} (links: {listing(known)})")
         return value
 
+    sockets, touching = _sockets(table) if what == "touch" else None, what == "touch"
     if what == "encoder":
         joints = {joint.name: joint for joint in robot.moving}
         joint = table.choice("joint", tuple(joints))
@@ -52,6 +56,8 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
         origin = np.eye(4)
         origin[:3, :3], origin[:3, 3] = declared.rotation, declared.origin
         shaft, on = Shaft(joint, declared.parent, straight, np.asarray(declared.axis), origin), declared.child
+    elif touching and not table.has("link"):
+        on = robot.tip
     else:
         on = link("link")
     seen_from = None
@@ -64,6 +70,10 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
         sign = {"gravity": 1.0, "specific_force": -1.0}[table.choice("reads", ("gravity", "specific_force"), "gravity")]
     declared, std = [], []
     for one in kind.nuisances:
+        if touching and (one.name == "place" or not table.has("link")):
+            declared.append(np.zeros(3))
+            std.append(np.zeros(3))
+            continue
         if one.name == "anchor" and what == "distance":
             try:
                 value = table.numbers("anchor", (3,))
@@ -88,4 +98,45 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
     if not SMALLEST_STD <= sigma <= LONGEST[kind.unit]:
         raise table.fail("sigma", f"expected one standard deviation of a reading [{kind.unit}], got {sigma:g}")
     table.finish()
-    return Sensor(name, kind, on, sigma, np.concatenate(declared), np.concatenate(std), {}, seen_from, sign, shaft)
+    return Sensor(
+        name, kind, on, sigma, np.concatenate(declared), np.concatenate(std), {}, seen_from, sign, shaft, sockets
+    )
+
+
+def _sockets(table: Declaration) -> Sockets:
+    """Return what an instrument that touches knows of what it is put into."""
+
+    def by_name(key: str, shape: tuple[int, ...]) -> dict[str, Array]:
+        own = table.sub(key) if table.has(key) else None
+        return {} if own is None else {name: own.numbers(name, shape) for name in own.table}
+
+    shapes = table.sub("shape") if table.has("shape") else None
+    of_shape = {} if shapes is None else {name: shapes.choice(name, SHAPES) for name in shapes.table}
+    radius = {name: float(value) for name, value in by_name("radius", ()).items()}
+    normal = by_name("normal", (3,))
+    for name, shape in of_shape.items():
+        if shape == "sphere" and not radius.get(name, 0.0) > 0.0:
+            raise table.fail("shape", f"{name!r} is a sphere: give radius = {{ {name} = .. }} [m], above 0")
+    for name, value in normal.items():
+        if np.linalg.norm(value) < SMALLEST_STD:
+            raise table.fail("normal", f"that of {name!r} has no direction")
+    pairs: list[tuple[str, str, float]] = []
+    for one in table.raw("distances") if table.has("distances") else ():
+        match one:
+            case [str(first), str(second), int() | float() as length] if first != second and 0.0 < length < FURTHEST:
+                pairs.append((first, second, float(length)))
+            case _:
+                raise table.fail("distances", f'expected [["one", "other", length in m], ..], got {shown(one)}')
+    surfaces = [end for one, other, _ in pairs for end in (one, other) if of_shape.get(end, "point") == "plane"]
+    if surfaces:
+        raise table.fail("distances", f"{surfaces[0]!r} is a plane: a distance is between points")
+    sizes = [table.std(key, default) for key, default in (("place_std", 1e-3), ("distance_sigma", 1e-4))]
+    for key, size in zip(("place_std", "distance_sigma"), sizes, strict=True):
+        if not SMALLEST_STD <= size <= LONGEST["m"]:
+            raise table.fail(key, f"expected one standard deviation [m], got {size:g}")
+    own_point = table.has("link")
+    if not own_point and (table.has("point") or table.has("point_std")):
+        raise table.fail("point", "needs `link`; without a link the target of [prior] tool touches")
+    return Sockets(
+        by_name("place", (3,)), sizes[0], of_shape, radius, normal, tuple(pairs), sizes[1], own_point=own_point
+    )

@@ -39,7 +39,7 @@ from armflex.measured.forces import (
 )
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, Tabular, check_payloads, joint_kinds, read_pieces, read_table
-from armflex.readings import Kind, Orientation, Position, Readings
+from armflex.readings import Kind, Orientation, Position, Readings, touched
 from armflex.result import Result
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, MOST_LEVELS, last_motion, level_columns
@@ -101,6 +101,9 @@ class Measurements(Rows, Result):
                 columns[name] = self.approach[:, i]
         columns |= force_columns(self.wrenches, len(self))
         for kind in self.readings.kinds:
+            if kind.texts is not None:
+                columns |= {kind.name: kind.texts} if kind.texts else {}
+                continue
             named = {Position: (POSITION, EACH), Orientation: (ROTATION, ("sigma_r",))}
             own = kind.columns(kind.name), (f"sigma_{kind.name}",)
             names, stds = own if kind.name else named.get(type(kind), own)
@@ -383,6 +386,10 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
     check_payloads(table, payload, arm)
     # Recorded directions; where a joint has none, that of its last change of position.
     approach, directions = last_motion(q, before), [f"approach_{joint}" for joint in arm.joint_names]
+    for kind in readings.kinds:  # an arm that is guided by hand into a socket comes from no known side
+        approach = (
+            np.where(np.array([bool(one) for one in kind.texts])[:, None], 0.0, approach) if kind.texts else approach
+        )
     for index, name in enumerate(directions):
         if name in table.columns:
             approach[:, index] = table.numbers(name)
@@ -442,8 +449,15 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
             if f"sigma_{name}" in table.columns:
                 raise TableError(Place(table.path, 1), f"has sigma_{name}, but no {listing(columns)}")
             continue
-        read, values = _vectors(table, columns)
         sigma = np.full((len(table), 1), sensor.sigma)
+        if sensor.sockets is not None:
+            texts = table.texts(name)
+            if f"sigma_{name}" in table.columns:
+                there = np.array([bool(one) for one in texts])
+                sigma = _deviations(table, (f"sigma_{name}",), there, name, "m", np.inf)
+            found += touched(name, texts, sigma, sensor.sockets)
+            continue
+        read, values = _vectors(table, columns)
         if f"sigma_{name}" in table.columns:
             sigma = _deviations(table, (f"sigma_{name}",), read, name, sensor.kind.unit, np.inf)
         found.append(sensor.kind(values, np.where(read[:, None], np.broadcast_to(sigma, values.shape), np.inf), name))

@@ -24,7 +24,7 @@ from armflex.estimate.block import (
     places_of,
     with_laws,
 )
-from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block, sensor_block
+from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block, sensor_block, sensor_keys
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.robust import whitened_regressors
@@ -277,7 +277,10 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     kept = blocks_of(known.parameters, setup, context=offer.view.context)
     assert kept is not None  # some of what is there as a whole
     sensors = [(name, one) for name, one in arm.sensors.items() if name in offer.view.readings.names]
-    unknown = [sensor_block(setup, name, ("",)) for name, one in sensors if len(one.free) and not one.found]
+    keys = {name: sensor_keys(one, ("",), offer.view.readings.kinds) for name, one in sensors}
+    unknown = [
+        sensor_block(setup, name, keys[name]) for name, one in sensors if keys[name] and (one.sockets or not one.found)
+    ]
     fresh = [*unknown, *_law_blocks(new), *candidates]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)
     scale = np.concatenate([wide, std, _finite(fresh)])

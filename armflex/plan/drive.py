@@ -155,6 +155,10 @@ def write_plan(found: Plan, path: str | Path) -> Path:
         columns[f"approach_{joint}"] = rows.approach[:, rows.joint_names.index(joint)].astype(int).tolist()
     columns |= {name: _levels(rows)[name].tolist() for name in reach.levels}
     for name, sensor in reach.arm.sensors.items():
+        if name in reach.touching:
+            pairs = zip(rows.covariates[name], rows.measured.tolist(), strict=True)
+            columns[name] = [socket if read else "" for socket, read in pairs]
+            continue
         columns |= {column: [""] * len(rows) for column in sensor.kind.columns(name) if name in reach.read}
     if "" not in reach.read:
         return write_table(path, columns)

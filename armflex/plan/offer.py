@@ -14,7 +14,7 @@ from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, InputError, listing
 from armflex.estimate.view import View, look
 from armflex.mechanics.history import known_rows
-from armflex.readings import Kind, Position, Readings
+from armflex.readings import Kind, Position, Readings, Touch, touched
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 
@@ -24,7 +24,11 @@ OVERSHOOT = 0.02
 FEW = 32
 """Rows that are tried first: where the arm can hold none of them, it is no use to try the others."""
 
-FLOOR, COLUMN = "below_floor", "in_base_column"
+STEPS, STRIDE, GAP, DAMPING = 30, 0.3, 1e-6, 1e-6
+"""Tolerances: steps of the arm onto a contact, the longest of a joint [rad, m], what gap is left [m], and the damping as a
+share of the reach squared."""
+
+FLOOR, COLUMN, CONTACT = "below_floor", "in_base_column", "off_contact"
 """Why a row is not offered in which a link or the payload would be too low, or in the arm's own column; other reasons
 are those of `map`."""
 
@@ -68,17 +72,33 @@ class Reach:
     read: tuple[str, ...] = ("",)
     sigmas: Mapping[str, Array] = field(default_factory=dict)
 
-    def unread(self, count: int) -> Readings:
-        """Return what is to be read in `count` rows."""
+    def unread(self, rows: Rows) -> Readings:
+        """Return what is to be read in rows."""
+        count = len(rows)
         kinds: list[Kind] = [Position.unread(count, self.sigma)] if "" in self.read else []
-        sensors = [one for name, one in self.arm.sensors.items() if name in self.read]
-        kinds += [one.kind.unread(count, self.sigmas.get(one.name, one.sigma), one.name) for one in sensors]
+        for sensor in (one for name, one in self.arm.sensors.items() if name in self.read):
+            sigma = self.sigmas.get(sensor.name, sensor.sigma)
+            if sensor.sockets is None:
+                kinds.append(sensor.kind.unread(count, sigma, sensor.name))
+            else:
+                each = np.full((count, 1), np.median(sigma))
+                kinds += touched(sensor.name, tuple(map(str, rows.covariates[sensor.name])), each, sensor.sockets)
         return Readings(count, tuple(kinds))
+
+    @property
+    def touching(self) -> dict[str, tuple[str, ...]]:
+        """Sockets that may be touched, by instrument: those whose places are known or were found."""
+        sensors = ((one, one.sockets) for name, one in self.arm.sensors.items() if name in self.read)
+        return {
+            one.name: tuple(dict.fromkeys((*known.place, *filter(None, one.found)))) for one, known in sensors if known
+        }
 
     @property
     def choices(self) -> list[Sequence]:
         """What else is chosen for a row, one of some each: payload, approaches, levels."""
-        return [self.payloads, *((-1.0, 1.0) for _ in self.approached), *self.levels.values()]
+        return [
+            self.payloads, *((-1.0, 1.0) for _ in self.approached), *self.levels.values(), *self.touching.values()
+        ]  # fmt: skip
 
     def rows(self, box: Array) -> Rows:
         """Return the unread rows at (N, b) points of the unit cube: joints, then `choices` in turn."""
@@ -91,10 +111,38 @@ class Reach:
             np.array(some)[np.minimum((share * len(some)).astype(int), len(some) - 1)]
             for share, some in zip(box.T[joints:], self.choices, strict=True)
         )
-        names = [*(f"{APPROACH}{joint}" for joint in self.approached), *self.levels]
-        given = {name: values.astype(float) for name, values in zip(names, picked, strict=True)}
+        names = [*(f"{APPROACH}{joint}" for joint in self.approached), *self.levels, *self.touching]
+        chosen_of = dict(zip(names, picked, strict=True))
+        sockets = {name: tuple(chosen_of.pop(name).tolist()) for name in self.touching}
+        given = {name: values.astype(float) for name, values in chosen_of.items()}
         q = np.clip(low + (high - low) * box[:, :joints], low, high)  # rounding may go past the end
-        return rows_at(self.arm, q, tuple(payload.tolist()), given, self.session)
+        rows = rows_at(self.arm, q, tuple(payload.tolist()), given, self.session)
+        return replace(rows, covariates={**rows.covariates, **sockets})
+
+
+def on_contact(reach: Reach, setup: Setup, rows: Rows) -> tuple[Rows, np.ndarray]:
+    """Return rows with the arm moved until its point is in the socket of each, and (N,) whether it came there.
+
+    Newton's steps with the least motion of the joints, damped, none longer than `STRIDE`, within the limits.
+    """
+    if not reach.touching:
+        return rows, np.ones(len(rows), dtype=bool)
+    off = np.full(len(rows), np.inf)
+    for _ in range(STEPS):
+        view = look(setup, rows, readings=reach.unread(rows))
+        gap = np.where(np.isfinite(view.sigma), view.residual, 0.0)
+        places = [place for kind, place in view.readings.placed if isinstance(kind, Touch)]
+        off = np.linalg.norm(np.concatenate([gap[:, place] for place in places], axis=1), axis=1)
+        if (off < GAP).all():
+            break
+        per = np.where(np.isfinite(view.sigma)[:, :, None], view.answer(lambda line: line.joints), 0.0)
+        there = np.concatenate([np.arange(place.start, place.stop) for place in places])
+        per, gap = per[:, there], gap[:, there]
+        square = per @ per.transpose(0, 2, 1) + DAMPING * reach.arm.robot.reach**2 * np.eye(len(there))
+        step = np.einsum("ndq,nd->nq", per, np.linalg.solve(square, gap[:, :, None])[:, :, 0])
+        step *= np.minimum(1.0, STRIDE / np.maximum(np.abs(step).max(axis=1), STRIDE))[:, None]
+        rows = replace(rows, q=np.clip(rows.q + step, reach.lower, reach.upper))
+    return rows, off < GAP
 
 
 def rows_at(arm: Arm, q: Array, payload: tuple[str, ...], given: Mapping[str, Array], session: str = "") -> Rows:
@@ -133,7 +181,7 @@ class Offer:
 
     def read_by(self, reach: Reach, setup: Setup) -> Offer:
         """Return the same rows read by other instruments, or with other standard deviations; the arm is the same."""
-        readings = reach.unread(len(self.rows))
+        readings = reach.unread(self.rows)
         view = look(setup, self.rows, readings=readings, line=self.view.line)
         return replace(self, view=replace(view, readings=readings.within_range(view.at)))
 
@@ -171,9 +219,15 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     Raises:
         InputError: There are none.
     """
-    rows = reach.rows(box)
+    rows, there = on_contact(reach, setup, reach.rows(box))
+    if not there.any():
+        names = listing(dict.fromkeys(one for some in reach.touching.values() for one in some))
+        raise InputError(f"the arm reaches none of the sockets {names} from {len(box)} configurations")
+    box, rows = box[there], rows.some(np.flatnonzero(there))
     held, dropped = _held(setup.arm, rows)
-    rows, readings = rows.some(held), reach.unread(len(held))
+    dropped[CONTACT] += int((~there).sum())
+    rows = rows.some(held)
+    readings = reach.unread(rows)
     view = look(setup, rows, readings=readings)
     lowest, clear = _clearances(setup.arm, rows, view)
     floor = reach.floor

@@ -117,10 +117,14 @@ def plan(
     path_flags = () if along is None else along.derived_directions(before.setup.arm)
     flags = (*before.flags, *path_flags, *flags)
     mounts: tuple[Mounted, ...] = ()
+    touching = [name for name, one in arm.sensors.items() if one.sockets is not None]
+    if instruments is None and touching and not (after and after.readings.of(Position)):
+        instruments = touching
     if instruments is not None:
         if not len(instruments):
             raise InputError("instruments is empty: name what is read, such as 'tracker', or leave it out")
         before, reach, mounts = _mounted(before, reach, effects, instruments, rows, along, seed)
+        mounts = tuple(one for one in mounts if one.sensor.sockets is None)  # sockets are where they are
     offer = spread_evenly(reach, before.setup, OFFERED, seed)
     if len(offer.rows) < rows:
         raise InputError(f"{rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")
@@ -350,6 +354,11 @@ def _mounted(
         return before.seen_by(setup), replace(reach, arm=arm, read=read)
 
     known, everywhere = having([one for options in wanted.values() for one in options])
+    for name, sockets in everywhere.touching.items():
+        if not sockets:
+            text = f"[instrument.{name}]: no place of a socket is known, and poses are to be on the contact"
+            about = "place = { socket = [x, y, z] } and place_std = 0.02 under it, or --after with the touches so far"
+            raise InputError(f"{text}: give {about}")
     offer = spread_evenly(everywhere, known.setup, CHOOSING, seed)
     known, offer = learning(known, offer)
     candidates = [candidate_of(effect, everywhere.arm, offer) for effect in effects]

@@ -16,6 +16,10 @@ from armflex.readings.readings import Readings as Readings
 from armflex.readings.readings import unread as unread
 from armflex.readings.relative import RelativePosition as RelativePosition
 from armflex.readings.sensor import Sensor as Sensor
+from armflex.readings.touch import SocketDistance as SocketDistance
+from armflex.readings.touch import Sockets as Sockets
+from armflex.readings.touch import Touch as Touch
+from armflex.readings.touch import touched as touched
 
 SENSOR_KINDS: dict[str, type[Kind]] = {
     "position": Position,
@@ -25,5 +29,6 @@ SENSOR_KINDS: dict[str, type[Kind]] = {
     "inclination": Inclination,
     "acceleration": Acceleration,
     "encoder": Encoder,
+    "touch": Touch,
 }
 """What [instrument.NAME] may be, as its `kind` says."""

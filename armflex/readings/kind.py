@@ -113,6 +113,21 @@ class Kind(ABC):
         """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units."""
         return np.zeros((*self.values.shape, 0))
 
+    @property
+    def texts(self) -> tuple[str, ...] | None:
+        """(N,) the cells of its column where they are texts, () where it has no column, None where they are numbers."""
+        return None
+
+    def by_key(self, at: Postures, key: str) -> Array:
+        """Return (N, d, K) as `by_own`, of the nuisances of one session, '' all of them; of another key zero."""
+        own = np.array([key in ("", one) for one in at.sessions], dtype=bool)
+        return self.by_own(at) * own[:, None, None]
+
+    def begun(self, at: Postures, key: str) -> Array | None:
+        """Return (K,) as `start`, of one session, '' all of them; None where it says nothing of that."""
+        rows = np.flatnonzero([key in ("", one) for one in at.sessions])
+        return self.some(rows).start(at.some(rows))
+
     def readable(self, at: Postures) -> np.ndarray:
         """Return (N,) where the instrument is within its range."""
         return np.ones(len(self.values), dtype=bool)

@@ -12,6 +12,7 @@ from armflex.conventions import Array
 
 if TYPE_CHECKING:
     from armflex.readings.kind import Kind
+    from armflex.readings.touch import Sockets
 
 LONGEST = {"m": 10.0, "rad": 3.2, "m/s^2": 100.0, "1": 0.5}
 """By unit a standard deviation beyond which a number is in another one; sensors stand in the order of these."""
@@ -73,6 +74,7 @@ class Sensor:
         seen_from: The link that it stands on or looks from; None is the base.
         sign: -1 for an accelerometer that reads what holds it up, not gravity.
         shaft: Of an encoder.
+        sockets: Of a touching instrument; `found` is then by socket, and '' is the touching point.
     """
 
     name: str
@@ -85,6 +87,25 @@ class Sensor:
     seen_from: str | None = None
     sign: float = 1.0
     shaft: Shaft | None = None
+    sockets: Sockets | None = None
+
+    def keys(self, sessions: Sequence[str], touched: Sequence[str]) -> tuple[str, ...]:
+        """Return what has numbers of its own that are to be found: sessions, '' where there is one, or sockets."""
+        if self.sockets is None:
+            every = tuple(dict.fromkeys(sessions)) if len(set(sessions)) > 1 else ("",)
+            return every if len(self.free) else ()
+        every = ("", *dict.fromkeys(one for one in touched if one))
+        return tuple(key for key in every if len(self.free_in(key)))
+
+    def std_in(self, key: str) -> Array:
+        """Return (K,) as `std`, of one session or socket."""
+        if self.sockets is None:
+            return self.std
+        return np.concatenate([self.sockets.std(key), np.zeros(3)]) if key else np.append(np.zeros(3), self.std[3:])
+
+    def free_in(self, key: str) -> np.ndarray:
+        """Return (k,) as `free`, of one session or socket."""
+        return np.flatnonzero(self.std_in(key))
 
     @property
     def free(self) -> np.ndarray:
@@ -111,11 +132,23 @@ class Sensor:
                 place = slice(start, start + len(one.axes))
             start += len(one.axes)
         default = self.found.get("", np.zeros(len(self.declared)))
+        if self.sockets is not None:
+            if name == "point":
+                return np.broadcast_to(self.declared[place] + default[place], (len(sessions), 3))
+            socket = {
+                one: self.sockets.declared(one) + self.found.get(one, np.zeros(6))[place]
+                for one in dict.fromkeys(sessions)
+            }
+            return np.array([socket[one] for one in sessions]).reshape(len(sessions), 3)
         known = {session: self.found.get(session, default)[place] for session in dict.fromkeys(sessions)}
         return self.declared[place] + np.array([known[session] for session in sessions]).reshape(len(sessions), -1)
 
     def moved(self, session: str, step: Array) -> Sensor:
-        """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session."""
-        found = self.found.get(session, self.found.get("", np.zeros(len(self.declared)))).copy()
-        found[self.free] += step
+        """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session.
+
+        Of a touching instrument it is in a socket.
+        """
+        start = np.zeros(len(self.declared)) if self.sockets else self.found.get("", np.zeros(len(self.declared)))
+        found = self.found.get(session, start).copy()
+        found[self.free_in(session)] += step
         return replace(self, found={**self.found, session: found})

@@ -122,7 +122,7 @@ def predict(
     stds = [one.sigma for one in found if one.sigma is not None]  # of all pieces, or of none
     sigma = np.concatenate(stds) if stds else None
     sensors = []
-    for number in range(len(arm.sensors)):
+    for number in range(len(found[0].sensors)):
         own = [one.sensors[number] for one in found]
         kind, values = own[0][0], np.concatenate([one.values for one, _ in own])
         stds = [std for _, std in own if std is not None]
@@ -216,7 +216,8 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         raise
     # The tip's position comes first; see `Readings`.
     wanted = [Position.unread(len(rows))]
-    wanted += [one.kind.unread(len(rows), one.sigma, name) for name, one in arm.sensors.items()]
+    read = {name: one for name, one in arm.sensors.items() if one.sockets is None}  # of a gap there is nothing to say
+    wanted += [one.kind.unread(len(rows), one.sigma, name) for name, one in read.items()]
     readings = Readings(len(rows), tuple(wanted))
     tip = readings.foremost
     fitted, about = fitted_variance(arm, rows, readings)
@@ -231,7 +232,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
     at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
     position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
-    if arm.sensors:
+    if read:
         view = look(Setup(arm, instrument), rows, every, readings=readings)
         parts = [law.covariance(found.wrenches[:, i], view.line.row) for i, law in enumerate(certain.stack.laws)]
         for i, part in enumerate(parts):

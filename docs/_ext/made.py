@@ -196,7 +196,7 @@ def instruments() -> str:
     ]
     for name, kind in readings.SENSOR_KINDS.items():
         said = " ".join((inspect.getdoc(kind) or "").split("\n\n")[0].split())
-        columns = ", ".join(f"`NAME_{channel}`" if channel else "`NAME`" for channel in kind.channels)
+        columns = ", ".join(f"`{column}`" for column in kind.columns("NAME"))
         own = ", ".join(f"`{one.name}` [{one.unit}]" for one in kind.nuisances)
         lines.append(f"| `{name}` | {_cell(said)} | {columns} | {kind.unit} | {own} |")
     return "\n".join(lines) + "\n"

@@ -1,0 +1,257 @@
+"""A point of the arm put into sockets, onto planes or onto spheres: it reads that there is no gap.
+
+What the point is put into is called a socket here, whatever its shape. Sockets hold for a whole campaign, not for a
+session: each has a place of its own to be found, named by the text in the instrument's column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.readings.kind import Kind, point_of
+from armflex.readings.postures import Postures
+from armflex.readings.sensor import AXES, POINT, Nuisance
+
+CARRIED, FEWEST = 20, 3
+"""Rows that a known distance is spread over, one of so many and so many at least, so that no part of a campaign is
+without it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sockets:
+    """What is known of the sockets before they are touched; one that is not named is a point whose place is unknown.
+
+    Attributes:
+        place: (3,) in the base [m]: of the point, of a point of the plane, of the sphere's centre.
+        place_std: One standard deviation of those, each axis [m]; of a plane along its normal, and of its tilt [rad].
+        shape: "point", "plane" or "sphere", by name.
+        radius: Of spheres, the touching ball's in it [m].
+        normal: (3,) of planes in the base, dimensionless; z where not given.
+        distances: Pairs of points and the known distance between them [m].
+        distance_sigma: One standard deviation of those [m].
+        own_point: Whether the touching point is the instrument's own, rather than the target in the tip frame.
+    """
+
+    place: Mapping[str, Array] = field(default_factory=dict)
+    place_std: float = 0.0
+    shape: Mapping[str, str] = field(default_factory=dict)
+    radius: Mapping[str, float] = field(default_factory=dict)
+    normal: Mapping[str, Array] = field(default_factory=dict)
+    distances: tuple[tuple[str, str, float], ...] = ()
+    distance_sigma: float = 1e-4
+    own_point: bool = False
+
+    def declared(self, socket: str) -> Array:
+        """Return (3,) numbers of a socket before anything is found: its place [m]; of a plane height and two tilts."""
+        known = np.asarray(self.place.get(socket, np.zeros(3)), dtype=float)
+        if self.of_shape(socket) != "plane":
+            return known
+        return np.array([known @ self.axes(socket)[:, 2], 0.0, 0.0])
+
+    def std(self, socket: str) -> Array:
+        """Return (3,) prior standard deviations about them; infinite where nobody measured the place."""
+        return np.full(3, self.place_std if socket in self.place else np.inf)
+
+    def of_shape(self, socket: str) -> str:
+        """Return "point", "plane" or "sphere"."""
+        return self.shape.get(socket, "point")
+
+    def axes(self, socket: str) -> Array:
+        """Return (3, 3) axes of a plane in the base by columns, the last its declared normal, dimensionless."""
+        normal = np.asarray(self.normal.get(socket, (0.0, 0.0, 1.0)), dtype=float)
+        normal = normal / np.linalg.norm(normal)
+        first = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
+        first = first / np.linalg.norm(first)
+        return np.column_stack([first, np.cross(normal, first), normal])
+
+
+@dataclass(frozen=True, eq=False)
+class Touch(Kind):
+    """(N, 3) gaps [m] between point and socket, all read as zero: by axes of the base, or along a surface's normal
+    alone.
+
+    Attributes:
+        sockets: (N,) name of the socket in each row, '' where none was touched.
+    """
+
+    sockets: tuple[str, ...] = ()
+
+    dimension = 3
+    unit, quantity = "m", "length"
+    channels = AXES
+    nuisances = (Nuisance("place", AXES, "m"), POINT)
+
+    @classmethod
+    def columns(cls, name: str) -> tuple[str, ...]:
+        """Return its one column, a text."""
+        return (name,)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """(N,) the cells of its column."""
+        return self.sockets
+
+    def some(self, rows: np.ndarray) -> Touch:
+        return replace(super().some(rows), sockets=tuple(self.sockets[row] for row in rows))
+
+    def point(self, at: Postures) -> tuple[Array, str | None, Array]:
+        """Return (N, 3) the touching point in the base [m], its link, and (N, 3, 6) its change with that."""
+        sensor = at.sensors[self.name]
+        own = sensor.sockets is not None and sensor.sockets.own_point
+        link = sensor.link if own else None
+        on = at.of(self.name, "point") if own else at.instrument.target_in(at.sessions)
+        place, moved = point_of(at, link, on)
+        return place, link, moved
+
+    def _gap(self, at: Postures) -> tuple[Array, Array, Array]:
+        """Return (N, 3) gaps [m], and (N, 3, 3) how they change with the point and with the socket's numbers."""
+        sensor = at.sensors[self.name]
+        known, count = sensor.sockets or Sockets(), len(self.sockets)
+        place = sensor.of("place", self.sockets)
+        points = self.point(at)[0]
+        gap = points - place
+        by_point, by_place = np.tile(np.eye(3), (count, 1, 1)), np.tile(-np.eye(3), (count, 1, 1))
+        for socket in {one for one in self.sockets if known.of_shape(one) != "point"}:
+            rows = np.array([one == socket for one in self.sockets])
+            by_point[rows], by_place[rows] = 0.0, 0.0
+            if known.of_shape(socket) == "sphere":
+                away = points[rows] - place[rows]
+                length = np.maximum(np.linalg.norm(away, axis=1), 1e-12)
+                gap[rows] = np.outer(length - known.radius[socket], [1.0, 0.0, 0.0])
+                by_point[rows, 0] = away / length[:, None]
+                by_place[rows, 0] = -by_point[rows, 0]
+                continue
+            height, *tilts = place[rows][0]
+            axes = known.axes(socket)
+            normal = axes[:, 2] + axes[:, :2] @ tilts
+            size = np.linalg.norm(normal)
+            normal = normal / size
+            gap[rows] = np.outer(points[rows] @ normal - height, [1.0, 0.0, 0.0])
+            by_point[rows, 0] = normal
+            turned = (axes[:, :2] - np.outer(normal, normal @ axes[:, :2])) / size
+            by_place[rows, 0] = np.column_stack([np.full(rows.sum(), -1.0), points[rows] @ turned])
+        return gap, by_point, by_place
+
+    def predicted(self, at: Postures) -> Array:
+        """Return the (N, 3) gaps as the arm has them [m]."""
+        return self._gap(at)[0]
+
+    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
+        """Return (N, 3, 6): a gap opens as the point moves with its link."""
+        _, link, moved = self.point(at)
+        return {link: self._gap(at)[1] @ moved}
+
+    def by_target(self, at: Postures) -> Array:
+        """Return (N, 3, 3): the target of the tip touches, unless the instrument has a point of its own."""
+        _, link, _ = self.point(at)
+        return np.zeros((len(self.values), 3, 3)) if link is not None else self._gap(at)[1] @ at.pose(None)[:, :3, :3]
+
+    def by_key(self, at: Postures, key: str) -> Array:
+        """Return (N, 3, 6): a socket's own rows follow its numbers, '' the point that all share."""
+        found = np.zeros((len(self.values), 3, 6))
+        gap, link = self._gap(at), self.point(at)[1]
+        if key:
+            rows = np.array([one == key for one in self.sockets], dtype=bool)
+            found[rows, :, :3] = gap[2][rows]
+        elif link is not None:
+            found[:, :, 3:] = gap[1] @ at.pose(link)[:, :3, :3]
+        return found
+
+    def by_own(self, at: Postures) -> Array:
+        """Return zero (N, 3, 6): sockets are apart from each other; see `by_key`."""
+        return np.zeros((len(self.values), 3, 6))
+
+    def begun(self, at: Postures, key: str) -> Array | None:
+        """Return (6,) where a fit of a socket may begin: the middle of its points, or the plane through them."""
+        sensor, found = at.sensors[self.name], np.zeros(6)
+        known = sensor.sockets or Sockets()
+        rows = np.array([one == key for one in self.sockets], dtype=bool) & np.isfinite(self.sigma[:, 0])
+        if not key or key in known.place or not rows.any():
+            return found
+        points = self.point(at)[0][rows]
+        found[:3] = points.mean(axis=0)
+        if known.of_shape(key) == "plane":
+            axes, tilts = known.axes(key), np.zeros(2)
+            normal = np.linalg.svd(points - points.mean(axis=0))[2][-1]
+            if len(points) >= FEWEST and abs(normal @ axes[:, 2]) > 0.5:
+                tilts = (normal @ axes[:, :2]) / (normal @ axes[:, 2])
+            normal = axes[:, 2] + axes[:, :2] @ tilts
+            found[:3] = [found[:3] @ normal / np.linalg.norm(normal), *tilts]
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class SocketDistance(Kind):
+    """(N, 1) a known distance between two sockets [m], read in some rows: it is of no pose.
+
+    Attributes:
+        ends: Names of the two sockets.
+    """
+
+    ends: tuple[str, str] = ("", "")
+
+    dimension = 1
+    unit, quantity = "m", "length"
+    channels = ("",)
+    nuisances = Touch.nuisances
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Nothing: it has no column."""
+        return ()
+
+    def _away(self, at: Postures) -> Array:
+        """Return (3,) from the first socket to the second [m]."""
+        first, second = at.sensors[self.name].of("place", self.ends)
+        return np.asarray(second - first, dtype=float)
+
+    def predicted(self, at: Postures) -> Array:
+        return np.full((len(self.values), 1), np.linalg.norm(self._away(at)))
+
+    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
+        """Return nothing of any link: sockets stand still."""
+        return {None: np.zeros((len(self.values), 1, 6))}
+
+    def by_key(self, at: Postures, key: str) -> Array:
+        """Return (N, 1, 6): the way between them follows its two ends."""
+        away, found = self._away(at), np.zeros((len(self.values), 1, 6))
+        if key in self.ends:
+            sign = 1.0 if key == self.ends[1] else -1.0
+            found[:, 0, :3] = sign * away / max(float(np.linalg.norm(away)), 1e-12)
+        return found
+
+    def begun(self, at: Postures, key: str) -> Array | None:
+        return None
+
+
+def touched(name: str, sockets: Sequence[str], sigma: Array, known: Sockets) -> tuple[Kind, ...]:
+    """Return the readings of a touching instrument: its touches, and each distance that is known of its sockets.
+
+    A distance stands in several rows with a standard deviation that makes them together worth one reading.
+
+    Args:
+        name: Of the instrument.
+        sockets: (N,) what was touched, '' where nothing was.
+        sigma: (N, 1) one standard deviation of how well the point sat [m].
+        known: Of the sockets.
+    """
+    read = np.array([bool(one) for one in sockets], dtype=bool)
+    each = np.where(read[:, None], np.broadcast_to(sigma, (len(sockets), 3)), np.inf)
+    for row, socket in enumerate(sockets):
+        if socket and known.of_shape(socket) != "point":
+            each[row, 1:] = np.inf
+    found: list[Kind] = [Touch(np.zeros((len(sockets), 3)), each, name, tuple(sockets))]
+    for one, other, length in known.distances:
+        ends = np.flatnonzero([socket in (one, other) for socket in sockets])
+        if {one, other} <= set(sockets):
+            count = min(max(len(ends) // CARRIED, FEWEST), len(ends))
+            rows = ends[np.linspace(0, len(ends) - 1, count).astype(int)]
+            stds = np.full((len(sockets), 1), np.inf)
+            stds[rows] = known.distance_sigma * np.sqrt(count)
+            values = np.where(np.isfinite(stds), length, 0.0)
+            found.append(SocketDistance(values, stds, name, (one, other)))
+    return tuple(found)
