@@ -25,8 +25,8 @@ FEW = 32
 """Rows that are tried first: where the arm can hold none of them, it is no use to try the others."""
 
 STEPS, STRIDE, GAP, DAMPING = 30, 0.3, 1e-6, 1e-6
-"""Tolerances: steps of the arm onto a contact, the longest of a joint [rad, m], what gap is left [m], and the damping as a
-share of the reach squared."""
+"""Tolerances: steps of the arm onto a contact, the longest of a joint [rad, m], what gap is left [m], and the damping
+as a share of the reach squared."""
 
 FLOOR, COLUMN, CONTACT = "below_floor", "in_base_column", "off_contact"
 """Why a row is not offered in which a link or the payload would be too low, or in the arm's own column; other reasons

@@ -206,8 +206,8 @@ class SocketDistance(Kind):
 
     def _away(self, at: Postures) -> Array:
         """Return (3,) from the first socket to the second [m]."""
-        first, second = at.sensors[self.name].of("place", self.ends)
-        return np.asarray(second - first, dtype=float)
+        places: Array = at.sensors[self.name].of("place", self.ends)
+        return places[1] - places[0]
 
     def predicted(self, at: Postures) -> Array:
         return np.full((len(self.values), 1), np.linalg.norm(self._away(at)))
