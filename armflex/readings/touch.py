@@ -210,7 +210,7 @@ class SocketDistance(Kind):
         return places[1] - places[0]
 
     def predicted(self, at: Postures) -> Array:
-        return np.full((len(self.values), 1), np.linalg.norm(self._away(at)))
+        return np.full((len(self.values), 1), float(np.linalg.norm(self._away(at))))
 
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return nothing of any link: sockets stand still."""
