@@ -55,7 +55,7 @@ def command(output: Path) -> None:
     """Load the TARM-like boom, see it sag, check a path, compensate it, put the paper's joint in, trace a campaign."""
     folder, page = output / "tarm_like", output / "tarm_like.html"
     _copy_robot(folder)
-    arm = load_arm(folder / "arm.toml")
+    arm = load_arm(folder / "learned.toml")  # whose joints were learned from finite elements
     compensated = _sag_and_path(arm, folder, output)
     presets = _paper_joint(folder)
 
@@ -95,7 +95,7 @@ def _copy_robot(folder: Path) -> None:
 def _sag_and_path(arm: Arm, folder: Path, output: Path) -> bool:
     """Show the sag, check a path, compensate it; return whether every row of it can be reached."""
     trajectory = read_trajectory(folder / "trajectory.csv", arm)
-    heading(f"1. Straight out, carrying {PAYLOAD}: armflex deflect robots/tarm_like/arm.toml --payload {PAYLOAD}")
+    heading(f"1. Straight out, carrying {PAYLOAD}: armflex deflect robots/tarm_like/learned.toml --payload {PAYLOAD}")
     straight = _straight(arm)
     print_deflection(arm, straight, straight.covariance)
     show_flags(straight.flags)

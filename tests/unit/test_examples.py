@@ -117,3 +117,10 @@ def test_universal_robot(tmp_path):
     before, after = run("15_universal_robot", str(tmp_path))
     assert before > 1e-3 and after < 1e-9
     assert (tmp_path / "drill.script").read_text().startswith("def drill():")
+
+
+def test_learned_boom():
+    """Networks at the joints are six times as near to finite elements as linear laws, and their band says how near."""
+    found = run("16_learned_boom")
+    assert found["learned"] < 0.5e-3 and found["linear"] > 5.0 * found["learned"]
+    assert 0.90 <= found["covered"] <= 0.98
