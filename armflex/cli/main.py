@@ -20,6 +20,7 @@ COMMANDS = {
     "predict": "the tip's position for every row of a table",
     "check": "is a loaded path within tolerance, or a compensated one where it was meant to be",
     "compensate": "joint positions that put the deflected tip where the rigid arm would be",
+    "intake": "a tracker's export and a controller's log as one campaign",
     "calibrate": "fit what [prior] frees to a measured campaign",
     "trace": "calibrate, and find the effects that explain the residual",
     "report": "pose accuracy and repeatability of a campaign, as ISO 9283 defines them",

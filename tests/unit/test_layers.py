@@ -16,7 +16,7 @@ ROOMS = (
     *("fem", "laws", "laws.effects"),
     "mechanics",
     *("parameters", "arm", "configurations", "files"),
-    *("measured", "trajectory"),
+    *("measured", "intake", "trajectory"),
     "estimate",
     *("bench", "plan", "track", "trace"),
     "tasks",

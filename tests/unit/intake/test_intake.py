@@ -1,0 +1,203 @@
+"""`intake`: exports of trackers and logs of controllers, as their programs write them, joined to one campaign."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from support.command_line import fine, run_here
+
+from armflex.errors import ArmflexError, InputError, TableError
+from armflex.intake import intake
+from armflex.measured.table import write_table
+
+Q = np.random.default_rng(1).uniform(-150.0, 150.0, (6, 6)).round(4)
+XYZ = np.random.default_rng(2).uniform(-1500.0, 1500.0, (6, 3)).round(3)
+NAMES = [f"P{i + 1:03d}" for i in range(6)]
+
+
+def comma(value: float) -> str:
+    return f"{value:.3f}".replace(".", ",")
+
+
+LOGS = {
+    "degrees": "Point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n"
+    + "\n".join(f"{name},{','.join(map(str, q))}" for name, q in zip(NAMES, Q, strict=True)),
+    "kuka": "$AXIS_ACT.A1;$AXIS_ACT.A2;$AXIS_ACT.A3;$AXIS_ACT.A4;$AXIS_ACT.A5;$AXIS_ACT.A6;Name\n"
+    + "\n".join(f"{';'.join(f'{v:.4f}'.replace('.', ',') for v in q)};{n}" for n, q in zip(NAMES, Q, strict=True)),
+    "ur": "timestamp "
+    + " ".join(f"actual_q_{i}" for i in range(6))
+    + "\n"
+    + "\n".join(f"{10.0 * i} {' '.join(map(str, np.radians(q).round(9)))}" for i, q in enumerate(Q)),
+    "bare": "Pose\tA1\tA2\tA3\tA4\tA5\tA6\n"
+    + "\n".join("\t".join([name, *map(str, q)]) for name, q in zip(NAMES, Q, strict=True)),
+}
+EXPORTS = {
+    "spatialanalyzer": "// Units: Millimeters\n// Frame: A::WORLD\n"
+    + "\n".join(f"A::Robot::{n}, {x}, {y}, {z}" for n, (x, y, z) in zip(NAMES, XYZ, strict=True)),
+    "polyworks": "Messbericht\nName;X [mm];Y [mm];Z [mm];Zeit\n"
+    + "\n".join(f"{n};{';'.join(map(comma, XYZ[i]))};10:00:{9 * i:02d}" for i, n in enumerate(NAMES)),
+    "leica": "Point Name\tX_mm\tY_mm\tZ_mm\n"
+    + "\n".join("\t".join([n, *map(str, p)]) for n, p in reversed(list(zip(NAMES, XYZ, strict=True)))),
+}  # fmt: skip
+
+
+def written(folder: Path, log: str, export: str, encoding: str = "utf-8") -> list[Path]:
+    paths = [folder / "log.txt", folder / "export.txt"]
+    for path, text in zip(paths, (log, export), strict=True):
+        path.write_bytes(text.encode(encoding))
+    return paths
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+@pytest.mark.parametrize("export", EXPORTS)
+@pytest.mark.parametrize("log", LOGS)
+def test_logs_and_exports_are_joined(tmp_path: Path, log: str, export: str, encoding: str) -> None:
+    if log == "ur" and export == "leica":
+        pytest.skip("neither names nor times nor an order are shared")
+    found = intake(written(tmp_path, LOGS[log], EXPORTS[export], encoding), 5e-5)
+    joints = [name for name in found.columns if name.startswith("q_")]
+    assert np.allclose(np.array([found.columns[name] for name in joints]).T, np.radians(Q), atol=1e-6)
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
+    assert found.joined.startswith("row by row" if log == "ur" else "by name")
+
+
+def test_an_open_unit_is_asked_for_or_refused_with_everything_else(tmp_path: Path) -> None:
+    small = "Point,J1,J2\n" + "\n".join(f"{name},0.1,0.{i}" for i, name in enumerate(NAMES))
+    bare = "Name;X;Y;Z\n" + "\n".join(f"{n};{';'.join(map(comma, p))}" for n, p in zip(NAMES, XYZ, strict=True))
+    paths = written(tmp_path, small, bare)
+    with pytest.raises(InputError) as caught:
+        intake(paths, 5e-5)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 5
+    assert all("--take" in line for line in lines)
+    answered = intake(paths, 5e-5, ask=lambda question, choices: choices[0])
+    assert answered.columns["q_J1"][0] == pytest.approx(np.radians(0.1))
+    taken = {"J1": "q_J1_rad", "J2": "q_J2_rad", "X": "x_mm", "Y": "y_mm", "Z": "z_mm"}
+    assert intake(paths, 5e-5, taken).columns["q_J1"][0] == pytest.approx(0.1)
+
+
+def test_two_targets_are_two_instruments(tmp_path: Path) -> None:
+    both = "Name;X [mm];Y [mm];Z [mm]\n" + "\n".join(
+        f"{n}_T{t};{';'.join(map(comma, p + 100 * t))}" for n, p in zip(NAMES, XYZ, strict=True) for t in (1, 2)
+    )
+    found = intake(written(tmp_path, LOGS["degrees"], both), 5e-5)
+    assert np.allclose(found.columns["x"], 1e-3 * (XYZ[:, 0] + 100))
+    assert np.allclose(found.columns["target2_x"], 1e-3 * (XYZ[:, 0] + 200))
+    assert "[instrument.target2]" in found.declare
+
+
+def test_rows_without_a_point_stay_and_are_said(tmp_path: Path) -> None:
+    fewer = "\n".join(EXPORTS["spatialanalyzer"].splitlines()[:-1])
+    found = intake(written(tmp_path, LOGS["degrees"], fewer), 5e-5)
+    assert list(found.columns["x"])[-1] == ""
+    assert "P006" in found.notes[0]
+
+
+def test_what_the_controller_logs_of_its_tool_is_not_measured(tmp_path: Path) -> None:
+    lines = LOGS["degrees"].splitlines()
+    log = "\n".join([f"{lines[0]},X,Y,Z", *(f"{line},1.0,2.0,3.0" for line in lines[1:])])
+    found = intake(written(tmp_path, log, EXPORTS["leica"]), 5e-5)
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
+    assert not any(name.startswith("controller") for name in found.columns)
+
+
+def test_clocks_join_where_there_is_nothing_else(tmp_path: Path) -> None:
+    log = "time," + ",".join(f"J{i} [deg]" for i in range(1, 7)) + "\n"
+    log += "\n".join(f"10:00:{10 * i:02d},{','.join(map(str, Q[i]))}" for i in range(5))
+    export = "Zeit;X [mm];Y [mm];Z [mm]\n"
+    export += "\n".join(f"10:00:{10 * i + 1:02d};{';'.join(map(comma, XYZ[i]))}" for i in range(6) if i != 5)
+    export += "\n10:02:00;1,000;2,000;3,000"
+    found = intake(written(tmp_path, log, export), 5e-5)
+    assert found.joined == "by time, 1 s apart"
+    assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ[:5])
+
+
+@pytest.mark.parametrize(
+    ("log", "export", "said"),
+    [
+        ("", "", "holds no rows of numbers"),
+        (LOGS["degrees"], "a;b;c\n1;2;3\n4;5;6\n", "neither joints nor x y z"),
+        (LOGS["degrees"], LOGS["bare"], "2 files have joints and 0 have x y z"),
+        (LOGS["degrees"].replace("J2", "J1"), EXPORTS["leica"], "two columns are called"),
+    ],
+)
+def test_what_does_not_fit_is_said(tmp_path: Path, log: str, export: str, said: str) -> None:
+    with pytest.raises((InputError, TableError), match=said):
+        intake(written(tmp_path, log, export), 5e-5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_spoilt_files_are_refused_or_read_never_a_traceback(tmp_path_factory: pytest.TempPathFactory, data) -> None:
+    texts = [data.draw(st.sampled_from(sorted(LOGS.values()))), data.draw(st.sampled_from(sorted(EXPORTS.values())))]
+    for i in range(2):
+        at = data.draw(st.integers(0, len(texts[i])))
+        texts[i] = texts[i][:at] + data.draw(st.text(';,\t 1.-x"\n[]A', max_size=6)) + texts[i][at + 3 :]
+    paths = written(tmp_path_factory.mktemp("spoilt"), *texts)
+    try:
+        found = intake(paths, 5e-5)
+    except ArmflexError:
+        return
+    assert len({len(column) for column in found.columns.values()}) == 1
+
+
+def test_the_command_writes_a_campaign_and_says_what_it_took(tmp_path: Path) -> None:
+    paths = written(tmp_path, LOGS["kuka"], EXPORTS["polyworks"])
+    out = fine(run_here(tmp_path, "intake", *paths, "--sigma", "0.05mm", "-o", tmp_path / "campaign.csv")).stdout
+    assert "joint A1" in out
+    assert "by name" in out
+    rows = list(csv.DictReader((tmp_path / "campaign.csv").open()))
+    assert [float(row["x"]) for row in rows] == pytest.approx((1e-3 * XYZ[:, 0]).tolist())
+    again = write_table(tmp_path / "same.csv", {name: [row[name] for row in rows] for name in rows[0]})
+    assert again.exists()
+
+
+ROWS = ((0, 290, 0, -90), (-90, 0, 270, 0), (0, 0, 70, -90), (0, 302, 0, 90), (0, 0, 0, -90), (180, 72, 0, 0))
+"""theta, d, a and alpha of each joint of a small arm, in degrees and mm."""
+
+
+@pytest.mark.slow
+def test_three_files_of_metrology_come_to_a_sheet(tmp_path: Path) -> None:
+    """A DH table, a log in degrees, an export of two targets: a pair exchanged, one reading 35 mm off."""
+    rng = np.random.default_rng(7)
+    off, more = np.radians(rng.normal(0.0, 0.15, 6)), rng.normal(0.0, 0.4, (6, 2))
+    q = rng.uniform([-120, -60, -60, -120, -80, -150], [120, 80, 60, 120, 80, 150], (80, 6)).round(3)
+    log, points = ["Pose;" + ";".join(f"J{i} [deg]" for i in range(1, 7))], list[np.ndarray]()
+    for i, row in enumerate(q):
+        turn, place = np.eye(3), np.zeros(3)
+        for value, zero, (theta, d, a, alpha), (dd, da) in zip(np.radians(row), off, ROWS, more, strict=True):
+            (s, v), (c, w) = (one([value + zero + np.radians(theta), np.radians(alpha)]) for one in (np.sin, np.cos))
+            place = place + turn @ [(a + da) * c, (a + da) * s, d + dd]
+            turn = turn @ [[c, -s * w, s * v], [s, c * w, -c * v], [0.0, v, w]]
+        points += [place + turn @ target + rng.normal(0.0, 0.03, 3) for target in ([60, 10, 80], [-55, -20, 70])]
+        log.append(f"M{i};" + ";".join(map(comma, row)))
+    points[80], points[82] = points[82], points[80]
+    points[40] = points[40] + [0.0, 35.0, 0.0]
+    export = ["Report", "Name;X [mm];Y [mm];Z [mm]"]
+    export += [f"M{i // 2}_T{i % 2 + 1};{';'.join(map(comma, point))}" for i, point in enumerate(points)]
+    written(tmp_path, "\n".join(log), "\n".join(export))
+    declared = "".join(
+        f"J{i} = {{ theta_deg = {theta}, d_mm = {d}, a_mm = {a}, alpha_deg = {alpha} }}\n"
+        for i, (theta, d, a, alpha) in enumerate(ROWS, 1)
+    )
+    said = fine(run_here(tmp_path, "intake", "log.txt", "export.txt", "--sigma", "0.05mm", "-o", "rows.csv")).stdout
+    instrument = said[said.index("[instrument.target2]") : said.index("Written")].replace("TIP", "flange")
+    (tmp_path / "arm.toml").write_text(
+        '[robot]\ndh = "standard"\ngravity = [0.0, 0.0, -9.81]\n[robot.joint]\n'
+        f"{declared}[prior]\njoint_offset = 0.005\ngeometry = 1e-3\ntool = 0.3\n{instrument}"
+    )
+    out = fine(run_here(tmp_path, "calibrate", "arm.toml", "rows.csv", "-o", "fit.toml"))
+    named = out.stdout + out.stderr
+    assert all(f"rows.csv:{line}" in named for line in (22, 42, 43))
+    assert "exchanged with the reading of line 43" in named
+    fine(run_here(tmp_path, "export", "fit.toml", "--to", "sheet", "-o", "sheet.csv"))
+    sheet = {
+        (row["section"], row["of"], row["quantity"]): row for row in csv.DictReader((tmp_path / "sheet.csv").open())
+    }
+    found = float(sheet["dh_standard", "J2", "a"]["value"])
+    assert found == pytest.approx(1e-3 * (270.0 + more[1, 1]), abs=1e-4)
