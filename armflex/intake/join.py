@@ -22,6 +22,9 @@ TARGET = re.compile(r"(.+?)[ _\-.:]*(?:T|SMR|TGT|TARGET|PRISM|REFL\w*)[ _\-]?(\d
 
 CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 
+TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
+"""Columns beside a controller's own X Y Z that are the orientation of its tool."""
+
 Ask = Callable[[str, Sequence[str]], str]
 """Asks a question with its possible answers, where somebody is there to answer."""
 
@@ -72,7 +75,9 @@ def intake(
         for i in set(points) & set(logs):
             why = "the controller's own, computed from its joints"
             understood[i] = tuple(
-                replace(one, kind="unused", unit="", why=why) if one.kind == "coordinate" else one
+                replace(one, kind="unused", unit="", why=why)
+                if one.kind == "coordinate" or one.name.lower() in TURNS
+                else one
                 for one in understood[i]
             )
         points = [i for i in points if i not in logs]

@@ -15,7 +15,8 @@ from armflex.measured.spreadsheet import SUFFIXES, sheet_rows
 from armflex.measured.table import text_lines
 
 COMMENT = re.compile(r"\s*(?://|#|%|!)\s*(.*)")
-COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+COMMA = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+(?:[eE][+-]?\d+)?")
+"""A number with a decimal comma, points between its thousands or none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,10 @@ def read_source(path: str | Path) -> Source:
         path,
         tuple(head or _names(columns)),
         tuple(line for line, _ in body),
-        tuple(tuple(cell.replace(",", ".") if COMMA.fullmatch(cell) else cell for cell in one) for one in columns),
+        tuple(
+            tuple(cell.replace(".", "").replace(",", ".") if COMMA.fullmatch(cell) else cell for cell in one)
+            for one in columns
+        ),
         tuple(comments),
         head is not None,
     )

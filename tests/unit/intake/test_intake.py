@@ -98,12 +98,19 @@ def test_rows_without_a_point_stay_and_are_said(tmp_path: Path) -> None:
     assert "P006" in found.notes[0]
 
 
+def test_points_between_thousands_are_none_of_decimals(tmp_path: Path) -> None:
+    german = "Name;X [mm];Y [mm];Z [mm]\n" + "\n".join(f"{name};1.234,5;-2.000.001,25;3,0" for name in NAMES)
+    found = intake(written(tmp_path, LOGS["degrees"], german), 5e-5)
+    assert found.columns["x"][0] == pytest.approx(1.2345)
+    assert found.columns["y"][0] == pytest.approx(-2000.00125)
+
+
 def test_what_the_controller_logs_of_its_tool_is_not_measured(tmp_path: Path) -> None:
     lines = LOGS["degrees"].splitlines()
-    log = "\n".join([f"{lines[0]},X,Y,Z", *(f"{line},1.0,2.0,3.0" for line in lines[1:])])
+    log = "\n".join([f"{lines[0]},X,Y,Z,A,B,C", *(f"{line},1.0,2.0,3.0,4.0,5.0,6.0" for line in lines[1:])])
     found = intake(written(tmp_path, log, EXPORTS["leica"]), 5e-5)
     assert np.allclose(np.array([found.columns[axis] for axis in "xyz"]).T, 1e-3 * XYZ, atol=1e-9)
-    assert not any(name.startswith("controller") for name in found.columns)
+    assert set(found.columns) == {"pose", *(f"q_J{i}" for i in range(1, 7)), "x", "y", "z", "sigma"}
 
 
 def test_clocks_join_where_there_is_nothing_else(tmp_path: Path) -> None:
