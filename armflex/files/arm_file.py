@@ -40,6 +40,7 @@ from armflex.files.calibration_table import (
 )
 from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
+from armflex.files.link_table import read_link
 from armflex.files.sensor_table import read_sensors
 from armflex.laws import read_law
 from armflex.laws.declared import law_name, soft
@@ -163,6 +164,11 @@ def make_arm(
 
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     robot, rating, flags = _read_robot(root.sub("robot"), strict)
+    bent = []
+    for name, table in root.subs("link").items():
+        robot, flexure, more = read_link(name, table, robot)
+        bent.append(flexure)
+        flags = (*flags, *more)
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
     tables, presets = root.subs("flexure"), root.subs("preset")
     if preset is not None:
@@ -172,7 +178,9 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         presets[preset].finish()
     if len(tables) > MAX_LINKS:
         raise ArmFileError(root.place("flexure"), f"has {len(tables)} flexures, more than the {MAX_LINKS} allowed")
-    flexures = tuple(_read_flexure(name, table, robot) for name, table in tables.items())
+    if taken := [flexure.name for flexure in bent if flexure.name in tables]:
+        raise tables[taken[0]].fail("joint", f"[link.{taken[0]}] is a flexure of this name: choose another one")
+    flexures = (*bent, *(_read_flexure(name, table, robot) for name, table in tables.items()))
     measurement = Measurement()
     if root.has("measurement"):
         table = root.sub("measurement")

@@ -50,12 +50,18 @@ KEYS: dict[str, dict[str, Key]] = {
         "robot": Key("the robot"),
         "payload": Key("what may be carried, a table for each; `none` always exists"),
         "flexure": Key("where the arm bends, a table for each"),
+        "link": Key("links that bend, a table for each, by the name of the link"),
         "preset": Key("flexures that replace or join those declared, chosen by `--preset NAME`"),
         "measurement": Key("how the arm is measured"),
         "instrument": Key("instruments that read the arm beside, or instead of, x y z; a table for each"),
         "prior": Key("standard deviations of the parameters that `calibrate` fits"),
         "effect": Key("effects beyond the flexures, in order"),
         "calibration": Key("what `calibrate` or `trace` found; written, not meant to be edited"),
+    },
+    "link.NAME": {
+        "file": Key("the part that `armflex fem` wrote: held where the link begins, loaded where its next joint is"),
+        "xyz": Key("place of the mesh's origin in the link's frame", "m", "0 0 0"),
+        "rpy": Key("turn of the mesh's axes in the link's frame", "rad", "0 0 0"),
     },
     "robot": {
         "urdf": Key("the robot's URDF, relative to this file", default="**required** without `dh`"),

@@ -124,3 +124,10 @@ def test_learned_boom():
     found = run("16_learned_boom")
     assert found["learned"] < 0.5e-3 and found["linear"] > 5.0 * found["learned"]
     assert 0.90 <= found["covered"] <= 0.98
+
+
+def test_step_to_sag(tmp_path):
+    pytest.importorskip("gmsh", reason="gmsh, an extra of its own, is not installed", exc_type=ImportError)
+    pytest.importorskip("skfem")
+    sag, beam = run("17_step_to_sag", str(tmp_path))
+    assert beam < sag < 1.06 * beam  # it shears, too
