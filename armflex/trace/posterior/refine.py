@@ -90,7 +90,7 @@ class _Search:
     def reduced(self, columns: Array) -> tuple[Array, Array]:
         """Return information and score of (n, k) columns beside the model."""
         projection = self.screen.projection
-        seen = columns.T @ projection.shared @ projection.fitted.root
+        seen = (projection.half @ columns).T
         score = columns.T @ projection.residual
         information = columns.T @ projection.cleared(columns) - seen @ seen.T
         if self.known.shape[1]:

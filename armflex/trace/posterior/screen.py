@@ -83,7 +83,7 @@ class Screen(Evidence):
             return
         whole = np.hstack([columns for _, columns in made])
         cleared = self.projection.cleared(whole)
-        seen = whole.T @ self.projection.shared @ self.projection.fitted.root
+        seen = (self.projection.half @ whole).T
         for place, (own, row) in list(self._rows.items()):
             more_of_row = whole.T @ own - seen @ self._seen[place]
             self._rows[place] = own, np.append(row, more_of_row)
@@ -146,7 +146,7 @@ class Screen(Evidence):
     def cleared(self, places: np.ndarray) -> Array:
         """Return the same, cleared of the parameters apart."""
         self.gram(places)
-        return np.stack([self._rows[p][0] for p in places.tolist()], axis=1) if len(places) else self._further[:, :0]
+        return np.array([self._rows[p][0] for p in places.tolist()]).T if len(places) else self._further[:, :0]
 
     def seen(self, places: np.ndarray) -> Array:
         """Return the (k, r) products of some columns with the `half` of the projection."""
@@ -164,7 +164,7 @@ class Screen(Evidence):
                 self._rows[place] = own[:, i].copy(), found[:, i].copy()
         if not len(places):
             return np.zeros((len(self.scores), 0))
-        return np.stack([self._rows[place][1] for place in places.tolist()], axis=1)
+        return np.array([self._rows[place][1] for place in places.tolist()]).T  # rows one after another
 
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""

@@ -38,8 +38,8 @@ MOST = 12
 PAIRS = 3
 """Pairs of hypotheses, those that share most, that are taken out together once nothing else improves a model."""
 
-KEPT = 24
-"""Tolerance: models beside which all hypotheses are known at a time."""
+KEPT = 2**24
+"""Tolerance: numbers of models beside which all hypotheses are known that are kept at a time."""
 
 BETTER = 1e-2
 """Tolerance: rise of the log posterior below which a model is not changed."""
@@ -140,9 +140,10 @@ class Evidence(ABC):
     def beside(self, model: Model) -> Beside:
         """Return the problem beside a model."""
         if model not in self._known:
-            if len(self._known) >= KEPT:
-                self._known.pop(next(iter(self._known)))
             self._known[model] = self._beside(model)
+            held = sum(one.across.size for one in self._known.values())
+            while held > KEPT and len(self._known) > 1:
+                held -= self._known.pop(next(iter(self._known))).across.size
         return self._known[model]
 
     def _beside(self, model: Model) -> Beside:
@@ -155,9 +156,10 @@ class Evidence(ABC):
         rows = self.gram(places) * scale
         own = rows[places] * scale[:, None] + np.diag(held)
         root = np.linalg.cholesky(0.5 * (own + own.T))
-        pull = np.linalg.solve(root, self.scores[places] * scale)
+        inverse = np.linalg.inv(root)
         volume = 2.0 * float(np.log(np.diag(root)).sum()) - float(np.log(held).sum())
-        return Beside(self, model, np.linalg.solve(root, rows.T).T, root, pull, volume)
+        across = np.ascontiguousarray(rows @ inverse.T)
+        return Beside(self, model, across, root, inverse @ (self.scores[places] * scale), volume)
 
     def log_posterior(self, model: Model) -> float:
         """Return the log posterior probability of a model, but for a constant."""
