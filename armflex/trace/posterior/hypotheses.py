@@ -80,6 +80,11 @@ class Hypothesis:
         return (self.one.law.name, self.family, places)
 
     @cached_property
+    def name(self) -> tuple:
+        """Law and place, whatever is inside the law and whichever of its terms act."""
+        return (self.one.law.name, self.family, tuple(replace(one.location, terms=()) for one in self.members))
+
+    @cached_property
     def positive(self) -> bool:
         """Whether its only amplitude must be positive."""
         terms = self.one.location.terms

@@ -36,7 +36,7 @@ class Credible:
     """What one effect of a model may be.
 
     Attributes:
-        probability: Of the effect itself: its law and place, whatever is inside the law.
+        probability: Of the effect itself: its law and place, whatever is inside the law, in any of the places.
         nothing: Probability that there is no effect in its place.
         others: The hypotheses beside it that make up the credible set, with the probability of each, the likeliest
             first.
@@ -77,7 +77,9 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
     """
     rng, slots = np.random.default_rng(seed), list[Chosen | None](own)
     charges = np.array([evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))])
-    spots = [group.hypothesis.spot for group in evidence.groups]
+    names = [group.hypothesis.name for group in evidence.groups]
+    mine = [names[one.number] for one in own]
+    itself = np.zeros(len(own))
     chances: list[Counter] = [Counter() for _ in range(len(own) + 1)]
     empty, counted = np.zeros(len(own) + 1), np.zeros(len(own) + 1)
     for _ in range(SWEEPS):
@@ -91,13 +93,18 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
             empty[i], counted[i] = empty[i] + np.exp(-whole), counted[i] + 1.0
             for number, weight in enumerate(weights.sum(axis=1).tolist()):
                 if weight > NEGLIGIBLE:
-                    chances[i][spots[number]] += weight
+                    chances[i][names[number]] += weight
             if i < len(own):
+                # Effects may have changed places: one that is in another's is there.
+                held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)
+                own_weight = weights[[name == mine[i] for name in names]].sum()
+                itself[i] += 1.0 if held >= mine.count(mine[i]) else own_weight
                 drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
                 slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
     counted = np.maximum(counted, 1.0)
     empty = empty / counted
-    chances = [Counter({spot: p / n for spot, p in one.items()}) for one, n in zip(chances, counted, strict=True)]
+    chances = [Counter({name: p / n for name, p in one.items()}) for one, n in zip(chances, counted, strict=True)]
+    itself = np.minimum(itself / counted[:-1], 1.0)
     found = []
     for i, chance in enumerate(chances):
         rest = tuple(one for j, one in enumerate(own) if j != i)
@@ -105,16 +112,16 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
         best: dict[tuple, Hypothesis] = {}
         ranking = []
         for number in np.argsort(-odds).tolist():
-            if spots[number] not in best:
-                best[spots[number]] = evidence.groups[number].hypothesis
+            if names[number] not in best:
+                best[names[number]] = evidence.groups[number].hypothesis
                 ranking.append((evidence.groups[number].hypothesis, float(odds[number])))
-        itself = spots[own[i].number] if i < len(own) else None
-        others, reached = [], chance.get(itself, 0.0) + empty[i]
-        for spot, probability in chance.most_common():
-            if spot != itself and (reached < CREDIBLE or i == len(own)):
-                others.append((best[spot], float(probability)))
-                reached += probability
-        found.append(Credible(float(chance.get(itself, 0.0)), float(empty[i]), tuple(others), tuple(ranking)))
+        probability = float(itself[i]) if i < len(own) else 0.0
+        others, reached = [], probability + empty[i]
+        for name, chance_of in chance.most_common():
+            if name not in mine and (reached < CREDIBLE or i == len(own)):
+                others.append((best[name], float(chance_of)))
+                reached += chance_of
+        found.append(Credible(probability, float(empty[i]), tuple(others), tuple(ranking)))
     return found
 
 

@@ -223,20 +223,25 @@ def _shaped(screen: Screen, model: Model) -> list[Location]:
 def _fitted(here: Standing, model: Model) -> Standing | None:
     """Return the state refitted with a model, None where that is worth no more.
 
-    Where the fit does not come out as the linear problem promised, each hypothesis that is new is left out in turn.
+    Where the fit does not come out as the linear problem promised, what is new leaves it one by one: what the problem
+    at that fit can spare best. Where there is no such fit, each is left out in turn.
     """
-    trial = refitted(here, model)
-    if trial is not None and (trial.value > here.value + BETTER or len(trial.state.rows) != len(here.state.rows)):
-        return trial
-    known = spots(here.screen, here.model)
-    tried = [trial] if trial is not None else []
-    for i, one in enumerate(model):
-        rest = (*model[:i], *model[i + 1 :])
-        if here.screen.groups[one.number].hypothesis.spot not in known and spots(here.screen, rest) != known:
-            other = refitted(here, rest)
-            tried += [] if other is None else [other]
-    best = max(tried, key=lambda one: one.value, default=None)
-    return best if best is not None and best.value > here.value + BETTER else None
+    known, count = spots(here.screen, here.model), len(here.state.rows)
+    while spots(here.screen, model) != known:
+        trial = refitted(here, model)
+        if trial is not None and (trial.value > here.value + BETTER or len(trial.state.rows) != count):
+            return trial
+        new = [i for i, one in enumerate(model) if here.screen.groups[one.number].hypothesis.spot not in known]
+        if trial is None:
+            others = [refitted(here, (*model[:i], *model[i + 1 :])) for i in new if len(new) > 1]
+            best = max((one for one in others if one is not None), key=lambda one: one.value, default=None)
+            return best if best is not None and best.value > here.value + BETTER else None
+        left = {i: trial.screen.log_posterior((*trial.model[:i], *trial.model[i + 1 :])) for i in new}
+        spared = max(left, key=left.__getitem__, default=None)
+        if spared is None or left[spared] <= here.value:
+            return None
+        model = (*model[:spared], *model[spared + 1 :])
+    return None
 
 
 def refitted(here: Standing, model: Model) -> Standing | None:

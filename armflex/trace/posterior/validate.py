@@ -129,8 +129,8 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
     chosen = folds.squares(anew)
     names, proofs = [], []
     for i, one in enumerate(own):
-        spot = folds.parts[0].groups[one.number].hypothesis.spot
-        led = [any(part.groups[c.number].hypothesis.spot == spot for c in model)
+        name = folds.parts[0].groups[one.number].hypothesis.name
+        led = [any(part.groups[c.number].hypothesis.name == name for c in model)
                for part, model in zip(folds.parts, anew, strict=True)]  # fmt: skip
         names.append(sum(led) / count)
         without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
