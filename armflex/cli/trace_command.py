@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import click
 import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import complain, doing, number, print_table, say, show_flags, tell, warn
+from armflex.cli.terminal import doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
-from armflex.errors import FileError, InputError, enough_memory, listing
+from armflex.errors import enough_memory, listing
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
@@ -39,25 +39,12 @@ MOST_ADVICE = 3
 @click.command(cls=options.Command)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Traced arm.toml to write.")
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
-@click.option(
-    "--resume",
-    is_flag=True,
-    help="Go on from the last accepted effect of the same command, which was interrupted, killed or ended by an error.",
-)
-@click.option(
-    "--method",
-    type=click.Choice(["steps", "posterior"]),
-    default="steps",
-    help="How effects are chosen: in steps, or by the posterior over sets of effects, which gives probabilities.",
-)
 @options.campaign
 def command(
     arm_path: Path,
     measurements_path: Path,
     output: Path,
     report_path: Path | None,
-    resume: bool,
-    method: Literal["steps", "posterior"],
     keep: bool,
     anyway: bool,
     points: PointExport | None,
@@ -66,12 +53,11 @@ def command(
 ) -> None:
     """Calibrate, find the effects that explain the residual, add them, and report the errors before and after.
 
-    After every accepted effect the outputs are written, marked unfinished, and beside ARM2.toml (-o) a file
-    ARM2.checkpoint.json, from which --resume goes on; it is removed at the end. Effects with which held-out poses are
-    predicted worse than by the calibrated arm are withdrawn.
+    Effects are selected by their posterior probability, and each is listed with its own and with what else it may be.
+    After every state that the search accepts the outputs are written, marked unfinished. Effects with which held-out
+    poses are predicted worse than by the calibrated arm are withdrawn.
     """
     outputs = Outputs(arm_path, output, report_path, options.json_path())
-    kept = _checkpoint(outputs, measurements_path, resume)
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
     finished: list[Trace] = []
@@ -84,11 +70,7 @@ def command(
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, kept, resume, account, doing, anyway, method)
-    except BaseException as error:
-        if kept is not None and kept.exists() and not (isinstance(error, FileError) and error.place.file == kept):
-            complain(f"What was accepted is kept in {kept}: the same command with --resume goes on.")
-        raise
+            trace(arm, measurements, None, tell, keep, account, doing, anyway)
     finally:  # also where it could not be written
         for found in finished:
             print_trace(found)
@@ -128,27 +110,6 @@ class Outputs:
             if not found.unfinished:
                 raise
             warn(f"{error}; the search goes on")
-
-
-def _checkpoint(outputs: Outputs, measurements: Path, resume: bool) -> Path | None:
-    """Return the file that a search is kept in; None where the arm goes to a device or a pipe, beside which is none.
-
-    Raises:
-        InputError: It is another file of the command, or nothing can be resumed.
-    """
-    if outputs.arm.exists() and not outputs.arm.is_file():
-        if resume:
-            raise InputError(
-                f"nothing is kept beside {outputs.arm}, which is no file: --resume has nothing to go on from"
-            )
-        return None
-    kept = outputs.arm.with_suffix(".checkpoint.json")
-    others = (outputs.declared, measurements, outputs.arm, outputs.report, outputs.json)
-    if any(path is not None and options.same_file(kept, path) for path in others):
-        raise InputError(f"{kept} is where the search is kept while it goes on: name another file")
-    if kept.exists() and not resume:
-        warn(f"{kept} is of an unfinished search: this search starts anew, --resume continues that one")
-    return kept
 
 
 def print_trace(found: Trace) -> None:
@@ -197,7 +158,7 @@ def _lines(found: Found) -> Iterator[list[str]]:
     held_out = f"{number(proof.before * 1e3, 3)} -> {number(proof.after * 1e3, 3)}"
     depends = ", ".join(effect.location.covariates) or "-"
     head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
-    again = "-" if found.survives is None else f"{found.survives:.0%}"
+    again = f"{found.survives:.0%}"
     values = list(zip(effect.named.items(), effect.units, strict=True))
     for (name, value), unit in values[:MOST_LINES]:
         std = f" ± {found.std[name]:.2g}" if found.std.get(name) else ""
@@ -228,18 +189,8 @@ def _remarks(found: Trace) -> Iterator[str]:
         yield f"{far} more rows, far off together, are excluded: no candidate explains them."
     for one, which in zip(found.found, found.numbers, strict=True):
         title = f"{one.effect.title}{numbered(which)}"
-        if one.witness:
-            yield (
-                f"{title} is accepted because fitted parameters no longer strain against their priors; "
-                "the prediction of held-out rows is not clearly better."
-            )
-        hypotheses = list(dict.fromkeys(effect.title for effect, _ in one.equivalent))
-        if one.probability is not None:
-            others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-            yield f"Probability: {one.probability:.0%} {title}{others}."
-        elif hypotheses:
-            more = f", and {len(hypotheses) - 3} more" if len(hypotheses) > 3 else ""
-            yield f"These data do not distinguish {title} from {', '.join(hypotheses[:3])}{more}."
+        others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
+        yield f"Probability: {one.probability:.0%} {title}{others}."
     readings = found.state.measurements.readings
     unit = SHOWN[readings.unit][0]
     for gone in found.withdrawn:
@@ -248,8 +199,6 @@ def _remarks(found: Trace) -> Iterator[str]:
             f"Withdrawn: {gone.title}; with it poses held out are predicted to {after} {unit}, "
             f"by the calibrated arm to {calibrated} {unit}."
         )
-    if found.said_of_limit:
-        yield found.said_of_limit
     if left := found.unexplained:
         where = "without a place" if left.site is None else f"at {left.site.removeprefix(LINK)} {left.axis}"
         size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
@@ -287,7 +236,6 @@ def as_json(found: Trace) -> dict[str, Any]:
         "format": "armflex-trace-1",
         **({} if found.nothing is None else {"nothing": found.nothing}),
         **({"unfinished": True} if found.unfinished else {}),
-        **({} if found.stopped_at is None else {"stopped_at_limit": found.stopped_at}),
         "rows": len(found.rows) + len(found.unjudged),
         "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
@@ -354,22 +302,14 @@ def _effect_json(found: Found) -> dict[str, Any]:
         "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
         "equivalent": [_place_json(hypothesis) for hypothesis, _ in found.equivalent],
         "held_out_sessions_rms_mm": {name: None if rms is None else rms * 1e3 for name, rms in sessions.items()},
-        **(
-            {}
-            if found.probability is None
-            else {
-                "probability": found.probability,
-                "credible": [
-                    {**_place_json(effect), "probability": chance}
-                    for effect, chance in ((found.effect, found.probability), *found.credible)
-                ],
-            }
-        ),
+        "probability": found.probability,
+        "credible": [
+            {**_place_json(effect), "probability": chance}
+            for effect, chance in ((found.effect, found.probability), *found.credible)
+        ],
         "evidence": found.evidence,
         "chance": proof.null,
-        "believed": found.believed,
         "chosen_again": found.survives,
-        "family": found.family,
     }
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product, zip_longest
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from armflex.estimate.fit import Fit
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Inner, Values, full
 from armflex.laws.effects.location import Location
-from armflex.trace.projection import Projection, evidence
 from armflex.trace.telling import Tell, silent
 
 
@@ -35,19 +34,6 @@ class Candidate:
     def name(self) -> str:
         """Law, site and axis."""
         return Effect(self.law, self.location, ()).name
-
-    @property
-    def spot(self) -> tuple[str, str]:
-        """Law and site."""
-        return self.law.name, self.location.site
-
-    @property
-    def parameters(self) -> int:
-        """How many numbers it takes: amplitudes, and inner parameters that are searched and in use, or not as usual."""
-        count = len(self.location.terms)
-        for inner, value in zip(self.law.inner, self.inner, strict=True):
-            count += _is_searched(inner, value) + (inner.usual is not None and value != inner.usual)
-        return count
 
     @property
     def searched(self) -> tuple[int, ...]:
@@ -110,12 +96,6 @@ class Part:
             return (type(others)(told, shape=(others.shape[0], count)) @ self.shapes.T).T
         return self.shapes @ np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer).T
 
-    def flipped(self, residual: Array, signs: Array) -> Array:
-        """Return the (K, F) products of the columns with a (n,) residual, M rows of it taken with (M, F) signs."""
-        if self.answer is None:
-            return self.shapes @ with_signs(residual, signs)
-        return self.shapes @ ((residual.reshape(self.answer.shape) * self.answer).sum(axis=1)[:, None] * signs)
-
     def squares(self, some: np.ndarray) -> Array:
         """Return the (g, k, k) products among themselves of (g, k) of the columns."""
         shapes = self.shapes[some]
@@ -151,16 +131,6 @@ class Bank:
     def starts(self) -> np.ndarray:
         """(G + 1,) first column of every group."""
         return np.concatenate([[0], np.cumsum(self.sizes)]).astype(int)
-
-    @cached_property
-    def parameters(self) -> np.ndarray:
-        """(G,) numbers that each candidate takes."""
-        return np.array([candidate.parameters for candidate in self.candidates])
-
-    @property
-    def charge(self) -> float:
-        """What it costs to have chosen one law and location among so many: -2 log of the chance of it."""
-        return 2.0 * float(np.log(max(len({(one.law.name, one.location) for one in self.candidates}), 1)))
 
     def group(self, index: int) -> Array:
         """Return the (n, k) columns of one candidate."""
@@ -282,9 +252,9 @@ class Bank:
         return Part(groups, places, regressors.transpose(1, 0, 2).reshape(len(places), -1), None)
 
 
-def with_signs(residual: Array, signs: Array) -> Array:
-    """Return a (n,) residual with (M, F) signs of its M rows, (n, F)."""
-    return (residual.reshape(len(signs), -1, 1) * signs[:, None]).reshape(len(residual), -1)
+def candidate_of(effect: Effect) -> Candidate:
+    """Return the candidate that an effect is."""
+    return Candidate(effect.law, effect.location, effect.inner)
 
 
 def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:
@@ -318,102 +288,3 @@ def candidates_of(laws: Iterable[EffectLaw], context: Context) -> Iterator[Candi
 def bank(candidates: Iterable[Candidate], fit: Fit, context: Context, tell: Tell = silent) -> Bank:
     """Return candidates with their columns at a fit, which are made when they are asked for."""
     return Bank(tuple(candidates), fit, context, tell)
-
-
-@dataclass(frozen=True, eq=False)
-class Sifted:
-    """A bank, projected: what later steps need of its columns.
-
-    Attributes:
-        bank: The candidates.
-        projection: Of the fit.
-        seen: (K, r) products of the columns with the `half` of the projection.
-        scores: (K,) products of the columns with the fit's own residual.
-    """
-
-    bank: Bank
-    projection: Projection
-    seen: Array
-    scores: Array
-
-    @cached_property
-    def evidence(self) -> Array:
-        """(G,) falls of the information criterion by what every candidate explains of the fit's own residual."""
-        return self.evidence_of(self.gain)[:, 0]
-
-    @cached_property
-    def gain(self) -> Array:
-        """(G, 1) falls of the objective by the same."""
-        return self.gains()
-
-    def evidence_of(self, gains: Array) -> Array:
-        """Return the (G, F) falls of the information criterion of (G, F) gains."""
-        projection, parameters = self.projection, self.bank.parameters[:, None]
-        return np.asarray(evidence(gains, projection.objective, projection.count, parameters))
-
-    @cached_property
-    def inside(self) -> list[tuple[np.ndarray, Array, Array]]:
-        """For every group size: groups, (g, k, k) squares of their columns, and what the fit leaves of them."""
-        apart = self.projection.apart
-        taken = () if apart is None else self.bank.squares_through(apart.each)
-        found = []
-        for (groups, whole), own in zip_longest(self.bank.squares, taken):
-            seen = self.seen[self._places(groups, whole)]
-            inside = whole - seen @ seen.transpose(0, 2, 1)
-            found.append((groups, whole, inside if own is None else inside - own[1]))
-        return found
-
-    @cached_property
-    def solvers(self) -> list[tuple[np.ndarray, Array]]:
-        """For every group size: groups, and (g, k, k) factors W with gain = |W' score|^2."""
-        return [(groups, _factors(inside, whole, self.projection.ridge)) for groups, whole, inside in self.inside]
-
-    def gains(self, signs: Array | None = None) -> Array:
-        """Return the (G, F) gains of all candidates for the fit's residual, its rows with (M, F) signs if any.
-
-        A residual with other signs is projected: it is no longer that of the fit.
-        """
-        if signs is None:
-            scores = self.scores[:, None]
-        else:
-            residual, apart = self.projection.residual, self.projection.apart
-            flipped = with_signs(residual, signs)
-            scores = -self.seen @ (self.projection.half @ flipped)
-            flipped = None if apart is None else np.ascontiguousarray(apart.cleared(flipped).T)
-            for part in self.bank.parts:
-                scores[part.places] += part.flipped(residual, signs) if flipped is None else part.products(flipped)
-        gains = np.zeros((len(self.bank.candidates), scores.shape[1]))
-        for groups, factors in self.solvers:
-            gains[groups] = ((factors.transpose(0, 2, 1) @ scores[self._places(groups, factors)]) ** 2).sum(axis=1)
-        return gains
-
-    def _places(self, groups: np.ndarray, matrices: Array) -> np.ndarray:
-        """Return the (g, k) columns of groups of a size."""
-        return self.bank.starts[groups][:, None] + np.arange(matrices.shape[1])
-
-
-def _factors(inside: Array, whole: Array, ridge: float) -> Array:
-    """Return (g, k, k) square roots of the groups' inverses: `Projection.gain` for many groups of a size at once."""
-    squares = np.einsum("gkk->gk", whole)
-    seen = squares > 0.0
-    scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, squares, 1.0)), 0.0)
-    values, vectors = np.linalg.eigh(inside * scale[:, :, None] * scale[:, None, :])
-    roots = 1.0 / np.sqrt(np.maximum(values, 0.0) + ridge)
-    return scale[:, :, None] * vectors * roots[:, None, :]
-
-
-def sift(candidates: Bank, projection: Projection) -> Sifted:
-    """Return a bank projected on a fit."""
-    told = candidates.products(np.column_stack([projection.shared, projection.residual]))
-    return Sifted(candidates, projection, told[:, :-1] @ projection.fitted.root, told[:, -1])
-
-
-def best_per_spot(sifted: Sifted, most: int) -> Sequence[int]:
-    """Return the numbers of the best candidates, one per law and location, the best first."""
-    chosen: dict[tuple[str, Location], int] = {}
-    for index in np.argsort(-sifted.evidence, kind="stable"):
-        candidate = sifted.bank.candidates[index]
-        chosen.setdefault((candidate.law.name, candidate.location), int(index))
-        if len(chosen) >= most:
-            break
-    return list(chosen.values())

@@ -18,10 +18,9 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import Fit, realise
-from armflex.estimate.held_out import held_out, judged_by, pose_folds
+from armflex.estimate.held_out import judged_by
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.outliers import Outlier, exchanged, outliers_of
-from armflex.estimate.posterior import certainty_of
 from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
@@ -30,30 +29,118 @@ from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
 from armflex.result import Result
-from armflex.trace.accept import ENOUGH, MARGIN, Kin, Proof, null_maximum, prove, sessions_held_out
-from armflex.trace.exchange import equivalents, pruned, worth_of
-from armflex.trace.next_measurement import lacking, next_rows
-from armflex.trace.polish import Polished
-from armflex.trace.projection import project
-from armflex.trace.search import Round
-from armflex.trace.state import State, lost_in, lost_of, lost_rows, sorted_out, without
-from armflex.trace.unrecorded import NOTICED, RandomTwist, as_likely, localise
-from armflex.trace.withdraw import Compared, Withdrawn, never_worse
+from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.state import State, lost_in, lost_of, lost_rows
+from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely
 
 ALMOST = 1e-4
 """Share of a column's square below which what is left of it cannot be seen at any plausible size."""
-
-SHOWN = 23.0
-"""Gain at which an effect would have been accepted among thousands of candidates."""
-
-STILL = 1e-12
-"""Share of what an amplitude of 1 does to the readings at the place where it does most, below which it is rounding."""
 
 UNLIKELY = 1e-4
 """Probability below which a residual larger than the repeats' scatter is no chance."""
 
 LARGER = 2.0
 """Variance over that of repeats from which a residual without a place is told at all."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """Errors of rows that were not used, before and after an effect [m].
+
+    Attributes:
+        before, after: RMS of the 3-D error, poses held out.
+        sessions_before, sessions_after: The same with whole sessions held out, over those without which it
+            still shows; None where there are none.
+        errors_apart: Standard errors by which the mean squared error falls.
+        null: Best log odds that any hypothesis had under random signs of the residual.
+    """
+
+    before: float
+    after: float
+    sessions_before: float | None
+    sessions_after: float | None
+    errors_apart: float
+    null: float
+
+    @property
+    def sessions_agree(self) -> bool:
+        """Whether whole sessions, where any can judge, are predicted better."""
+        if self.sessions_before is None or self.sessions_after is None:
+            return True
+        return self.sessions_after < self.sessions_before
+
+
+@dataclass(frozen=True)
+class Kin:
+    """A family that effects were accepted with: one law at every drive.
+
+    Attributes:
+        number: Which family it is.
+        std: Standard deviation of its members' twists, RMS over the rows [rad or m].
+        worth: Twice the logarithm of its evidence over none.
+    """
+
+    number: int
+    std: float
+    worth: float
+
+
+@dataclass(frozen=True)
+class Compared:
+    """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
+
+    Attributes:
+        before, after: Laws, places and values inside laws chosen, and all fitted, without the poses; over every row
+            that either comes near.
+        linear_before, linear_after: Values inside laws as they are, all else fitted without the poses; over the rows
+            that the fits use.
+        names: For every effect what was chosen in its stead without each fold of the poses: law, site and axis, or ''
+            for nothing; empty for members of families, which are not chosen again.
+    """
+
+    before: float
+    after: float
+    linear_before: float
+    linear_after: float
+    names: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def worse(self) -> bool:
+        """Whether what was found makes it worse, in either way."""
+        return self.after > self.before or self.linear_after > self.linear_before
+
+
+@dataclass(frozen=True, eq=False)
+class Withdrawn:
+    """What was accepted and taken out again, because held-out poses were predicted worse with it.
+
+    Attributes:
+        effect: With the values that it had; None where it was a random twist.
+        random: The random twist.
+        compared: The errors with it.
+        family: Whether the effect is the first of a family.
+    """
+
+    effect: Effect | None
+    random: PoseBlock | None
+    compared: Compared
+    family: bool = False
+
+    @property
+    def title(self) -> str:
+        """What it is in words."""
+        if self.effect is not None:
+            return f"{self.effect.law.name.replace('_', ' ')} at every drive" if self.family else self.effect.title
+        assert self.random is not None
+        return f"random twist at {self.random.site} ({self.random.axis})"
+
+    @property
+    def errors(self) -> tuple[float, float]:
+        """RMS on held-out poses of the calibrated arm and with it [m], as it is worse."""
+        found = self.compared
+        if found.after > found.before:
+            return found.before, found.after
+        return found.linear_before, found.linear_after
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,16 +150,13 @@ class Found:
     Attributes:
         effect: With its fitted values.
         std: Standard uncertainty of each fitted value by name.
-        evidence: Fall of the information criterion that it is worth beside the others.
+        evidence: Twice the log odds of it beside the others, over none.
         proof: Held-out rows.
-        equivalent: Other candidates that these data cannot tell from it, with how much less evidence they have.
-        ranking: What was considered when it was added, the best first.
-        witness: Whether it is believed for the priors' sake: held-out errors barely move, parameters no longer do.
+        equivalent: Other candidates that these data cannot distinguish from it, with how much less evidence they have.
+        ranking: What competes for its place with twice the log odds, the best first.
         index: Its place among the effects of the final fit.
-        family: Number of the family with which it was added, whose proof it is; None where it stands alone.
-        survives: Share of the folds of the poses without which the same law at the same place is chosen again; None
-            where that was not asked.
-        probability: Of it, law and place; None where no posterior was worked out.
+        survives: Share of the folds of the poses without which the same law at the same place is chosen again.
+        probability: Of it, law and place.
         credible: Other candidates that with it make up the 95 % credible set, with the probability of each.
     """
 
@@ -81,18 +165,11 @@ class Found:
     evidence: float
     proof: Proof
     equivalent: tuple[tuple[Effect, float], ...]
-    ranking: tuple[Polished, ...]
-    witness: bool
-    index: int = 0
-    family: int | None = None
-    survives: float | None = None
-    probability: float | None = None
+    ranking: tuple[tuple[Hypothesis, float], ...]
+    index: int
+    survives: float
+    probability: float
     credible: tuple[tuple[Effect, float], ...] = ()
-
-    @property
-    def believed(self) -> str:
-        """Why: it predicts held-out rows better, or it ends what strained the priors and predicts them no worse."""
-        return "strained priors" if self.witness else "held-out rows"
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,9 +305,7 @@ class Trace(Result):
         undecided: What is left where these rows cannot tell whether anything is missing, None where they can.
         unfinished: Whether the search was still going on: what else would do, what could not be told and what to
             measure next is not worked out yet.
-        stopped_at: How many effects the search had accepted where that many are its limit, None where it ended because
-            nothing was left to be found.
-        nothing: Probability that no effect is missing at all; None where no posterior was worked out.
+        nothing: Probability that no effect is missing at all; None while a search goes on.
     """
 
     TOLD = (
@@ -258,7 +333,6 @@ class Trace(Result):
     families: tuple[FoundFamily, ...] = ()
     undecided: Undecided | None = None
     unfinished: bool = False
-    stopped_at: int | None = None
     nothing: float | None = None
 
     @property
@@ -374,14 +448,6 @@ class Trace(Result):
         return sum(one.kind == kind for one in self.outliers)
 
     @property
-    def said_of_limit(self) -> str:
-        """That the search ended at its limit, in a sentence; '' where it did not."""
-        if self.stopped_at is None:
-            return ""
-        count = "1 effect" if self.stopped_at == 1 else f"{self.stopped_at} effects"
-        return f"The search ended at its limit of {count}: more may be missing."
-
-    @property
     def held_out(self) -> tuple[float, float]:
         """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
 
@@ -411,181 +477,6 @@ def predictable_residual(state: State) -> Array:
     if state.random is None:
         return view.residual
     return view.residual + state.random.jacobian(view) @ state.values_of(state.random)
-
-
-def so_far(state: State, places: tuple[RandomTwist, ...]) -> Trace:
-    """Return the account of a search that goes on: what was accepted, with what is known without comparing it.
-
-    `places` are the likeliest of what was left at first.
-    """
-    left = unexplained(state, localise(state.fit, state.context, project(state.fit), state.groups))
-    found = tuple(_found(state, index, worth, ()) for index, worth in _by_themselves(state))
-    return _summed_up(state, places, found, left, unfinished=True)
-
-
-def conclude(state: State, places: tuple[RandomTwist, ...]) -> Trace:
-    """Return the account of a search that has come to its end, after second thoughts about what it added."""
-    state.say("weighing every effect beside the others")
-    *_, state = (state, *pruned(state))
-    state, withdrawn, compared = never_worse(sorted_out(state))
-    state.say(f"searching what {len(state.rows)} rows still show")
-    looked = state.looked  # which costs nothing where nothing changed
-    state.say("comparing what else would do")
-    found = tuple(_found(state, i, *equivalents(state, i), compared) for i, _ in _by_themselves(state))
-    left = unexplained(state, looked.places)
-    together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
-    if left is None and len(together):  # rows left out although their neighbours are far off, too
-        view = look(state.fit.setup, state.measurements, together)
-        squares = view.readings.row_squares(view.residual)
-        left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
-    state.say("finding what is not observable, and what to measure next")
-    undecided = None if state.effects or left is not None or withdrawn else _undecided(state, looked)
-    others = {one.index: [hypothesis for hypothesis, _ in one.equivalent] for one in found}
-    hypotheses = [others.get(index, []) for index in range(len(state.effects))]
-    return _summed_up(
-        state,
-        places,
-        found,
-        left,
-        undecided=undecided,
-        not_identifiable=not_identifiable(looked, state),
-        smallest=smallest(looked, state),
-        next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),
-        compared=compared,
-        withdrawn=withdrawn,
-    )
-
-
-def _summed_up(
-    state: State, places: tuple[RandomTwist, ...], found: tuple[Found, ...], left: Unexplained | None, **more: Any
-) -> Trace:
-    """Return the account, with what more there is to tell."""
-    fit, calibration = state.fit, state.calibration
-    folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
-    # A random twist stays behind, because nobody can foresee it.
-    effects = (*calibration.arm.effects, *state.fitted)
-    arm = with_posteriors(fit.setup.arm, fit, certainty_of(fit))
-    return Trace(
-        arm=replace(arm, effects=effects, instrument=fit.setup.instrument),
-        calibration=calibration,
-        before=state.calibrated,
-        state=state,
-        found=found,
-        families=_families(state),
-        unexplained=left,
-        places=places,
-        noise=fit.noise,
-        held_out_before=held_out(state.calibrated, folds, judged=judged).rms,
-        held_out_after=held_out(fit, folds, judged=judged).rms,
-        held_out_sessions=sessions_held_out(state.calibrated, fit, state.effects, state.sessions),
-        **more,
-    )
-
-
-def _undecided(state: State, looked: Round) -> Undecided | None:
-    """Return what is left where it is much and the best candidate is no better than chance, None elsewhere."""
-    fit, best = state.fit, looked.ranking[0].evidence
-    if fit.noise**2 < LARGER:
-        return None
-    chance = max(float(null_maximum(sifted, state.groups).max()) for sifted in looked.sifted)
-    if best >= chance + MARGIN:
-        return None  # what was found was refused for other reasons than chance
-    poses, stated = int(state.groups.max()) + 1, fit.view.rms(fit.view.sigma)
-    return Undecided(fit.rms, stated, poses, best, chance, fit.view.readings.unit)
-
-
-def _by_themselves(state: State) -> Iterator[tuple[int, float]]:
-    """Yield place and evidence of every effect that was added alone, and of members of families that show alone."""
-    for unit in sorted(state.units):
-        for index in unit:
-            worth = worth_of(state, index)
-            if len(unit) == 1 or worth >= ENOUGH:
-                yield index, worth
-
-
-def _families(state: State) -> tuple[FoundFamily, ...]:
-    found = []
-    for unit in state.units:
-        step = state.steps[unit[0]]
-        if step is not None and step.kin is not None:
-            blocks = [state.effects[i] for i in unit]
-            stds = [block.std(state.values_of(block), state.stds_of(block)) for block in blocks]
-            members = tuple(zip((state.fitted[i] for i in unit), stds, strict=True))
-            found.append(FoundFamily(step.kin, members, step.proof))
-    return tuple(found)
-
-
-def _found(
-    state: State, index: int, worth: float, others: tuple[tuple[Effect, float], ...], compared: Compared | None = None
-) -> Found:
-    block, step = state.effects[index], state.steps[index]
-    assert step is not None
-    proof = step.proof
-    if step.exchanged:
-        proof = prove(without(state, index), state, proof.null, [block])
-    std = block.std(state.values_of(block), state.stds_of(block))
-    effect, family = state.fitted[index], None if step.kin is None else step.kin.number
-    names = compared.names[index] if compared is not None else ()
-    survives = names.count(effect.name) / len(names) if names else None
-    return Found(effect, std, worth, proof, others, step.ranking, step.witness, index, family, survives)
-
-
-def not_identifiable(looked: Round, state: State) -> tuple[Unidentifiable, ...]:
-    """Return laws and sites of which fitted parameters take over all but nothing, with the parameter that does most."""
-    bank, regressors = looked.sifted[0].bank, state.fit.regressors
-    whole, inside = _left_over(looked)
-    sizes = np.maximum(np.sqrt((regressors**2).sum(axis=0)), 1e-300)
-    found: dict[tuple[str, str], Unidentifiable] = {}
-    added = {(effect.law.name, effect.location) for effect in state.fitted}
-    for index, candidate in enumerate(bank.candidates):
-        key = (candidate.law.name, candidate.location.place)
-        if key in found or bank.sizes[index] != 1 or (candidate.law.name, candidate.location) in added:
-            continue
-        if whole[index] > 0.0 and inside[index] > ALMOST * whole[index]:
-            continue
-        partner: ArmParameter | None = None
-        if whole[index] > 0.0:  # the parameter whose column is most like its own
-            own = bank.group(index)[:, 0]
-            likeness = np.abs(regressors.T @ own) / (sizes * float(np.linalg.norm(own)))
-            partner = state.fit.parameters[int(likeness.argmax())]
-        found[key] = Unidentifiable(*key, partner)
-    return tuple(found.values())
-
-
-def smallest(looked: Round, state: State) -> tuple[Smallest, ...]:
-    """Return for every law the range over its places of the tip motion (RMS) that would just have been accepted."""
-    bank, fit, where = looked.sifted[0].bank, state.fit, state.fit.view.foremost
-    noise = max(1.0, looked.projection.objective / looked.projection.count)
-    # (G,) RMS of the 3-D motion of the target per unit of each group's first amplitude [m].
-    sigma, raw = fit.view.sigma[:, where], np.zeros(len(bank.candidates))
-    scale = np.where(np.isfinite(sigma), sigma, 0.0) / np.sqrt(fit.weights[:, where])
-    for part in bank.parts:
-        first = np.isin(part.places, bank.starts[:-1])
-        regressors = part.regressors[:, first].reshape(*fit.view.sigma.shape, -1)[:, where] * scale[:, :, None]
-        each = np.maximum(fit.view.readings.foremost_count, 1)[:, None]
-        raw[part.groups] = np.sqrt(((regressors**2).sum(axis=1) / each).mean(axis=0))
-    found: dict[str, list[float]] = {}
-    whole, inside = _left_over(looked)
-    for index in np.flatnonzero((bank.sizes == 1) & (inside > ALMOST * whole)):
-        size = float(np.sqrt(SHOWN * noise / inside[index]) * raw[index])
-        found.setdefault(bank.candidates[index].law.name, []).append(size)
-    return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())
-
-
-def _left_over(looked: Round) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (G,) squares of the first column of every named candidate, and what the fit leaves of them.
-
-    Both are zero where a column is only rounding: an axis through the target moves it by 1e-17, not by nothing.
-    """
-    named = looked.sifted[0]
-    whole, inside, most = np.zeros(len(named.bank.candidates)), np.zeros(len(named.bank.candidates)), {}
-    for groups, squares, left in named.inside:
-        whole[groups], inside[groups] = squares[:, 0, 0], left[:, 0, 0]
-    alike = [(one.law.name, one.location.turns, one.location.terms) for one in named.bank.candidates]  # of a unit
-    for kind, square in zip(alike, whole.tolist(), strict=True):
-        most[kind] = max(square, most.get(kind, 0.0))
-    moves = whole > STILL**2 * np.array([most[kind] for kind in alike])
-    return np.where(moves, whole, 0.0), np.where(moves, inside, 0.0)
 
 
 def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | None:

@@ -28,8 +28,8 @@ from armflex.plan.instruments import levels_tell, unlike
 from armflex.readings import Readings
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, LEVEL_OF
-from armflex.trace.candidates import candidate_regressors
-from armflex.trace.state import State, candidate_of
+from armflex.trace.candidates import candidate_of, candidate_regressors
+from armflex.trace.state import State
 
 OFFERED = 120
 """Rows among which the best is chosen."""

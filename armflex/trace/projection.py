@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.block import largest_motion
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import MANY, ROUNDING, LinearGaussian
 
@@ -63,8 +62,6 @@ class Projection:
         data: (n,) readings that the columns are to explain, whitened and weighted.
         residual: (n,) what the most probable values leave of them.
         objective: Sum of squares of residual and prior deviations.
-        ridge: Prior precision of a candidate's amplitudes, relative to the square of its column: an effect that would
-            have to move the tip by more than `largest_motion` to be seen is not believed.
         count: Number of readings; places of orientations that were not read are zero in everything, and none.
     """
 
@@ -74,7 +71,6 @@ class Projection:
     data: Array
     residual: Array
     objective: float
-    ridge: float
     count: int
 
     def cleared(self, columns: Array) -> Array:
@@ -111,16 +107,6 @@ class Projection:
         values[self.apart.which] = self.apart.scale * (self.apart.each @ (change - self.regressors @ shared))
         return values
 
-    def information(self, regressors: Array) -> tuple[Array, Array]:
-        """Return (k, k) X'X - X'A N^-1 A'X of (n, k) columns, and the diagonal of X'X."""
-        seen = self.half @ regressors
-        return regressors.T @ self.cleared(regressors) - seen.T @ seen, (regressors**2).sum(axis=0)
-
-    def beside(self, regressors: Array) -> Projection:
-        """Return the projection where the amplitudes of (n, k) columns are fitted, too."""
-        held = np.append(self.precision, self.ridge * (regressors**2).sum(axis=0))
-        return self.with_fitted(np.hstack([self.regressors, regressors]), held)
-
     def with_fitted(self, regressors: Array, precision: Array) -> Projection:
         """Return the projection, at its exact solution, where these (n, P) columns are fitted beside those apart.
 
@@ -133,37 +119,16 @@ class Projection:
         objective = float(left @ residual + (precision * values**2).sum())
         return replace(beside, residual=residual, objective=objective)
 
-    def gain(self, regressors: Array) -> tuple[float, Array]:
-        """Return what (n, k) columns lower the objective by together, and their (k,) amplitudes."""
-        inside, whole = self.information(regressors)
-        score = regressors.T @ self.residual
-        amplitudes = LinearGaussian(inside).with_precision(self.ridge * whole).solve(score)
-        return float(score @ amplitudes), amplitudes
-
 
 def project(fit: Fit) -> Projection:
     """Return the projection of a fit."""
     data = fit.residual + fit.regressors @ fit.values
-    return projected(fit.regressors, fit.precision, data, ridge_for(fit), fit.view.count)
+    return projected(fit.regressors, fit.precision, data, fit.view.count)
 
 
-def ridge_for(fit: Fit) -> float:
-    """Return the `ridge` of a fit's projections."""
-    sigma = fit.view.sigma[:, fit.view.foremost]
-    return float((sigma[np.isfinite(sigma)] ** 2).mean()) / largest_motion(fit.view) ** 2 / len(fit.view.rows)
-
-
-def projected(regressors: Array, precision: Array, data: Array, ridge: float, count: int) -> Projection:
+def projected(regressors: Array, precision: Array, data: Array, count: int) -> Projection:
     """Return the projection of (n,) readings on (n, P) columns with (P,) prior precisions."""
     apart = Apart.of(regressors, precision)
     if apart is not None:
         regressors, precision = regressors[:, ~apart.which], precision[~apart.which]
-    return Projection(regressors, precision, apart, data, data, 0.0, ridge, count).with_fitted(regressors, precision)
-
-
-def evidence(gain: Array | float, objective: float, count: int, parameters: Array | float) -> Array | float:
-    """Return the fall of the Bayesian information criterion: n log(J / (J - gain)) - k log n; noise size unknown."""
-    # Noise smaller than stated must not make more of a strained prior than it is.
-    objective = max(objective, float(count))
-    left = np.where(gain < objective, objective - gain, objective)  # more than all there is can only be rounding
-    return count * np.log(objective / left) - parameters * np.log(count)
+    return Projection(regressors, precision, apart, data, data, 0.0, count).with_fitted(regressors, precision)

@@ -1,314 +1,325 @@
-"""One round of the search: screen everything, refine the best, and say which candidate explains most."""
+"""The search for what an arm lacks: the most probable model of the linear problem, the arm refitted with it, and again.
+
+A climb finds the model that no addition, deletion, exchange or pair improves. The arm is then fitted exactly with all
+of it, and the linear problem is made anew there, with the effects taken out. A state is worth the log posterior of its
+own hypotheses in its own linear problem, and only a state that is worth more replaces one: so the search ends.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import contextlib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import permutations
 
 import numpy as np
 
-from armflex.estimate.fit import Fit
-from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import EffectLaw
-from armflex.laws.effects.location import LINK, Location
+from armflex.errors import ArmflexError
+from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
-from armflex.trace.accept import ENOUGH
-from armflex.trace.candidates import (
-    Bank,
-    Candidate,
-    Sifted,
-    bank,
-    best_per_spot,
-    candidate_regressors,
-    candidates_of,
-    grid,
-    sift,
-)
-from armflex.trace.polish import Polished, polish, sensible
-from armflex.trace.projection import Projection, evidence, project
-from armflex.trace.unrecorded import RandomTwist, localise
+from armflex.rows.rows import POSE
+from armflex.trace.candidates import bank
+from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
+from armflex.trace.refine import Refiner
+from armflex.trace.screen import Screen
+from armflex.trace.selection import BETTER, MOST, ROUGH, SCALES, Chosen, Model, climbed, rivals
+from armflex.trace.state import Added, State, sorted_out, with_hypotheses, with_random
+from armflex.trace.unrecorded import PoseBlock, RandomTwist, as_likely, localise
 
-REFINED = 14
-"""Best candidates whose inner parameters are refined."""
+ROUNDS = 12
+"""Tolerance: fits of the arm with what was found at most."""
 
-LOOKED_AT = 120
-"""Best candidates among which the possible ones are sought."""
+AT_ONCE = 4
+"""Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing."""
 
-SHAPED = 10
-"""Best free shapes whose place is searched for waves and bumps."""
+FEW = 2
+"""Tolerance: effects with which a random twist is compared at first; more may imitate one."""
 
-PLACES = 4
-"""Likeliest places at which products of two columns are tried."""
-
-PREFERRED = 6.0
-"""Evidence by which a candidate that bends must beat a plainer one."""
-
-TIE = 2.0
-"""Evidence within which the plainer candidate is taken."""
-
-SECOND_BEST = (4, 1, 1)
-"""How many of the shapes that are sought are refined: waves and bumps, products, products with waves."""
-
-CLOSE, SHARE, SHORT = 10.0, 0.03, 4
-"""Evidence, or share of it, within which candidates are refitted in full before one is chosen, and how many at most."""
-
-MORE = 5.0
-"""Times of an effect's size at one place that make another place with the same law less likely."""
-
-ALIKE = 0.05
-"""Difference of gains below which two candidates are the same to the data."""
-
-TRIED_FIRST = 0.25
-"""Share of the best evidence from which a plain law is tried first."""
-
-TOGETHER, SWEEPS = 6, 3
-"""Effects at most that are sought together, and how often each is sought again beside the others."""
-
-MOST = 0.8
-"""Share of the excess that one effect explains where hardly anything else is missing."""
-
-MUCH = 0.6
-"""Share of the excess that a candidate must explain for products not to be tried."""
+SHAPED, LIKELY = 10, 4
+"""Tolerance: places of free shapes at which waves and bumps are sought, and of random twists at which products are."""
 
 
 @dataclass(frozen=True, eq=False)
-class Round:
-    """What one round of the search found.
+class Standing:
+    """A state with its linear problem.
 
     Attributes:
-        projection: Of the fit that was searched.
-        sifted: Everything that was tried, projected: the catalogue first.
-        places: Where a random twist would explain the residual, the likeliest first.
-        ranking: Refined candidates, the best first.
-        plain: Laws that are tried first.
+        state: The arm so far.
+        screen: All hypotheses at its fit, its own effects taken out.
+        model: Its own hypotheses there.
+        places: Where a random twist would explain what its model leaves, the likeliest first.
     """
 
-    projection: Projection
-    sifted: tuple[Sifted, ...]
+    state: State
+    screen: Screen
+    model: Model
     places: tuple[RandomTwist, ...]
-    ranking: tuple[Polished, ...]
-    plain: frozenset[str]
 
     @property
-    def best(self) -> Polished:
-        """The candidate to believe first: a plain law where one explains a fair part of what the best of all does.
-
-        While several effects are missing, whatever bends most wins by fitting some of each.
-        """
-        return preferred(self.eligible)
+    def value(self) -> float:
+        """Its log posterior."""
+        return self.screen.log_posterior(self.model)
 
     @property
-    def eligible(self) -> tuple[Polished, ...]:
-        """The candidates among which `best` is, the best first."""
-        plain = tuple(one for one in self.ranking if one.candidate.law.name in self.plain)
-        if plain and plain[0].evidence > TRIED_FIRST * self.ranking[0].evidence:
-            return plain
-        return self._physical
-
-    @property
-    def _physical(self) -> tuple[Polished, ...]:
-        """The candidates of the catalogue; all where its best has clearly less evidence."""
-        some = tuple(one for one in self.ranking if one.candidate.law.physical)
-        return some if some and some[0].evidence > self.ranking[0].evidence - PREFERRED else self.ranking
-
-    @property
-    def contender(self) -> Polished | None:
-        """What bends more than `best` and explains clearly more; to be believed where it leaves nothing unexplained."""
-        clear = self.ranking[0].evidence >= self.best.evidence + PREFERRED
-        return preferred(self._physical) if clear else None
-
-    @property
-    def excess(self) -> float:
-        """How much there is to be explained beyond the noise."""
-        return self.projection.objective - self.projection.count
-
-    @cached_property
-    def together(self) -> tuple[Polished, ...]:
-        """Effects that explain most together, each beside the others, the best first; none where one explains most."""
-        if not self.ranking or max(one.gain for one in self.ranking) > MOST * self.excess:
-            return ()
-        found = together(self.sifted[0].bank, self.projection, TOGETHER)
-        return tuple(found) if len(found) > 1 else ()
-
-    @cached_property
-    def explained(self) -> tuple[float, float]:
-        """How much those explain together, and their evidence when each is charged for having been chosen."""
-        bank, projection = self.sifted[0].bank, self.projection
-        if not self.together:
-            return 0.0, -np.inf
-        chosen = [one.candidate for one in self.together]
-        columns = np.hstack([candidate_regressors(one, bank.fit, bank.context) for one in chosen])
-        gain, count = projection.objective - projection.beside(columns).objective, sum(one.parameters for one in chosen)
-        told = float(evidence(gain, projection.objective, projection.count, count))
-        return gain, told - len(chosen) * bank.charge
-
-    @property
-    def could(self) -> bool:
-        """Whether the contender may leave nothing unexplained."""
-        return self.contender is not None and self.contender.gain > MUCH * self.excess
-
-    @property
-    def first(self) -> Polished:
-        """The candidate that is looked at first."""
-        return self.contender if self.contender is not None and self.could else self.best
-
-    @property
-    def shortlist(self) -> tuple[Polished, ...]:
-        """`best` and what comes close to it, as far as the data can tell them apart at all."""
-        best = self.best
-        distinct = [best]
-        for one in self.eligible:
-            close = one.evidence > best.evidence - max(CLOSE, SHARE * best.evidence)
-            if close and all(abs(one.gain - other.gain) > ALIKE for other in distinct):
-                distinct.append(one)
-        return tuple(distinct[:SHORT])
+    def unrecorded(self) -> RandomTwist | None:
+        """Where a random twist is more probable than none, None where nowhere."""
+        return next((one for one in self.places[:1] if _odds(one, self.places) > 0.0), None)
 
 
-def preferred(ranking: Sequence[Polished]) -> Polished:
-    """Return the plainest of those that the data hardly tell from the best."""
-    return plainest([one for one in ranking if one.evidence > ranking[0].evidence - TIE])
+def standing(state: State) -> Standing:
+    """Return a state with its linear problem."""
+    state.say(f"screening what {len(state.rows)} rows still show")
+    known = hypotheses(state.context)
+    columns = bank((one.one for one in known), state.fit, state.context, state.tell)
+    screen = Screen(known, columns, state.bare, state.quiet)
+    screen.extend(families(state.fit.view, state.context))
+    model = own_model(screen, state.hypotheses)
+    return Standing(state, screen, model, random_places(state, screen, model))
 
 
-def plainness(candidate: Candidate) -> tuple[bool, int, bool]:
-    """Return how plain a candidate is, the less the plainer."""
-    law = candidate.law
-    return not law.constant, list(EVERY).index(law.name), candidate.location.site.startswith(LINK)
+def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
+    """Return hypotheses as a model of a screen, each at the scale that is most probable beside the others."""
+    first = len(screen.groups)
+    screen.extend(known)
+    numbers = list(range(first, len(screen.groups)))
+    model = tuple(Chosen(number, 2) for number in numbers)
+    for i, number in enumerate(numbers):
+        rest = (*model[:i], *model[i + 1 :])
+        scale = int(screen.beside(rest).odds[number].argmax())
+        model = (*model[:i], Chosen(number, scale), *model[i + 1 :])
+    return model
 
 
-def plainest(alike: Sequence[Polished]) -> Polished:
-    """Return the plainest of some candidates, the best first, that the data do not tell apart.
-
-    First what is constant, then in the order of the catalogue, a joint's before a link's; one law at several places
-    not where more than `MORE` times of it is needed, 1 mrad counted as 1 mm, and rather where it turns: joints do.
-    """
-    kinds, sizes = [plainness(one.candidate) for one in alike], [float(np.abs(one.amplitudes).sum()) for one in alike]
-    least = min(kinds)
-    most = MORE * min(size for kind, size in zip(kinds, sizes, strict=True) if kind == least)
-    little = [one for one, kind, size in zip(alike, kinds, sizes, strict=True) if kind == least and size <= most]
-    return min(little, key=lambda one: not one.candidate.location.turns)
+def spots(screen: Screen, model: Model) -> frozenset:
+    """Return laws and places of a model."""
+    return frozenset(screen.groups[one.number].hypothesis.spot for one in model)
 
 
-def search(named: Bank, groups: np.ndarray) -> Round:
-    """Return what the catalogue and free shapes could explain of a fit's residual.
+def random_places(state: State, screen: Screen, model: Model) -> tuple[RandomTwist, ...]:
+    """Return where a random twist from pose to pose would explain what a model leaves, the likeliest first."""
+    left = _fitted_beside(screen, model)
+    left = replace(left, residual=left.residual * screen.quiet)  # by what was stated, as the fit has it
+    return localise(state.fit, state.context, left, state.groups)
 
-    Waves and bumps are tried where a free shape did well, and products of columns where much is left.
+
+def _fitted_beside(screen: Screen, model: Model):
+    """Return the projection of a screen with a model's columns fitted, too."""
+    projection = screen.projection
+    if not model:
+        return projection
+    groups = [screen.groups[one.number] for one in model]
+    columns = screen.columns(np.concatenate([one.places for one in groups])) * np.concatenate([g.scale for g in groups])
+    held = np.concatenate(
+        [np.full(len(g.places), SCALES[one.scale] ** -2.0) for g, one in zip(groups, model, strict=True)]
+    )
+    return projection.with_fitted(
+        np.hstack([projection.regressors, columns]), np.concatenate([projection.precision, held])
+    )
+
+
+def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:
+    """Return the log odds of a random twist over none."""
+    prior = float(np.log(EFFECTS * NAMELESS / max(len(places), 1)))
+    return place.ratio + prior if place.plausible else -np.inf
+
+
+def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: None) -> Standing:
+    """Return the state that is most probable, with its linear problem.
 
     Args:
-        named: Everything physical, at the fit with everything that is known so far.
-        groups: (M,) pose number of every measured row.
+        begun: Where to begin.
+        passing: Called after every state that is accepted.
     """
-    fit, context, tell = named.fit, named.context, named.tell
-    projection = project(fit)
-    unnamed = (law for law in EVERY.values() if not (law.physical or law.sought))
-    free = bank(candidates_of(unnamed, context), fit, context, tell)
-    tell("projecting candidates", 0, 0)
-    sifted = [sift(named, projection), sift(free, projection)]
-    screened, shaped = sifted
-    places = localise(fit, context, projection, groups)
-    chosen = [one.candidate for one in _possible(screened, fit, context, LOOKED_AT, REFINED)]
-    chosen += [one.candidate for one in _possible(shaped, fit, context, LOOKED_AT, 3)]
-
-    def best_of(most: int, laws: Sequence[EffectLaw], locations: Sequence[Location]) -> list[Candidate]:
-        """Return the best of shapes that are sought, with every starting value, all their terms acting."""
-        tried = [
-            Candidate(one, replace(location, terms=tuple(range(len(one.amplitudes)))), inner)
-            for one in laws
-            for location in locations
-            for inner in grid(one, location, context)
-        ]
-        sifted.append(sift(bank(tried, fit, context, tell), projection))
-        return [tried[i] for i in best_per_spot(sifted[-1], most)]
-
-    did_well = [shaped.bank.candidates[i] for i in best_per_spot(shaped, SHAPED)]
-    did_well = [one.location for one in did_well if one.law is not LEVEL]
-    spots = {Location(one.site, one.axis, one.covariates) for one in did_well}
-    chosen += best_of(SECOND_BEST[0], (WAVE, BUMP), sorted(spots, key=str))
-    if float(screened.gain.max(initial=0.0)) < MUCH * (projection.objective - projection.count):
-        likely = places[:PLACES]
-        pairs = list(permutations(candidate_columns(context.records), 2))
-        products = best_of(
-            SECOND_BEST[1], [PRODUCT], [Location(p.site, p.axis, pair) for p in likely for pair in pairs]
-        )
-        # In products one of the two columns may go in waves.
-        pairs = [pair for product in products for pair in permutations(product.location.covariates)]
-        waves = [Location(p.site, p.axis, pair) for p in likely for pair in pairs]
-        chosen += [*products, *best_of(SECOND_BEST[2], [WAVE_PRODUCT], waves)]
-    refined = []
-    for number, candidate in enumerate(chosen):
-        tell(f"refining {candidate.name}", number, len(chosen))
-        refined.append(polish(candidate, fit, context, projection))
-    ranking = tuple(sorted(refined, key=lambda one: -one.evidence))
-    return Round(projection, tuple(sifted), places, ranking, _plain(context))
-
-
-def searched(sifted: Sifted, fit: Fit, context: Context, most: int) -> Round:
-    """Return the round of some candidates alone, the best for every law and location that is possible, none refined."""
-    found = _possible(sifted, fit, context, most, most)
-    return Round(sifted.projection, (sifted,), (), tuple(found), _plain(context))
-
-
-def one_by_one(named: Bank, problem: Projection, most: int) -> Iterator[Polished]:
-    """Yield the effects of a bank that explain most, each beside those before, with what it explains beside them.
-
-    None is refined, and one is the last that is worth no more than what it is charged for.
-    """
-    for _ in range(most):
-        found = _possible(sift(named, problem), named.fit, named.context, LOOKED_AT, 1)
-        if not found or found[0].evidence <= 0.0:
-            return
-        yield found[0]
-        problem = problem.beside(candidate_regressors(found[0].candidate, named.fit, named.context))
-
-
-def together(named: Bank, problem: Projection, most: int) -> list[Polished]:
-    """Return the effects of a bank that explain most together, each refined beside the others, the best first.
-
-    Greedy order misleads where several causes are missing: what explains some of each comes first and hides them. So
-    whenever one more has been taken, each of them is sought again beside the others (Efroymson 1960, with exchanges).
-    """
-    fit, context, chosen = named.fit, named.context, list[Candidate]()
-
-    def beside(some: Sequence[Candidate]) -> Projection:
-        return problem.beside(np.hstack([candidate_regressors(one, fit, context) for one in some])) if some else problem
-
-    def best_beside(some: Sequence[Candidate], own: Candidate | None = None) -> Candidate | None:
-        left = beside(some)
-        found = _possible(sift(named, left), fit, context, LOOKED_AT, SHORT)
-        if own is None:
-            return preferred(found).candidate if found and found[0].evidence >= ENOUGH else None
-        gain = left.gain(candidate_regressors(own, fit, context))[0]
-        worth = float(evidence(gain, left.objective, left.count, own.parameters))
-        return preferred(found).candidate if found and found[0].evidence > worth + TIE else own
-
-    while len(chosen) < most and (one := best_beside(chosen)) is not None:
-        chosen.append(one)
-        for _ in range(SWEEPS):
-            before = list(chosen)
-            for i in range(len(chosen)):
-                chosen[i] = best_beside([*chosen[:i], *chosen[i + 1 :]], chosen[i]) or chosen[i]
-            if chosen == before:
-                break
-    found = [polish(one, fit, context, beside([other for other in chosen if other is not one])) for one in chosen]
-    return sorted(found, key=lambda one: -one.evidence)
-
-
-def _plain(context: Context) -> frozenset[str]:
-    """Return the names of plain laws; in a single session nothing can be held out against those of time alone."""
-    several = len(set(context.sessions)) > 1
-    return frozenset(law.name for law in EVERY.values() if law.plain and (several or not law.timed))
-
-
-def _possible(sifted: Sifted, fit: Fit, context: Context, looked_at: int, most: int) -> list[Polished]:
-    """Return the best candidates, one per law and location, whose amplitudes are possible; none refined."""
-    found: list[Polished] = []
-    for index in best_per_spot(sifted, looked_at):
-        candidate, gain = sifted.bank.candidates[index], float(sifted.gain[index, 0])
-        amplitudes = sifted.projection.gain(sifted.bank.group(index))[1]
-        if gain > 0.0 and sensible(candidate, amplitudes, fit, context):
-            found.append(Polished(candidate, gain, float(sifted.evidence[index]), amplitudes, ()))
-        if len(found) >= most:
+    here = _settled(_begun(begun), passing)
+    for _ in range(ROUNDS):
+        after = _rethought(here, passing)
+        if after is None:
             break
-    return found
+        here = after
+    return here
+
+
+def _begun(here: Standing) -> Standing:
+    """Return the state, with a random twist set aside at first where a few effects explain less than one would."""
+    place = here.unrecorded
+    if place is None or here.state.random is not None:
+        return here
+    refiner = Refiner(here.screen)
+    few = climbed(here.screen, here.model, refiner, most=FEW)
+    if here.screen.log_posterior(few) > here.value + _odds(place, here.places):
+        return here
+    with contextlib.suppress(ArmflexError):
+        return standing(_with_twist(here.state, place, here.places))
+    return here
+
+
+def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
+    """Return the state that no further model of its own linear problem improves."""
+    for _ in range(ROUNDS):
+        model = modelled(here)
+        if spots(here.screen, model) == spots(here.screen, here.model):
+            return here
+        after = _fitted(here, model)
+        if after is None:
+            return here
+        here = after
+        passing(here)
+    return here
+
+
+def modelled(here: Standing) -> Model:
+    """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
+    return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + AT_ONCE, MOST))
+
+
+def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state with waves and bumps where free shapes explain most; None where none is more probable.
+
+    One shape may stand for several effects that imitate it: they leave one by one once it is there.
+    """
+    screen, refiner = here.screen, Refiner(here.screen)
+    shaped = _shaped(screen, here.model)
+    if not shaped:
+        return None
+    here.state.say("searching waves and bumps")
+    for law in (WAVE, BUMP):
+        screen.extend(sought(law, shaped, here.state.context))
+    trials = [climbed(screen, here.model, refiner)]
+    for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
+        trials.append(climbed(screen, (*here.model, rival.chosen), refiner))
+    return _accepted(here, max(trials, key=screen.log_posterior), passing)
+
+
+def _accepted(here: Standing, model: Model, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return where a model leads to, None where it is no more probable than the state."""
+    after = None if spots(here.screen, model) == spots(here.screen, here.model) else _fitted(here, model)
+    if after is None:
+        return None
+    passing(after)
+    return _settled(after, passing)
+
+
+def _is_free(hypothesis: Hypothesis) -> bool:
+    return not hypothesis.one.law.physical
+
+
+def _shaped(screen: Screen, model: Model) -> list[Location]:
+    """Return places at which free shapes explain most of what a model leaves."""
+    found: dict[Location, None] = {}
+    whole = screen.beside(()).odds.max(axis=1)
+    for odds, least in ((screen.beside(model).odds.max(axis=1), 0.0), (whole, (1.0 - ROUGH) * whole.max())):
+        free = [
+            i
+            for i, group in enumerate(screen.groups)
+            if odds[i] > max(least, 0.0) and _is_free(group.hypothesis) and group.hypothesis.one.law is not LEVEL
+        ]
+        for i in sorted(free, key=lambda i: -odds[i])[:SHAPED]:
+            location = screen.groups[i].hypothesis.one.location
+            if len(location.covariates) == 1:
+                found.setdefault(Location(location.site, location.axis, location.covariates))
+    return list(found)
+
+
+def _fitted(here: Standing, model: Model) -> Standing | None:
+    """Return the state refitted with a model, None where that is worth no more.
+
+    Where the fit does not come out as the linear problem promised, what is new leaves it one by one: what the problem
+    at that fit can spare best. Where there is no such fit, each is left out in turn.
+    """
+    known, count = spots(here.screen, here.model), len(here.state.rows)
+    while spots(here.screen, model) != known:
+        trial = refitted(here, model)
+        if trial is not None and (trial.value > here.value + BETTER or len(trial.state.rows) != count):
+            return trial
+        new = [i for i, one in enumerate(model) if here.screen.groups[one.number].hypothesis.spot not in known]
+        if trial is None:
+            others = [refitted(here, (*model[:i], *model[i + 1 :])) for i in new if len(new) > 1]
+            best = max((one for one in others if one is not None), key=lambda one: one.value, default=None)
+            return best if best is not None and best.value > here.value + BETTER else None
+        left = {i: trial.screen.log_posterior((*trial.model[:i], *trial.model[i + 1 :])) for i in new}
+        spared = max(left, key=left.__getitem__, default=None)
+        if spared is None or left[spared] <= here.value:
+            return None
+        model = (*model[:spared], *model[spared + 1 :])
+    return None
+
+
+def refitted(here: Standing, model: Model) -> Standing | None:
+    """Return the state fitted with a model, None where the arm with it does not come to rest."""
+    screen, state = here.screen, here.state
+    beside, added = screen.beside(model), list[Added]()
+    for one, amplitudes in zip(model, beside.amplitudes, strict=True):
+        group = screen.groups[one.number]
+        std = np.where(group.scale > 0.0, SCALES[one.scale] * group.scale / (beside.noise * screen.quiet), 1e-12)
+        added.append(Added(group.hypothesis, amplitudes, std))
+    places = np.concatenate([np.zeros(0, dtype=int), *(screen.groups[one.number].places for one in model)])
+    explained = screen.columns(places) @ np.concatenate([np.zeros(0), *beside.amplitudes])
+    names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
+    state.say(f"refitting with {names or 'nothing'}")
+    try:
+        return standing(sorted_out(with_hypotheses(replace(state, heed=True), added, explained)))
+    except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
+        return None
+
+
+def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state after what comes last: products, a random twist, rows far off; None where nothing changes."""
+    state = here.state
+    after = _with_shapes(here, passing)
+    if after is not None:
+        return after
+    if state.random is not None:
+        return _withdrawn(here, passing)
+    if here.unrecorded is not None:
+        after = _with_products(here, passing)
+        if after is not None:
+            return after
+        return _set_aside(here, passing)
+    if state.heed:
+        left = sorted_out(replace(state, heed=False))
+        if not state.uses(left.rows):
+            return _settled(standing(left), passing)
+    return None
+
+
+def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state with a product of two columns where a random twist would explain most; None where none does."""
+    screen, context = here.screen, here.state.context
+    pairs = list(permutations(candidate_columns(context.records), 2))
+    likely = here.places[:LIKELY]
+    here.state.say("searching products of columns")
+    for law in (PRODUCT, WAVE_PRODUCT):
+        locations = [Location(place.site, place.axis, pair) for place in likely for pair in pairs]
+        screen.extend(sought(law, locations, context))
+    return _accepted(here, climbed(screen, here.model, Refiner(screen)), passing)
+
+
+def _set_aside(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state with a random twist beside its effects; None where the arm with it does not come to rest."""
+    place = here.unrecorded
+    assert place is not None
+    try:
+        after = standing(_with_twist(here.state, place, here.places))
+    except ArmflexError:
+        return None
+    passing(after)
+    return _settled(after, passing)
+
+
+def _withdrawn(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
+    """Return the state without its random twist where none is probable any more, None where it stays."""
+    try:
+        bare = standing(with_random(here.state, None))
+    except ArmflexError:
+        return None
+    if bare.unrecorded is not None:
+        return None
+    here.state.say("withdrawing the random twist that was set aside")
+    passing(bare)
+    return _settled(bare, passing)
+
+
+def _with_twist(state: State, place: RandomTwist, places: tuple[RandomTwist, ...]) -> State:
+    state.say(f"setting aside a random twist at {place.site} {place.axis}")
+    groups = state.context.column(POSE).astype(int)
+    return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(places)))

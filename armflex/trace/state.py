@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -16,21 +17,16 @@ from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.outliers import lost_readings
 from armflex.estimate.view import look
-from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import without_direction
-from armflex.laws.effects.location import Location
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
-from armflex.trace.accept import Step
-from armflex.trace.candidates import Bank, Candidate, bank, candidate_regressors, candidates_of
-from armflex.trace.polish import Polished, sensible, unusual
-from armflex.trace.projection import Projection, project, projected, ridge_for
-from armflex.trace.search import Round, search
+from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.projection import Projection, projected
 from armflex.trace.telling import Report, Tell, silent, tell_steps
 from armflex.trace.unrecorded import PoseBlock
 
@@ -44,14 +40,14 @@ class State:
         first: The same without lost beams.
         measurements: The campaign.
         asked: Rows that were to be used.
-        rows: Those of them in use: all but lost beams, and rows that do not tell what an added effect depends on.
+        rows: Those of them in use: all but lost beams, and rows without what an added effect depends on.
         declared: Arm and instrument before any fit.
         blocks: Declared blocks.
-        effects: Added effects, in the order added.
+        known: Hypotheses that were added, with values inside their laws as they were chosen.
+        effects: What they add: one effect for each member of each hypothesis, in order.
         random: Random twist per pose, None where there is none.
         fit: All of them together.
         context: The campaign as the catalogue sees it, at this fit.
-        steps: For each effect how it, or what it stands for, was added; None of one that is yet to be proven.
         heed: Whether rows that are far off in company stay in use; see `lost_readings`.
         tell: Called with how far a search or a fit has come.
         say: Called with what is being done.
@@ -64,11 +60,11 @@ class State:
     rows: np.ndarray
     declared: Setup
     blocks: tuple[Block, ...]
+    known: tuple[Hypothesis, ...]
     effects: tuple[EffectBlock, ...]
     random: PoseBlock | None
     fit: Fit
     context: Context
-    steps: tuple[Step | None, ...] = ()
     heed: bool = True
     tell: Tell = silent
     say: Report = silent
@@ -88,24 +84,17 @@ class State:
 
     @cached_property
     def untold(self) -> np.ndarray:
-        """(A,) which of the rows asked for do not tell the direction that an added effect depends on.
+        """(A,) which of the rows asked for do not say the direction that an added effect depends on.
 
         The search takes them as halfway, as what may be either; once the effect is there `predict` refuses such rows.
         """
         return without_direction([block.effect for block in self.effects], self.measurements)[self.asked]
 
     @property
-    def alone(self) -> int:
-        """Number of effects that were added by themselves, not with a family."""
-        return sum(len(unit) == 1 for unit in self.units)
-
-    @property
     def units(self) -> tuple[tuple[int, ...], ...]:
-        """Places of the effects that came together: one, or all members of a family."""
-        kin = [None if step is None or step.kin is None else step.kin.number for step in self.steps]
-        numbers = dict.fromkeys(number for number in kin if number is not None)
-        together = [tuple(i for i, one in enumerate(kin) if one == number) for number in numbers]
-        return (*((i,) for i, one in enumerate(kin) if one is None), *together)
+        """Places of the effects of every hypothesis."""
+        ends = np.cumsum([0, *(len(one.members) for one in self.known)]).tolist()
+        return tuple(tuple(range(a, b)) for a, b in pairwise(ends))
 
     @property
     def sessions(self) -> tuple[str, ...]:
@@ -115,11 +104,6 @@ class State:
     def uses(self, rows: np.ndarray) -> bool:
         """Return whether just these rows are in use."""
         return np.array_equal(rows, self.rows)
-
-    @property
-    def strain(self) -> float:
-        """Sum of squares of the prior deviations of all that is fitted."""
-        return float(((self.fit.values / self.fit.prior) ** 2).sum())
 
     def values_of(self, block: Block) -> Array:
         """Return the fitted values of one block."""
@@ -135,33 +119,38 @@ class State:
         return tuple(block.at(self.values_of(block)) for block in self.effects)
 
     @cached_property
-    def normal(self) -> tuple[Array, Array, float]:
-        """(P, P) information that the readings have on all that is fitted but a random twist, which is eliminated.
+    def hypotheses(self) -> tuple[Hypothesis, ...]:
+        """What was added, with values inside laws as they were fitted."""
+        found = []
+        for one, unit in zip(self.known, self.units, strict=True):
+            inners = [self.fitted[i].inner for i in unit]
+            members = tuple(replace(each, inner=inner) for each, inner in zip(one.members, inners, strict=True))
+            found.append(replace(one, members=members))
+        return tuple(found)
 
-        With it the (P,) score of what is left of the readings, and the square of that.
+    @property
+    def quiet(self) -> float:
+        """Standard deviation of the readings over that stated where they scatter less, else 1.
+
+        What is still missing is in it: they scatter no more than that. Priors are held against it.
         """
-        fit = self.fit
-        told, score, left = fit.told, fit.regressors.T @ fit.residual, float(fit.residual @ fit.residual)
-        if self.random is None:
-            return told, score, left
-        own = fit.places(self.random)
-        rest = np.setdiff1d(np.arange(len(score)), own)
-        values, precision = fit.values[own], fit.precision[own]
-        held, pull = np.diag(told)[own] + precision, score[own] - precision * values
-        between = told[np.ix_(rest, own)]
-        score, left = score[rest] - between @ (pull / held), left + float(precision @ values**2 - pull @ (pull / held))
-        return told[np.ix_(rest, rest)] - between / held @ between.T, score, left
+        return min(self.fit.noise, 1.0)
 
     @cached_property
-    def looked(self) -> Round:
-        """What the catalogue and free shapes could still explain."""
-        return search(self.physical, self.groups)
+    def bare(self) -> Projection:
+        """The projection of all that is fitted but the added effects, on the readings as they would be without them.
 
-    @cached_property
-    def physical(self) -> Bank:
-        """Every candidate that is physics rather than a free shape."""
-        laws = (law for law in EVERY.values() if law.physical)
-        return bank(candidates_of(laws, self.context), self.fit, self.context, self.tell)
+        By the scatter of the readings where that is less than was stated; see `quiet`.
+        """
+        fitted, own = self.fit, [self.fit.places(block) for block in self.effects]
+        acting = [at[: len(block.effect.location.terms)] for at, block in zip(own, self.effects, strict=True)]
+        none = np.zeros(0, dtype=int)
+        rest = np.setdiff1d(np.arange(len(fitted.values)), np.concatenate([none, *own]))
+        some = np.sort(np.concatenate([rest, *acting]))
+        # Linear in the amplitudes, so exact for them.
+        data = fitted.residual + fitted.regressors[:, some] @ fitted.values[some]
+        regressors, precision = fitted.regressors[:, rest] / self.quiet, fitted.precision[rest]
+        return projected(regressors, precision, data / self.quiet, fitted.view.count)
 
 
 def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -> State:
@@ -175,6 +164,7 @@ def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -
         rows=fitted.view.rows,
         declared=fitted.declared,
         blocks=fitted.blocks,
+        known=(),
         effects=(),
         random=None,
         fit=fitted,
@@ -194,9 +184,11 @@ def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     """
     lost = lost_of(state, state.heed)
     used = ~(only_lost(state, lost) | state.untold)
-    if state.uses(state.asked[used]) and np.array_equal(lost[used], lost_in(state)[used]):
+    before = lost_in(state)
+    if state.uses(state.asked[used]) and np.array_equal(lost[used], before[used]):
         return state
-    changed = replace(state, rows=state.asked[used], measurements=without_readings(state, lost & used[:, None]))
+    left = without_readings(state, lost & used[:, None])
+    changed = replace(state, rows=state.asked[used], measurements=left)
     return refit(changed, state.effects, state.random, state.fit.values, effort)
 
 
@@ -252,87 +244,61 @@ def context_at(fitted: Fit, measurements: Measurements) -> Context:
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-def add(state: State, found: Polished, place: int | None = None) -> State:
-    """Return the state with a candidate added, or joined to the effect that it widens, and everything refitted.
+@dataclass(frozen=True, eq=False)
+class Added:
+    """A hypothesis that is to be in the arm.
 
-    One effect with more terms are two of the same law and place, where nothing is searched between them. A new one
-    comes at a `place` among the others, last when none is given.
+    Attributes:
+        hypothesis: What it says.
+        amplitudes: (k,) where its amplitudes begin, of all members [the laws' units].
+        std: (k,) their prior standard deviations.
     """
-    fit, what = state.fit, found.effect
-    # What is fitted already moves to make room.
-    change = candidate_regressors(found.candidate, fit, state.context) @ found.amplitudes
-    values = moved(fit.blocks, fit.values, -project(fit).absorbed(change))
-    what = replace(what, derived=tuple(name for name in what.location.covariates if name in state.measurements.derived))
-    what = what.seen_in(state.context, state.rows)
-    starts = [values[fit.places(block)] for block in state.effects]
-    place = len(starts) if place is None else place
-    after, steps = place, (*state.steps[:place], None, *state.steps[place:])
-    for i, block in enumerate(state.effects):
-        if _without_terms(block.effect) == _without_terms(what) and not block.effect.law.inner:
-            known, place, after, steps = block.at(starts[i]), i, i + 1, state.steps
-            terms = tuple(sorted({*known.location.terms, *what.location.terms}))
-            sums = tuple(a + b for a, b in zip(known.values, what.values, strict=True))
-            what = replace(known, location=replace(known.location, terms=terms), values=sums)
-            break
-    prior = amplitude_prior(what, found.free, fit.view, state.context)
-    block, known = EffectBlock(what, found.free, state.context, 0, prior), len(state.declared.arm.effects)
-    effects = (*state.effects[:place], block, *state.effects[after:])
-    effects = tuple(replace(one, ordinal=known + i) for i, one in enumerate(effects))
-    starts[place:after] = [block.start]
-    return refit(replace(state, steps=steps), effects, state.random, with_starts(state, values, starts))
+
+    hypothesis: Hypothesis
+    amplitudes: Array
+    std: Array
 
 
-def _without_terms(effect: Effect) -> tuple[str, Location]:
-    return effect.law.name, replace(effect.location, terms=())
+def with_hypotheses(state: State, added: Sequence[Added], explained: Array, effort: Effort = ROUGH) -> State:
+    """Return the state with these hypotheses in place of those that it has, and everything refitted.
 
+    Args:
+        state: The arm so far.
+        added: What is to be added to the declared arm.
+        explained: (n,) what they explain of the readings of `state.bare`, whitened and weighted.
+        effort: Of the fit.
 
-def places_of_effects(state: State, indices: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the places of some effects' values in the fit, and of their amplitudes alone."""
-    places = [state.fit.places(state.effects[index]) for index in indices]
-    terms = (len(state.effects[index].effect.location.terms) for index in indices)
-    return np.concatenate(places), np.concatenate([one[:count] for one, count in zip(places, terms, strict=True)])
-
-
-def leave_out(state: State, *indices: int) -> tuple[Projection, np.ndarray]:
-    """Return the projection of the fit with some effects' columns and values taken out, and those columns' places."""
-    fit, (own, amplitudes) = state.fit, places_of_effects(state, indices)
-    rest = np.setdiff1d(np.arange(len(fit.values)), own)
-    # The readings as they would be without the effect: linear in its amplitudes, so exact for them.
-    data = (
-        fit.residual
-        + fit.regressors[:, amplitudes] @ fit.values[amplitudes]
-        + fit.regressors[:, rest] @ fit.values[rest]
-    )
-    return projected(fit.regressors[:, rest], fit.precision[rest], data, ridge_for(fit), fit.view.count), own
-
-
-def without(state: State, *indices: int) -> State:
-    """Return the state with some effects taken out, and everything else, which takes over, refitted."""
-    projection, own = leave_out(state, *indices)
-    rest = np.setdiff1d(np.arange(len(state.fit.values)), own)
-    change = np.zeros(len(state.fit.values))
-    change[rest] = projection.absorbed(projection.data) - state.fit.values[rest]
-    left = [i for i in range(len(state.effects)) if i not in indices]
-    steps, first = tuple(state.steps[i] for i in left), len(state.declared.arm.effects)
-
-    def refitted(values: Array) -> State:
-        found = (state.effects[i].at(values[state.fit.places(state.effects[i])]) for i in left)
-        pairs = enumerate(zip(left, found, strict=True))
-        effects = tuple(replace(state.effects[i], effect=one, ordinal=first + place) for place, (i, one) in pairs)
-        starts = with_starts(state, values, [block.start for block in effects])
-        return refit(replace(state, steps=steps), effects, state.random, starts)
-
-    try:
-        return refitted(moved(state.fit.blocks, state.fit.values, change))
-    except ArmflexError:  # the arm buckles where straight lines lead
-        return refitted(state.fit.values)
-
-
-def with_starts(state: State, values: Array, starts: Sequence[Array]) -> Array:
-    """Return the values of declared blocks and of the random twist, and between them where the effects start."""
-    declared = sum(len(block.labels) for block in state.blocks)
-    random = values[state.fit.places(state.random)] if state.random else np.zeros(0)
-    return np.concatenate([values[:declared], *starts, random])
+    Raises:
+        ArmflexError: The arm with them does not come to rest, or no fit is found.
+    """
+    known, blocks = len(state.declared.arm.effects), list[EffectBlock]()
+    for one in added:
+        first = 0
+        for member in one.hypothesis.members:
+            count = len(member.location.terms)
+            effect = member.effect(one.amplitudes[first : first + count])
+            derived = tuple(name for name in member.location.covariates if name in state.measurements.derived)
+            effect = replace(effect, derived=derived).seen_in(state.context, state.rows)
+            free = () if one.hypothesis.family else member.fitted
+            prior = amplitude_prior(effect, free, state.fit.view, state.context)
+            prior[:count] = np.minimum(prior[:count], one.std[first : first + count])
+            blocks.append(EffectBlock(effect, free, state.context, known + len(blocks), prior))
+            first += count
+    projection, rest = state.bare, sum(len(block.parameters) for block in state.blocks)
+    absorbed, random = projection.absorbed(projection.data - explained), np.zeros(0)
+    if state.random is not None:
+        random = absorbed[rest:]
+    after = replace(state, known=tuple(one.hypothesis for one in added))
+    starts = [block.start for block in blocks]
+    last: ArmflexError | None = None
+    for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead
+        declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
+        try:
+            return refit(after, tuple(blocks), state.random, np.concatenate([declared, *starts, random]), effort)
+        except ArmflexError as error:
+            last = error
+    assert last is not None
+    raise last
 
 
 def with_random(state: State, random: PoseBlock | None) -> State:
@@ -359,34 +325,3 @@ def refit(
     fitted = fit(state.declared, blocks, state.measurements, state.rows, start, tell, effort)
     context = context_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, context=context)
-
-
-def information(state: State, limit: Array | float, below: bool = False) -> float:
-    """Return n log J + k log n of a state, and what the sizes of its effects count against it: the smaller the better.
-
-    J is what the fit reached, not what its linear problem promises; not less than n, or where also what is `below`
-    counts, J itself from there: noise is no smaller than stated. States are compared at one `limit` of lengths beyond
-    which rows count less (`robust_limit`).
-    """
-    count = state.fit.view.count
-    searched = sum(candidate_of(effect).parameters for effect in state.fitted)
-    sizes = sum(unusual(candidate_of(one), one.acting, state.fit.view, state.context) for one in state.fitted)
-    cost = state.fit.cost(limit)
-    misfit = count * float(np.log(max(cost, count))) + (min(cost - count, 0.0) if below else 0.0)
-    return misfit + searched * float(np.log(count)) + sizes
-
-
-def candidate_of(effect: Effect) -> Candidate:
-    """Return the candidate that an effect is."""
-    return Candidate(effect.law, effect.location, effect.inner)
-
-
-def present(state: State, index: int) -> bool:
-    """Return whether an effect is still possible with what the fit made of it."""
-    effect = state.fitted[index]
-    return sensible(candidate_of(effect), effect.acting, state.fit, state.context, present=True)
-
-
-def stands(state: State) -> bool:
-    """Return whether every effect is still possible with what the fit made of it."""
-    return all(present(state, index) for index in range(len(state.fitted)))

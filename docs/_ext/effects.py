@@ -19,8 +19,9 @@ from armflex.laws.effects.catalogue import CATALOGUE, NAMED
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, EffectLaw, Inner
 from armflex.laws.effects.location import BASE, LINK, TOOL, Location, drive_axis
-from armflex.trace.candidates import Candidate, bank, candidates_of, sift
-from armflex.trace.projection import project
+from armflex.trace.candidates import Candidate, bank
+from armflex.trace.hypotheses import hypotheses
+from armflex.trace.screen import Screen
 from armflex.trace.state import begin
 
 matplotlib.use("agg")
@@ -68,12 +69,13 @@ def shown() -> tuple[dict[str, Shown], Records]:
         )
         state = begin(armflex.calibrate(arm, clean, as_stated=True, anyway=True))
     fit, context = state.fit, state.context
-    projection = project(fit)
-    made = bank(candidates_of(CATALOGUE.values(), context), fit, context)
-    sifted = sift(made, projection)
+    known = [one for one in hypotheses(context) if one.one.law.name in CATALOGUE]
+    made = bank((one.one for one in known), fit, context)
+    screen = Screen(known, made, state.bare, state.quiet)
     whole, inside = np.zeros((2, len(made.candidates)))
-    for groups, squares, rest in sifted.inside:
-        whole[groups] = squares.sum(axis=(1, 2))  # all amplitudes alike
+    for groups, squares in made.squares:
+        whole[groups] = squares.sum(axis=(1, 2)) / state.quiet**2  # all amplitudes alike
+    for groups, rest in screen.insides():
         inside[groups] = rest.sum(axis=(1, 2))
     share = np.sqrt(np.clip(inside, 0.0, None) / np.where(whole > 0.0, whole, 1.0))
     names = np.array([candidate.law.name for candidate in made.candidates])
@@ -81,24 +83,22 @@ def shown() -> tuple[dict[str, Shown], Records]:
     for name in NAMED:
         some = np.flatnonzero((names == name) & (whole > 0.0))
         if len(some):
-            found[name] = _at_work(int(some[share[some].argmax()]), made, sifted, projection, fit, context, names)
+            found[name] = _at_work(int(some[share[some].argmax()]), made, screen, fit, context, names)
     return found, context.records
 
 
-def _at_work(index: int, made, sifted, projection, fit, context, names: np.ndarray) -> Shown:
+def _at_work(index: int, made, screen, fit, context, names: np.ndarray) -> Shown:
+    projection = screen.projection
     candidate = made.candidates[index]
-    motion = made.group(index).sum(axis=1)
+    motion = made.group(index).sum(axis=1) / screen.quiet
     scale = fit.view.sigma / np.sqrt(fit.weights)
     left = motion - projection.regressors @ projection.absorbed(motion)
     raw, rest = (each.reshape(scale.shape)[:, :3] * scale[:, :3] for each in (motion, left))
     size = 1.0 / np.sqrt((raw**2).sum(axis=1).mean())
-    scores = np.empty(int(made.starts[-1]))
-    for part in made.parts:
-        scores[part.places] = part.products(left[None])[:, 0]
-    gains = np.zeros(len(made.candidates))
-    for groups, factors in sifted.solvers:
-        reached = factors.transpose(0, 2, 1) @ scores[sifted._places(groups, factors), None]
-        gains[groups] = (reached[..., 0] ** 2).sum(axis=1)
+    scores, gains = screen.scores_of(left[:, None])[:, 0], np.zeros(len(made.candidates))
+    for groups, places, scale, inside, _ in screen.batches:
+        score = (scores[places] * scale)[:, None, :]
+        gains[groups] = (score @ np.linalg.pinv(inside, 1e-9, hermitian=True) @ score.transpose(0, 2, 1))[:, 0, 0]
     shares = gains / float(left @ left)
     best = {}
     for other in np.argsort(-shares):

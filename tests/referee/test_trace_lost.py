@@ -16,7 +16,7 @@ from support.stage import few
 from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.arm import Arm
 from armflex.cli.trace_command import as_json, print_trace
-from armflex.estimate.held_out import HeldOut, believed, held_out, pose_folds
+from armflex.estimate.held_out import believed, held_out, pose_folds
 from armflex.estimate.outliers import MOST, lost_readings
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
@@ -24,9 +24,8 @@ from armflex.measured.measurements import Measurements
 from armflex.plan.design import instead
 from armflex.rows.rows import pose_groups
 from armflex.show.report import render_report
-from armflex.trace.accept import improvement
+from armflex.trace import trace
 from armflex.trace.findings import Trace, write_traced
-from armflex.trace.rounds import trace
 from armflex.trace.state import begin
 
 pytestmark = pytest.mark.slow
@@ -86,19 +85,10 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
     assert told["held_out_rms_mm"]["calibrated"] > told["rms_mm"]["calibrated"] > 5.0 * told["rms_mm"]["after"]
     left = held_out(found.before, pose_folds(found.state.groups)).squares[found.believed]
     assert told["held_out_rms_mm"]["calibrated"] == pytest.approx(1e3 * np.sqrt(left.mean()))
-    assert told["effects"][0]["believed"] == "held-out rows"
     print_trace(found)
     said = capsys.readouterr().out
     assert f"over {count - 2} rows" in said and "2 readings excluded as lost beams" in said
     assert "2 of them excluded from the fit" in render_report(found)
-
-
-def test_an_effect_believed_for_the_priors_sake_says_so(found, capsys):
-    told = replace(found, found=(replace(found.found[0], witness=True),))
-    assert as_json(told)["effects"][0]["believed"] == "strained priors"
-    print_trace(told)
-    assert "no longer strain against their priors" in " ".join(capsys.readouterr().out.split())
-    assert "not because held-out poses are predicted better" in render_report(told)
 
 
 def test_rows_far_off_together_that_nothing_explains_are_left_out_at_last_and_said(slipped):
@@ -171,17 +161,6 @@ def test_a_row_is_believed_that_one_fit_comes_near():
     assert np.flatnonzero(~believed(wide, SimpleNamespace(view=seen(np.where(order == 9, 50.0, 1.0))))).tolist() == [9]
 
 
-def test_a_few_rows_that_an_effect_moves_by_far_prove_it():
-    """Twelve rows of two hundred, some of them moved by thirty times as much as others: proof as if alike."""
-    rng = np.random.default_rng(1)
-    after = rng.chisquare(3, COUNT)
-    moved = np.where(order < 12, 100.0 * 10.0 ** (3.0 * rng.random(COUNT)), 0.0)
-    sure = np.ones(COUNT, bool)
-    errors = [HeldOut(squares, sure) for squares in (after + moved, after)]
-    assert improvement(*errors) == pytest.approx(np.sqrt(12.0 / (1.0 - 12.0 / COUNT)), rel=0.1)
-    assert improvement(*errors[::-1]) == pytest.approx(-improvement(*errors))
-
-
 # Poses without names, chance, and advice.
 
 
@@ -196,13 +175,6 @@ def test_poses_are_where_the_joints_stand(slipped):
     folds = pose_folds(state.groups)
     assert all(len(set(folds[groups == group])) == 1 for group in set(groups))
     np.testing.assert_array_equal(state.context.column("pose_number"), pose_groups(nameless))
-
-
-def test_whatever_is_ranked_has_competed_with_chance(slipped):
-    looked = begin(calibrate(*slipped, as_stated=True)).looked
-    competed = {candidate.law.name for sifted in looked.sifted for candidate in sifted.bank.candidates}
-    assert {one.candidate.law.name for one in looked.ranking} <= competed
-    assert {"unnamed_wave", "unnamed_bump"} <= competed
 
 
 def effect(name: str, *place: str) -> Effect:

@@ -12,7 +12,7 @@ from support.stage import few
 
 from armflex import calibrate, load_arm, read_measurements, trace
 from armflex.trace.projection import Projection, project, projected
-from armflex.trace.state import State, begin, information
+from armflex.trace.state import State, begin
 from armflex.trace.unrecorded import NOTICED, localise
 
 pytestmark = pytest.mark.slow
@@ -60,21 +60,12 @@ def state(tmp_path_factory) -> State:
     )
 
 
-def test_only_what_was_read_counts(state):
-    fit, known = state.fit, project(state.fit)
-    read = np.isfinite(state.measurements.sigma_r[state.rows]).sum()
-    assert 0 < read < 0.5 * len(state.rows) and len(fit.residual) == 6 * len(state.rows)
-    assert fit.view.count == known.count == 3 * (len(state.rows) + read)
-    cost = fit.cost(1.0)
-    assert information(state, 1.0) == pytest.approx(known.count * np.log(max(cost, known.count)))
-
-
 def noisy(state: State, positions: float, orientations: float) -> Projection:
     """Return the same problem with nothing but noise in it, of these sizes over the stated ones."""
     fit, known = state.fit, project(state.fit)
     noise = np.random.default_rng(5).normal(size=fit.view.sigma.shape) * np.repeat([positions, orientations], 3)
     noise = np.where(np.isfinite(fit.view.sigma), noise, 0.0).ravel()
-    return projected(known.regressors, known.precision, noise, known.ridge, known.count)
+    return projected(known.regressors, known.precision, noise, known.count)
 
 
 @pytest.mark.parametrize(("positions", "orientations"), [(1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 3.0)])

@@ -14,11 +14,11 @@ import numpy as np
 
 import armflex
 from armflex.laws.effects import Effect
-from armflex.trace.accept import ENOUGH
 from armflex.trace.findings import Found, Trace
 from support.absorbed import visible, visible_each
 from support.campaigns import SEVERAL, Drawn, TrueEffect, draw
 
+SEEN = 16.0  # fall of the information criterion by an effect that shows
 SHOWN_RMS, SHOWN_STRAIN = 5e-5, 3.0
 """Left behind by calibration [m], and moved by it [prior deviations], below which nobody could know of an effect."""
 
@@ -53,7 +53,7 @@ class Score:
         truth, found, equivalents, unexplained: What was hidden and what was said.
         named: Where there are several, of each that was hidden: exact (also its axis), class, missed, or hidden: beside
             the others, which with their constants and calibration take over what they can, these very readings have
-            less evidence of it than a search asks of anything (`ENOUGH`).
+            less evidence of it than a search asks of anything (`SEEN`).
         false: Names found that are none of theirs, nor have one among their equivalents.
         before, after, floor: RMS on the held-out rows with calibration, with the trace, and of the noise itself [mm].
         shown, strain: What calibration leaves of the effects [mm], and how far they move it.
@@ -103,24 +103,24 @@ class Score:
         return asdict(self)
 
 
-def score(kind: str, seed: int, arm: str, size: float, method: str = "steps") -> Score:
+def score(kind: str, seed: int, arm: str, size: float) -> Score:
     """Draw, write, read, trace and judge one campaign; an exception is a verdict, too."""
     result = Score(kind, seed, arm, size)
     try:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             drawn = draw(kind, seed, arm=arm, size=size)
-            _judge(result, drawn, Path(folder), method)
+            _judge(result, drawn, Path(folder))
     except Exception:
         result.log = f"{result.log}; {traceback.format_exc()[-800:]}"
     return result
 
 
-def _judge(result: Score, drawn: Drawn, folder: Path, method: str) -> None:
+def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
     truth = drawn.write(folder)
     arm = armflex.load_arm(truth.arm)
     start = time.process_time()
-    account = armflex.trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear, method=method)
+    account = armflex.trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear)
     result.seconds = time.process_time() - start
     rows = armflex.read_measurements(truth.test, arm)
     believed = rows.measured & ~truth.lost
@@ -133,12 +133,12 @@ def _judge(result: Score, drawn: Drawn, folder: Path, method: str) -> None:
     result.found = [described(one.effect, one.evidence) for one in account.found]
     result.equivalents = [[described(other) for other, _ in one.equivalent] for one in account.found]
     result.unexplained = _unexplained(account)
-    result.stated = [(one.probability or 0.0, any(_is(e, one.effect) for e in truth.effects)) for one in account.found]
+    result.stated = [(one.probability, any(_is(e, one.effect) for e in truth.effects)) for one in account.found]
     result.verdict = verdict(truth.effects, account)
     result.first, result.axis, result.rank = first_found(truth.effects, account)
     result.checked, result.covered = coverage(truth.effects, account.found)
     if result.kind in SEVERAL:
-        shown = [v.evidence >= ENOUGH for v in visible_each(drawn)]
+        shown = [v.evidence >= SEEN for v in visible_each(drawn)]
         named, result.false = names(truth.effects, account.found)
         result.named = [word if seen else "hidden" for word, seen in zip(named, shown, strict=True)]
         right = not result.false and "missed" not in result.named
@@ -236,7 +236,7 @@ def first_found(truth: Sequence[TrueEffect], account: Trace) -> tuple[bool, bool
         places = _unexplained(account)
         return bool(places) and mark("unexplained", places[0][0]) in wanted, False, None
     first = account.found[0]
-    ranked = [mark(p.candidate.law.name, p.candidate.location.site) for p in first.ranking]
+    ranked = [mark(one.one.law.name, one.one.location.site) for one, _ in first.ranking]
     rank = min((ranked.index(one) for one in wanted if one in ranked), default=None)
     match = [e for e in truth if mark(e.name, e.site) == mark_of(first.effect)]
     return bool(match), any(same_axis(e, first.effect) for e in match), rank

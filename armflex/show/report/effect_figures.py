@@ -88,15 +88,16 @@ def _means(seen: Suspicion, values: Array) -> tuple[Array, Array, Array]:
 
 
 def ranking(found: Found, number: int) -> str:
-    """Return the candidates' evidence when the effect was added; what these data cannot tell from it is marked."""
+    """Return the log odds of what competes for the effect's place; what these data cannot distinguish is marked."""
     same = {(effect.law.name, effect.location) for effect, _ in found.equivalent}
     own = (found.effect.law.name, found.effect.location)
     bars: dict[str, tuple[float, str]] = {}  # of every candidate once, the best first
-    for one in found.ranking:
-        key, label = (one.candidate.law.name, one.candidate.location), labelled(one.candidate.effect(one.amplitudes))
-        bars.setdefault(label, (one.evidence, AFTER if key == own else MARK if key in same else RULE))
+    for hypothesis, odds in found.ranking:
+        one = hypothesis.one
+        key, label = (one.law.name, one.location), labelled(one.effect(np.zeros(len(one.location.terms))))
+        bars.setdefault(label, (0.5 * odds, AFTER if key == own else MARK if key in same else RULE))
     rows = list(bars.items())[:MOST_RIVALS][::-1]
-    if not rows:  # a member of a family competed with nothing
+    if not rows:
         return ""
     place = np.arange(len(rows))
     figure, (panel,) = canvas(8.4, 0.75 + 0.25 * len(rows))
@@ -106,7 +107,7 @@ def ranking(found: Found, number: int) -> str:
         panel.annotate(f"{evidence:.0f}", (max(evidence, 0.0), height), (4, 0), textcoords="offset points", va="center",
                        fontsize=7.5, color=MUTED)  # fmt: skip
     panel.set_yticks(place, [cut(label, 48) for label, _ in rows])
-    panel.set_xlabel("evidence (dashed: the best that chance gave in 200 trials)")
+    panel.set_xlabel("log odds (dashed: the best that random signs of the residual gave)")
     panel.set_xlim(0.0, 1.08 * max(found.proof.null, *(evidence for _, (evidence, _) in rows)))
     grid(panel, "x")
     return inline(figure, f"Ranking of the candidates, effect {number}")

@@ -65,19 +65,13 @@ def further(trace: Trace) -> list[str]:
             said.append(f"These data do not distinguish {called(one.effect, number)} from {joined(shown)}.")
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
-    said += [
-        f"Adding {words(one.effect.law.name).title} hardly lowers the error; it is accepted because fitted "
-        "parameters no longer strain against their priors."
-        for one in trace.found
-        if one.witness
-    ]
     for family in trace.families:
         size = measure(family.kin.std, None, family.unit)
         said.append(
             f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family, not a named cause."
         )
     for one, number in zip(trace.found, trace.numbers, strict=True):
-        if one.survives is not None and one.survives < 1.0:
+        if one.survives < 1.0:
             share = f"{one.survives:.0%}"
             said.append(f"Without a fifth of the poses, {called(one.effect, number)} is selected in {share} of folds.")
     if trace.undecided is not None:
@@ -91,8 +85,6 @@ def further(trace: Trace) -> list[str]:
         f"{change(one.errors[1], one.errors[0], unit)} (the calibrated arm)."
         for one in trace.withdrawn
     ]
-    if trace.said_of_limit:
-        said.append(trace.said_of_limit)
     if trace.told("unexplained"):
         said.append(
             f"{trace.told('unexplained')} readings, far off together, are excluded: no candidate explains them."
@@ -130,18 +122,15 @@ def left(unexplained: Unexplained, readings: Readings) -> str:
 def sure(found: Found) -> str:
     """Return why an effect is believed."""
     proof = found.proof
-    chance = f"the best that chance gave any candidate was {short(proof.null)}"
-    worth = f"Its evidence (fall of the Bayesian information criterion, 10 is strong) is {short(found.evidence)}"
-    parts = [f"{worth} beside everything else that was fitted; when it was added, {chance}."]
+    chance = f"the best log odds that random signs of the residual gave any effect are {short(proof.null)}"
+    worth = (
+        f"Its probability is {found.probability:.1%}, its log odds beside the other effects {short(found.evidence / 2)}"
+    )
+    parts = [f"{worth}; {chance}."]
     fall = f"The squared error of poses held out fell by {short(proof.errors_apart)} standard errors"
     if proof.errors_apart <= 0.0:
         fall = "The squared error of poses held out did not fall"
     parts.append(fall + ".")
     if proof.sessions_before is None:  # one session only, or a step between two
         parts.append("No session could be held out: nothing is known about another day.")
-    if found.witness:
-        parts.append(
-            "It is accepted because fitted parameters no longer strain against their priors, not because held-out "
-            "poses are predicted better."
-        )
     return " ".join(parts)

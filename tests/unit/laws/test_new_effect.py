@@ -12,7 +12,7 @@ from support.campaigns import draw
 from support.effect_arms import arm_and, plain
 from support.stage import few, readings
 
-from armflex import calibrate, load_arm, read_measurements
+from armflex import calibrate, load_arm, read_measurements, trace
 from armflex.arm import Setup
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import Effect, Location, TwistLaw
@@ -24,8 +24,6 @@ from armflex.laws.effects.shapes import on_axis, own_position
 from armflex.plan.design import instead
 from armflex.plan.hypotheses import named_effect, spelled
 from armflex.show.report.words import called, labelled, units_of
-from armflex.trace.accept import ENOUGH
-from armflex.trace.state import add, begin
 
 
 def _places(records: Records) -> list[Location]:
@@ -66,13 +64,12 @@ def test_it_is_searched_for_and_found(tmp_path: Path) -> None:
     found = calibrate(arm, rows, as_stated=True)
     setup = Setup(arm, found.fit.setup.instrument)
     moved = readings(setup.with_effect(wobble), rows) - readings(setup, rows)
-    state = begin(calibrate(arm, replace(rows, position=rows.position + moved), as_stated=True))
-    first = state.looked.best
-    assert (first.candidate.law, first.candidate.location) == (AXIS_WOBBLE, wobble.location) and first.evidence > ENOUGH
-    with_it = add(state, first)
-    (block,) = with_it.effects
-    known = np.linalg.inv(with_it.fit.posterior.covariance[np.ix_(*2 * [with_it.fit.places(block)])])
-    off = with_it.values_of(block) - wobble.values
+    traced = trace(arm, replace(rows, position=rows.position + moved))
+    (one,) = traced.found
+    assert (one.effect.law, one.effect.location) == (AXIS_WOBBLE, wobble.location) and one.probability > 0.9
+    (block,), fit = traced.state.effects, traced.state.fit
+    known = np.linalg.inv(fit.posterior.covariance[np.ix_(*2 * [fit.places(block)])])
+    off = traced.state.values_of(block) - wobble.values
     assert off @ known @ off < 16.0
 
 

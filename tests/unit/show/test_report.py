@@ -24,8 +24,8 @@ from armflex.show.report.effect_figures import wave
 from armflex.show.report.numbers import change, measure, millimetres, short
 from armflex.show.report.svg import canvas, drawing, inline
 from armflex.show.report.words import called, labelled
+from armflex.trace import trace
 from armflex.trace.findings import Trace, Unexplained
-from armflex.trace.rounds import trace
 from armflex.trace.state import begin
 
 pytestmark = pytest.mark.slow

@@ -11,10 +11,10 @@ from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
 from armflex.laws.effects.location import Location
 from armflex.trace.candidates import Candidate
-from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.posterior.probabilities import sampled
-from armflex.trace.posterior.screen import Dense
-from armflex.trace.posterior.selection import SCALES, Chosen, Group, climbed, rivals
+from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.probabilities import sampled
+from armflex.trace.screen import Dense
+from armflex.trace.selection import SCALES, Chosen, Group, climbed, rivals
 
 ROWS = 40
 

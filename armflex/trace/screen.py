@@ -11,10 +11,10 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Bank, Candidate, candidate_regressors
-from armflex.trace.polish import sensible, unusual
-from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.posterior.selection import Evidence, Group
+from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
+from armflex.trace.selection import Evidence, Group
+from armflex.trace.sensible import sensible, unusual
 
 MOVED = 1e-3
 """By how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""

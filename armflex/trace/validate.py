@@ -9,16 +9,22 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.held_out import errors_of, judged_by, pose_folds
+from armflex.estimate.block import Block
+from armflex.estimate.fit import Fit
+from armflex.estimate.held_out import errors_of, held_out, judged_by, pose_folds, told_by_others
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import OF_SESSION
 from armflex.readings import Readings
-from armflex.trace.accept import Proof, sessions_held_out
-from armflex.trace.posterior.screen import Dense
-from armflex.trace.posterior.search import Standing
-from armflex.trace.posterior.selection import SCALES, Model, climbed, log_likelihood
+from armflex.trace.findings import Proof
+from armflex.trace.screen import Dense
+from armflex.trace.search import Standing
+from armflex.trace.selection import SCALES, Model, climbed, log_likelihood
 
 FLIPS = 100
 """Tolerance: random signs of the residual that chance is read from."""
+
+SHOWING = 2.0
+"""Confidence: standard deviations by which an effect must still show for rows left out to say anything about it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,3 +193,44 @@ def weakest(own: Model, evidence: Dense) -> int:
     whole = evidence.log_posterior(own)
     worths = [whole - evidence.log_posterior(tuple(o for j, o in enumerate(own) if j != i)) for i in range(len(own))]
     return int(np.argmin(worths))
+
+
+def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return (M,) the session of every row as a number, and for each session its frame's parameters."""
+    names = list(dict.fromkeys(sessions))
+    folds = np.array([names.index(session) for session in sessions])
+    owners = [one.group.of if one.group.kind in OF_SESSION else None for one in fit.parameters]
+    return folds, [np.array([i for i, of in enumerate(owners) if of == name], dtype=int) for name in names]
+
+
+def sessions_held_out(
+    before: Fit, after: Fit, new: Sequence[Block], sessions: Sequence[str]
+) -> tuple[float, float] | None:
+    """Return the RMS of the 3-D error with whole sessions held out, before and after new blocks came in [m].
+
+    Over the sessions without which the others still show what is new: whether a tool slipped before the second of two
+    sessions nobody can tell from one of them. None where there are no such sessions.
+    """
+    if len(set(sessions)) < 2 or not new:
+        return None
+    folds, frames = session_folds(after, sessions)
+    able = _showing(after, np.concatenate([after.places(block) for block in new]), folds)
+    if not able.any():
+        return None
+    judged = judged_by(before, after)
+    if not (able & (before.view.readings.where(judged).foremost_count > 0)).any():
+        return None
+    first = held_out(before, *session_folds(before, sessions), judged=judged)
+    return first.rms_of(able), held_out(after, folds, frames, judged).rms_of(able)
+
+
+def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
+    """Return (M,) whether the rows of other folds than a row's own still show some parameters."""
+    values, able = fit.values[some], np.zeros(len(folds), bool)
+    for number, left in enumerate(told_by_others(fit, folds)):
+        told = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
+        known = left.covariance[np.ix_(some[told], some[told])]
+        able[folds == number] = (
+            values[told] @ np.linalg.pinv(known, hermitian=True) @ values[told] > len(some) * SHOWING**2
+        )
+    return able

@@ -11,10 +11,10 @@ from armflex.arm import Arm
 from armflex.errors import ArmflexError
 from armflex.estimate.calibrate import calibrate
 from armflex.measured.measurements import Measurements
+from armflex.trace.account import conclude, so_far
 from armflex.trace.findings import Trace
-from armflex.trace.posterior.account import conclude, so_far
-from armflex.trace.posterior.search import Standing, search, standing
-from armflex.trace.posterior.state import begin
+from armflex.trace.search import Standing, search, standing
+from armflex.trace.state import begin
 from armflex.trace.telling import Doing, Report, Teller, tell_steps
 
 

@@ -27,12 +27,12 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from armflex.conventions import Array
-from armflex.trace.posterior.hypotheses import Hypothesis
+from armflex.trace.hypotheses import Hypothesis
 
 SCALES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
 """Prior: standard deviations tau of an amplitude, by how far it moves the target [mm], all equally likely."""
 
-MOST = 12
+MOST = 24
 """Hypotheses in a model at most."""
 
 PAIRS = 3

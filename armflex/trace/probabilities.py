@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.posterior.refine import Refiner
-from armflex.trace.posterior.screen import Dense, Screen
-from armflex.trace.posterior.selection import Chosen, Model, rivals
+from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.refine import Refiner
+from armflex.trace.screen import Dense, Screen
+from armflex.trace.selection import Chosen, Model, rivals
 
 SWEEPS = 60
 """Tolerance: sweeps of the sampler."""

@@ -15,9 +15,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.effect import Inner, Values
-from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.posterior.screen import Screen
-from armflex.trace.posterior.selection import SCALES, Beside, Rival, log_likelihood
+from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.screen import Screen
+from armflex.trace.selection import SCALES, Beside, Rival, log_likelihood
 
 STEPS, TRIALS, FLAT = 12, 6, 0.02
 """Tolerance: steps, dampings of one, and rise of the log evidence that ends them."""

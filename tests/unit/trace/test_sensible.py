@@ -7,35 +7,24 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from support.campaigns import draw
-from support.stage import few
 
-from armflex import Arm, Measurements, calibrate, load_arm, predict, read_measurements, trace
+from armflex import Arm, Measurements, predict, trace
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.errors import MissingCovariateError
 from armflex.estimate.block import LARGEST_MOTION, amplitude_prior
 from armflex.estimate.fit import moved
-from armflex.estimate.view import look
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import resolve
 from armflex.laws.effects.payload_mass import EACH
 from armflex.laws.effects.shapes import told_from_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
-from armflex.trace.accept import null_maximum, session_folds
-from armflex.trace.candidates import Candidate, Sifted, bank, candidates_of, grid, sift
-from armflex.trace.findings import write_traced
-from armflex.trace.grow import loosened
-from armflex.trace.polish import MOST_GIVE, SOFT, Polished, polish, sensible, unusual
-from armflex.trace.projection import project
-from armflex.trace.search import TIE, preferred
-from armflex.trace.state import State, add, begin, context_at, sorted_out, stands, without
+from armflex.trace.candidates import Candidate, grid
+from armflex.trace.sensible import MOST_GIVE, SOFT, sensible, unusual
+from armflex.trace.state import State
+from armflex.trace.validate import session_folds
 
 HOOK = (0.5, 0.2, 2.5, 0.3, 1.0)
 """m: where a hose is anchored, its length, and how far along the link it is hooked on."""
@@ -52,45 +41,6 @@ def is_sensible(state: State, candidate: Candidate, *amplitudes: float) -> bool:
 
 
 # What the rows do not tell.
-
-
-@pytest.mark.slow
-def test_rows_that_tell_no_direction_leave_with_the_effect_that_asks_for_it(campaign, before):
-    rows, j = campaign[2], campaign[1].joint_names.index("J4")
-    approach = rows.approach.copy()
-    approach[:20, j] = 0.0
-    rows = replace(rows, approach=approach, derived=tuple(f"approach_{name}" for name in rows.joint_names))
-    calibration = replace(before.calibration, measurements=rows)
-    state = replace(before, calibration=calibration, measurements=rows, context=context_at(before.fit, rows))
-    law = CATALOGUE["backlash"]
-    backlash = next(
-        Candidate(law, location, ()) for location in law.places(state.context.records) if location.site == "J4"
-    )
-    column = bank([backlash], state.fit, state.context).regressors.reshape(len(state.rows), -1)
-    np.testing.assert_array_equal(column.any(axis=1), state.rows >= 20)  # what may be either is taken as halfway
-    added = add(state, polish(backlash, state.fit, state.context, project(state.fit)))
-    left = sorted_out(added)
-    assert added.uses(state.rows) and left.uses(state.rows[state.rows >= 20]) and left.untold.sum() == 20
-    arm = added.fit.setup.arm
-    (flag,) = derived_directions(arm, rows, state.rows)  # the effect says that it was found in such rows
-    assert f"{(state.rows < 20).sum()} rows do not determine it" in flag.text
-    recorded = replace(arm, effects=tuple(replace(effect, derived=()) for effect in arm.effects))
-    with pytest.raises(MissingCovariateError, match="approach_J4"):
-        derived_directions(recorded, rows, state.rows)
-    assert [flag.code for flag in derived_directions(arm, rows, left.rows)] == ["approach_derived"]
-    assert sorted_out(without(left, 0)).uses(state.rows)
-
-
-def test_an_effect_knows_where_it_was_found(campaign, before):
-    def added(name: str, **more: object) -> Effect:
-        law = CATALOGUE[name]
-        location = next(s for s in law.places(before.context.records) if s.site == "J4")
-        candidate = Candidate(law, location, next(grid(law, location, before.context)))
-        return add(before, Polished(candidate, 1.0, 1.0, np.full(len(location.terms), 1e-5), ())).fitted[0]
-
-    ((name, low, high),), driven = added("gear_harmonic").seen, campaign[2].q[before.rows, 3]
-    assert (name, low, high) == ("q_J4", driven.min(), driven.max())
-    assert added("backlash").seen == () and added("slip_step").seen == ()
 
 
 # What is possible.
@@ -129,9 +79,7 @@ def test_a_payload_found_lighter_weighs_what_is_left_of_it_just_once(before, sha
     places = CATALOGUE["payload_mass"].places(before.context.records)
     lighter = Candidate(CATALOGUE["payload_mass"], next(one for one in places if one.partner == EACH), ())
     amplitudes = np.array([-share * lightest])
-    setup = before.fit.setup.with_effect(lighter.effect(amplitudes))
-    fitted = replace(before.fit, view=look(setup, before.measurements, before.rows))
-    assert sensible(lighter, amplitudes, fitted, before.context, present=True) == (share < 1.0)
+    assert sensible(lighter, amplitudes, before.fit, before.context) == (share < 1.0)
     assert is_sensible(before, lighter, *amplitudes) == (share < 1.0)
 
 
@@ -153,12 +101,6 @@ def test_where_a_link_is_pulled_beside_its_end_is_a_detail_of_one_cause(campaign
     std = np.array([one.std[name] for name in names])
     assert (np.abs([one.effect.named[name] for name in names] - np.array(aside)) < 3.0 * std).all()
     assert np.median(std) < 0.1
-
-
-def test_a_detail_that_nothing_speaks_for_stays_as_it_usually_is(campaign):
-    bare = begin(calibrate(*pulled(campaign, (0.0, 0.0, 0.0)), as_stated=True))
-    plain = Candidate(CATALOGUE["umbilical"], Location("link:J5"), (*HOOK, 0.0, 0.0, 0.0))
-    assert loosened(add(bare, polish(plain, bare.fit, bare.context, project(bare.fit)))) is None
 
 
 def test_a_centre_of_mass_stays_within_a_metre(before):
@@ -307,182 +249,6 @@ def of_positions(joint: str, values: Array) -> Context:
     return Context(None, row, (), (), (), {}, np.zeros((2, 3)))
 
 
-# What still stands after the refit.
-
-
-def polished(candidate: Candidate, amplitudes: Array) -> Polished:
-    return Polished(candidate, 1.0, 1.0, amplitudes, ())
-
-
-def free_amplitudes(state: State, candidate: Candidate) -> Array:
-    """Return the amplitudes that explain most, possible or not."""
-    regressors = bank([candidate], state.fit, state.context).regressors
-    return project(state.fit).gain(regressors)[1]
-
-
-def wanted(state: State, sign: float) -> Candidate:
-    """Return the deadband about one axis that the data want most of those they want above, or below, zero."""
-    law, projection = CATALOGUE["deadband"], project(state.fit)
-    tried = [c for c in candidates_of([law], state.context) if c.location.axis and c.location.axis.startswith("r")]
-    gains = [projection.gain(bank([one], state.fit, state.context).regressors) for one in tried]
-    return tried[max((gain, i) for i, (gain, amplitudes) in enumerate(gains) if sign * amplitudes[0] > 0.0)[1]]
-
-
-def test_a_refit_that_turns_a_sign_does_not_stand(before):
-    candidate = wanted(before, -1.0)
-    amplitudes = free_amplitudes(before, candidate)
-    after = add(before, polished(candidate, amplitudes))
-    assert amplitudes[0] < 0.0 and after.values_of(after.effects[0])[0] < 0.0
-    assert stands(before) and not stands(after)
-
-
-def test_one_bad_effect_of_two_is_enough(before):
-    good = candidate_of(before, "backlash", "J4", "rx")
-    after = add(before, polish(good, before.fit, before.context, project(before.fit)))
-    assert stands(after)
-    candidate = wanted(after, -1.0)
-    both = add(after, polished(candidate, free_amplitudes(after, candidate)))
-    assert len(both.effects) == 2 and not stands(both)
-
-
-def test_a_good_effect_stands_until_its_sign_is_turned(before):
-    candidate = wanted(before, 1.0)
-    after = add(before, polished(candidate, free_amplitudes(before, candidate)))
-    values = after.fit.values.copy()
-    values[after.fit.places(after.effects[0])] *= -1.0
-    assert stands(after) and not stands(replace(after, fit=replace(after.fit, values=values)))
-
-
-# What is one effect.
-
-
-def added(state: State, candidate: Candidate) -> State:
-    return add(state, polished(candidate, free_amplitudes(state, candidate)))
-
-
-def test_further_terms_of_a_law_join_it(before):
-    first = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
-    second = added(first, candidate_of(first, "stiffening", "J2", "ry", (1,)))
-    whole = added(before, candidate_of(before, "stiffening", "J2", "ry", (0, 1)))
-    assert [block.effect.location.terms for block in first.effects] == [(0,)]
-    assert len(second.effects) == 1 and second.effects[0].effect.location.terms == (0, 1)
-    assert second.effects[0].labels == ("c2", "c3")
-    effects = [state.fit.setup.arm.effects for state in (second, whole)]
-    assert len(effects[0]) == 1
-    stds = whole.stds_of(whole.effects[0])
-    assert (np.abs(second.values_of(second.effects[0]) - whole.values_of(whole.effects[0])) < 0.2 * stds).all()
-    np.testing.assert_array_less(np.abs(second.effects[0].start - second.values_of(second.effects[0])), 0.5 * stds)
-    assert second.fit.cost(1e9) == pytest.approx(whole.fit.cost(1e9), abs=0.5)
-
-
-def test_terms_that_both_have_are_added(before):
-    first = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
-    again = added(first, candidate_of(first, "stiffening", "J2", "ry", (0, 1)))
-    assert len(again.effects) == 1 and again.effects[0].effect.location.terms == (0, 1)
-
-
-def test_a_joined_effect_keeps_its_place(before):
-    state = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
-    state = added(state, candidate_of(state, "backlash", "J4", "rx"))
-    state = added(state, candidate_of(state, "stiffening", "J2", "ry", (1,)))
-    found = [(block.effect.law.name, block.effect.location.terms) for block in state.effects]
-    assert found == [("stiffening", (0, 1)), ("backlash", (0,))]
-    assert [block.ordinal for block in state.effects] == [0, 1]
-    gap = state.fit.setup.arm.effects[1].named["gap"]
-    assert gap == pytest.approx(float(state.values_of(state.effects[1])[0]))
-
-
-@pytest.mark.parametrize(("site", "axis"), [("J3", "ry"), ("J2", "rz")])
-def test_the_same_law_elsewhere_is_another_effect(before, site, axis):
-    state = added(before, candidate_of(before, "stiffening", "J2", "ry", (0,)))
-    state = added(state, candidate_of(state, "stiffening", site, axis, (1,)))
-    assert [(b.effect.location.site, b.effect.location.axis) for b in state.effects] == [("J2", "ry"), (site, axis)]
-
-
-def test_laws_with_inner_parameters_stay_two(before):
-    """Two waves in one gear: their numbers of teeth are not to be added up."""
-    first = candidate_of(before, "gear_harmonic", "J3", "ry", (0, 1))
-    other = list(grid(first.law, first.location, before.context))[-1]
-    assert other != first.inner
-    state = added(before, first)
-    state = added(state, replace(first, inner=other))
-    assert [block.effect.inner for block in state.effects] == [first.inner, other]
-    assert len(state.fit.setup.arm.effects) == 2
-
-
-# What competes with chance.
-
-NAMES = ("backlash", "stiffening", "encoder_scale", "gear_harmonic", "thermal_growth")
-
-
-@pytest.fixture(scope="module")
-def sifted(before) -> Sifted:
-    laws = [CATALOGUE[name] for name in NAMES]
-    return sift(bank(candidates_of(laws, before.context), before.fit, before.context), project(before.fit))
-
-
-def only(state: State, known: Sifted, names: frozenset[str]) -> Sifted:
-    """Return what a search of these laws alone would have looked at."""
-    kept = [candidate for candidate in known.bank.candidates if candidate.law.name in names]
-    return sift(bank(kept, state.fit, state.context), known.projection)
-
-
-@pytest.mark.parametrize("names", [NAMES[:1], NAMES[1:3], NAMES[3:], NAMES])
-def test_the_null_of_some_laws_is_that_of_a_search_of_them_alone(before, sifted, names):
-    names = frozenset(names)
-    found = null_maximum(sifted, before.groups, names, flips=40)
-    alone = null_maximum(only(before, sifted, names), before.groups, flips=40)
-    np.testing.assert_allclose(found, alone, rtol=1e-9)
-
-
-@pytest.mark.slow
-@given(names=st.sets(st.sampled_from(NAMES), min_size=1), more=st.sets(st.sampled_from(NAMES)))
-def test_the_more_compete_the_higher_chance_gets(sifted, before, names, more):
-    few = null_maximum(sifted, before.groups, frozenset(names), flips=20)
-    many = null_maximum(sifted, before.groups, frozenset(names | more), flips=20)
-    every = null_maximum(sifted, before.groups, flips=20)
-    assert (few <= many).all() and (many <= every).all()
-
-
-def test_the_null_of_all_laws_is_the_largest_of_each(before, sifted):
-    each = [null_maximum(sifted, before.groups, frozenset([name]), flips=40) for name in NAMES]
-    np.testing.assert_array_equal(np.max(each, axis=0), null_maximum(sifted, before.groups, flips=40))
-    assert len(set(np.argmax(each, axis=0).tolist())) > 1
-
-
-def test_where_no_law_competes_chance_has_nothing(before, sifted):
-    assert (null_maximum(sifted, before.groups, frozenset(["slip_step"]), flips=5) == -np.inf).all()
-
-
-# What is plainer.
-
-
-def evident(state: State, law: str, site: str, axis: str | None, evidence: float, *amplitudes: float) -> Polished:
-    terms = (TWIST_NAMES.index(axis),) if law == "link_geometry" else (0,)
-    return Polished(candidate_of(state, law, site, axis, terms), 0.0, evidence, np.array(amplitudes), ())
-
-
-def test_of_what_the_data_do_not_tell_apart_the_plainest_is_taken(before):
-    drawn = evident(before, "encoder_scale", "J3", "ry", 99.0, 1e-3)
-    laid = evident(before, "dress_pack", "J3", "ry", 100.0, 500.0)
-    assert preferred([laid, drawn]) is drawn
-    assert preferred([replace(laid, evidence=99.0 + TIE + 0.1), drawn]).candidate.law.name == "dress_pack"
-
-
-def test_a_constant_is_plainer_than_a_load(before):
-    load = evident(before, "even_in_load", "J2", "rz", 101.0, 1e-7)
-    constant = evident(before, "link_geometry", "link:J3", "rz", 100.0, 1e-3)
-    assert preferred([load, constant]) is constant
-
-
-def test_one_law_is_not_taken_where_much_more_of_it_is_needed(before):
-    more = evident(before, "link_geometry", "link:J6", "rz", 101.0, -5.5e-3)
-    less = evident(before, "link_geometry", "link:J5", "dy", 100.0, -0.47e-3)
-    alike = evident(before, "link_geometry", "link:J6", "dy", 100.5, -1.3e-3)
-    assert preferred([more, less]) is less
-    assert preferred([more, alike, less]) is alike and preferred([alike, less]) is alike
-
-
 # How a fit moves.
 
 
@@ -500,7 +266,7 @@ def test_a_factor_moves_in_a_straight_line_and_never_below_nothing(before):
     np.testing.assert_allclose(small, 1e-6 * steps, rtol=1e-4)
 
 
-# Sessions and columns of text.
+# Sessions.
 
 
 def test_a_session_whose_name_begins_with_another_has_its_own_frame():
@@ -508,23 +274,3 @@ def test_a_session_whose_name_begins_with_another_has_its_own_frame():
     folds, frames = session_folds(fit, ["a b", "a", "a b"])
     assert folds.tolist() == [0, 1, 0]
     assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]
-
-
-@pytest.mark.slow
-def test_an_entry_of_a_text_column_is_a_suspect(tmp_path):
-    """One of three operators, at random poses, stands J4 a little aside."""
-    truth = draw("none", 100, "six").write(tmp_path)
-    arm = load_arm(truth.arm)
-    rows = read_measurements(truth.train, arm)
-    rows = few(rows, np.flatnonzero(rows.measured)[::2])
-    rng, poses = np.random.default_rng(0), rows.pose_number
-    operator = np.array(["ann", "bob", "cy"])[rng.integers(0, 3, poses.max() + 1)][poses]
-    aside = rows.q - arm.position(J4=1.5e-3) * (operator == "bob")[:, None]
-    found = trace(arm, replace(rows, q=aside, covariates={**rows.covariates, "operator": tuple(operator.tolist())}))
-    (only,) = found.found
-    location, step = only.effect.location, only.effect.named["step"]
-    assert (only.effect.law.name, location.site, location.axis) == ("unnamed_level", "J4", "rx")
-    assert location.covariates == ("operator=bob",) and abs(step - 1.5e-3) < 4.0 * only.std["step"]
-    again = load_arm(write_traced(truth.arm, found, tmp_path / "traced.toml"))
-    asked = replace(rows, q=aside, covariates={**rows.covariates, "operator": ("bob",) * len(rows)})
-    np.testing.assert_allclose(predict(again, asked).position, predict(found.arm, asked).position, atol=1e-9)

@@ -11,31 +11,33 @@ from armflex.estimate.fit import THOROUGH
 from armflex.estimate.held_out import held_out, judged_by, pose_folds
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.posterior import certainty_of
+from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
-from armflex.trace.accept import Kin, sessions_held_out
 from armflex.trace.findings import (
     ALMOST,
     LARGER,
+    Compared,
     Found,
     FoundFamily,
+    Kin,
     Smallest,
     Trace,
     Undecided,
+    Unexplained,
     Unidentifiable,
+    Withdrawn,
     unexplained,
 )
+from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.next_measurement import lacking, next_rows
-from armflex.trace.polish import Polished
-from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.posterior.probabilities import Credible, competing, sampled
-from armflex.trace.posterior.screen import MOVED
-from armflex.trace.posterior.search import Standing, refitted, standing
-from armflex.trace.posterior.selection import SCALES
-from armflex.trace.posterior.state import State, refit, sorted_out
-from armflex.trace.posterior.validate import Validated, chance, validated, weakest
+from armflex.trace.probabilities import Credible, competing, sampled
+from armflex.trace.screen import MOVED
+from armflex.trace.search import Standing, refitted, standing
+from armflex.trace.selection import SCALES
+from armflex.trace.state import State, lost_rows, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
-from armflex.trace.withdraw import Compared, Withdrawn
+from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +109,12 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
     known, withdrawn = weighed(here)
     here, state = known.here, known.here.state
     found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
-    left = unexplained(state, here.places)  # pyright: ignore[reportArgumentType] - a state of either search
+    left = unexplained(state, here.places)
+    together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
+    if left is None and len(together):  # rows left out although their neighbours are far off, too
+        view = look(state.fit.setup, state.measurements, together)
+        squares = view.readings.row_squares(view.residual)
+        left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     hypotheses = [[] for _ in state.effects]
     for one in found:
         hypotheses[one.index] = [effect for effect, _ in one.equivalent]
@@ -121,7 +128,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
         undecided=None if state.effects or left is not None or withdrawn else _undecided(known),
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
-        next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),  # pyright: ignore[reportArgumentType]
+        next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),
         compared=None if seen is None else _compared(seen),
         withdrawn=withdrawn,
         nothing=known.credible[-1].nothing if not state.known else 0.0,
@@ -130,7 +137,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
 
 def so_far(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
     """Return the account of a search that goes on: what was accepted, without comparing it."""
-    left = unexplained(here.state, here.places)  # pyright: ignore[reportArgumentType] - a state of either search
+    left = unexplained(here.state, here.places)
     return Trace(**_errors(here.state), found=(), unexplained=left, places=places, unfinished=True)
 
 
@@ -161,7 +168,7 @@ def _found(known: Weighed, number: int) -> Found:
     std = block.std(state.values_of(block), state.stds_of(block))
     others = tuple((_effect(one), chance) for one, chance in credible.others if not one.family)
     best = credible.ranking[0][1]
-    ranking = tuple(_ranked(one, odds) for one, odds in credible.ranking if not one.family)
+    ranking = tuple((one, 2.0 * odds) for one, odds in credible.ranking if not one.family)
     equivalent = tuple(
         (effect, 2.0 * float(np.log(max(credible.probability, 1e-9) / chance))) for effect, chance in others
     )
@@ -172,7 +179,6 @@ def _found(known: Weighed, number: int) -> Found:
         proof=seen.proofs[number],
         equivalent=equivalent,
         ranking=ranking,
-        witness=False,
         index=index,
         survives=seen.names[number],
         probability=credible.probability,
@@ -182,10 +188,6 @@ def _found(known: Weighed, number: int) -> Found:
 
 def _effect(one: Hypothesis) -> Effect:
     return one.one.effect(np.zeros(len(one.one.location.terms)))
-
-
-def _ranked(one: Hypothesis, odds: float) -> Polished:
-    return Polished(one.one, 2.0 * odds, 2.0 * odds, np.zeros(len(one.one.location.terms)), ())
 
 
 def _family(known: Weighed, number: int) -> FoundFamily:

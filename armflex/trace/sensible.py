@@ -1,4 +1,4 @@
-"""A candidate at its best: inner parameters refined in the projected linear problem, where it is possible at all.
+"""Whether a machine can have an effect of a size at all.
 
 Signs must be those of nature, and a joint must give the way it is pushed: a compliance must stay positive semidefinite
 or the joint would make energy. A coupling needs compliance on both of its axes, a law that softens must not turn
@@ -7,10 +7,7 @@ around. Half of the rows must agree, because a polynomial fits them, not its end
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
-from scipy.optimize import minimize
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
@@ -20,11 +17,7 @@ from armflex.laws.effects.effect import Act, Effect, EffectLaw
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Location, resolve
 from armflex.laws.joint.linear import SOFTEST
-from armflex.trace.candidates import Candidate, candidate_regressors
-from armflex.trace.projection import Projection, evidence
-
-FINE = 1e-3
-"""Relative precision to which inner parameters are refined before the full fit takes over."""
+from armflex.trace.candidates import Candidate
 
 ROWS = 15
 """Rows looked at."""
@@ -56,89 +49,6 @@ LOADED = 1e-3
 """Share of the largest load on a joint that is more than what tilts and deflections put on any axis."""
 
 
-@dataclass(frozen=True)
-class Polished:
-    """A candidate at its best inner values.
-
-    Attributes:
-        candidate: With those values.
-        gain: Fall of the objective.
-        evidence: Fall of the information criterion, less what its size counts against it; see `unusual`.
-        amplitudes: Of the acting terms.
-        free: Inner parameters that a fit may go on moving.
-    """
-
-    candidate: Candidate
-    gain: float
-    evidence: float
-    amplitudes: Array
-    free: tuple[int, ...]
-
-    @property
-    def effect(self) -> Effect:
-        """What it would add to the arm."""
-        return self.candidate.effect(self.amplitudes)
-
-
-def polish(candidate: Candidate, fit: Fit, context: Context, projection: Projection) -> Polished:
-    """Return a candidate with those inner parameters refined that are worth their number."""
-    law = candidate.law
-
-    def with_inner(one: Candidate, index: int, value: float) -> Candidate:
-        return replace(one, inner=(*one.inner[:index], value, *one.inner[index + 1 :]))
-
-    def weighed(one: Candidate, free: tuple[int, ...] = ()) -> Polished:
-        regressors = candidate_regressors(one, fit, context)
-        gain, amplitudes = (
-            projection.gain(regressors) if np.isfinite(regressors).all() else (0.0, np.zeros(regressors.shape[1]))
-        )
-        if gain > 0.0 and not sensible(one, amplitudes, fit, context):
-            gain, amplitudes = 0.0, np.zeros(len(amplitudes))
-        worth = float(evidence(gain, projection.objective, projection.count, one.parameters))
-        return Polished(one, gain, worth, amplitudes, free)
-
-    def refined(start: Polished, free: tuple[int, ...]) -> Polished:
-        inners = [law.inner[i] for i in free]
-        # A first step: half the distance to the next value of the search grid.
-        sizes = []
-        for inner, i in zip(inners, free, strict=True):
-            grid = {float(value) for value in inner.grid(candidate.location, context)}
-            values = np.array(sorted(grid - ({0.0} if inner.positive else set())))
-            raw, here = np.log(values) if inner.positive else values, start.candidate.inner[i]
-            alone = 0.3 if inner.positive else max(abs(here), 1.0) * 0.3
-            sizes.append(0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone)
-
-        def placed(steps: Array) -> Candidate:
-            one = start.candidate
-            for inner, i, size, step in zip(inners, free, sizes, steps, strict=True):
-                one = with_inner(one, i, inner.moved(one.inner[i], float(size * step)))
-            return one
-
-        simplex = np.vstack([np.zeros(len(free)), np.eye(len(free))])
-        options = {"xatol": FINE, "fatol": 1e-2, "maxfev": 40 * len(free), "initial_simplex": simplex}
-        best = minimize(lambda x: -weighed(placed(x)).gain, simplex[0], method="Nelder-Mead", options=options)
-        return weighed(placed(best.x), free)
-
-    # Some inner parameters are chosen rather than refined.
-    variants = [candidate]
-    variants += [with_inner(candidate, i, value) for i, inner in enumerate(law.inner) for value in inner.tried]
-    found = []
-    for one in variants:
-        best = weighed(one)
-        for index, inner in enumerate(law.inner):
-            if inner.polished and not inner.smooth:  # all moments between two rows around the coarse grid's choice
-                time = np.unique(context.column("time"))
-                between = 0.5 * (time[1:] + time[:-1])
-                reach, middle = max(1, len(between) // 20), int(np.searchsorted(between, best.candidate.inner[index]))
-                near = between[max(0, middle - reach) : middle + reach + 1].tolist()
-                moments = [weighed(with_inner(best.candidate, index, moment)) for moment in near]
-                best = max([best, *moments], key=lambda one: one.gain)
-        free = tuple(i for i in best.candidate.searched if law.inner[i].smooth)
-        found.append(refined(best, free) if free and best.gain > 0.0 else best)
-    best = max(found, key=lambda one: one.evidence)
-    return replace(best, evidence=best.evidence - unusual(best.candidate, best.amplitudes, fit.view, context))
-
-
 def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Context) -> float:
     """Return the evidence that the size of (k,) acting amplitudes counts against a candidate.
 
@@ -158,15 +68,15 @@ def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Contex
     return 2.0 * float(np.log(max(much, 1.0)))
 
 
-def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context, present: bool = False) -> bool:
-    """Return whether a candidate with these amplitudes is possible on the fitted arm, or is `present` in it."""
+def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context) -> bool:
+    """Return whether a candidate with these amplitudes is possible on the fitted arm."""
     law, location, arm = candidate.law, candidate.location, fit.setup.arm
     acting = [law.amplitudes[i] for i in location.terms]
     for amplitude, value in zip(acting, amplitudes.tolist(), strict=True):
         if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
             return False
     effect = candidate.effect(amplitudes)
-    if not law.possible(effect, context, fit.declared.arm if present else arm):  # it is in the fitted arm already
+    if not law.possible(effect, context, arm):  # it is in the fitted arm already
         return False
     features = law.features(location, candidate.inner, fit.view, context)
     if law.size(np.einsum("mkn,k->mn", features, amplitudes), arm) > IMPLAUSIBLE:
@@ -175,7 +85,7 @@ def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context
         return True
     if law.remembers_load(location):
         return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(location, arm.robot, ()).direction))
-    return not _is_given(law, location) or _gives(effect, fit, context, present)
+    return not _is_given(law, location) or _gives(effect, fit, context)
 
 
 def _is_given(law: EffectLaw, location: Location) -> bool:
@@ -209,7 +119,7 @@ def _largest(site: str, context: Context) -> Array:
     return np.repeat(np.linalg.norm(context.wrenches[site].reshape(-1, 2, 3), axis=2).max(axis=0), 3)
 
 
-def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
+def _gives(effect: Effect, fit: Fit, context: Context) -> bool:
     """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
     arm, view, law = fit.setup.arm, fit.view, effect.law
     here = resolve(effect.location, arm.robot, arm.modelled)
@@ -225,7 +135,7 @@ def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
     good &= ((_given(effect, view, context) <= 1.0) | loaded).all(axis=1)
     if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
-        total = np.broadcast_to(total, own.shape) + (0.0 if present else own)
+        total = np.broadcast_to(total, own.shape) + own
         along = np.einsum("rii->ri", total)
         if not law.linear:  # a polynomial's slope turns around long before its twist does
             features = law.features(effect.location, effect.inner, view, context)[some]
@@ -233,7 +143,7 @@ def _gives(effect: Effect, fit: Fit, context: Context, present: bool) -> bool:
             slopes = np.divide(twists, wrenches, where=loaded, out=np.zeros_like(wrenches))
             along = along + np.where(loaded, slopes - np.einsum("rii->ri", own), 0.0)
         declared = resolve(effect.location, arm.robot, fit.declared.arm.modelled).base_law
-        if not (present or declared is None or here.base_law is None):
+        if not (declared is None or here.base_law is None):
             # While a law is missing calibration bends the compliance to make up for it: it had more before.
             more = declared.tangent(wrenches, row) - here.base_law.tangent(wrenches, row)
             along = along + np.maximum(np.einsum("...ii->...i", more), 0.0)

@@ -1,1 +1,0 @@
-"""Tracing as a posterior over sets of effects: one evidence decides what is added, exchanged and withdrawn."""
