@@ -19,7 +19,7 @@ from armflex.laws.effects import CATALOGUE
 from armflex.laws.effects.catalogue import EVERY
 from armflex.trace.candidates import Bank, Candidate, bank, candidates_of
 from armflex.trace.hypotheses import hypotheses
-from armflex.trace.projection import project, projected
+from armflex.trace.projection import Projection, project, projected
 from armflex.trace.screen import Screen
 from armflex.trace.selection import SCALES, Chosen, log_likelihood
 from armflex.trace.state import State, begin
