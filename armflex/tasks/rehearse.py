@@ -35,11 +35,11 @@ from armflex.readings.instrument import Instrument
 from armflex.result import Result
 from armflex.rows import Rows
 from armflex.rows.rows import last_motion
-from armflex.trace.posterior.hypotheses import Hypothesis
-from armflex.trace.posterior.probabilities import CREDIBLE
-from armflex.trace.posterior.screen import MOVED, Screen, unit_of
-from armflex.trace.posterior.search import standing
-from armflex.trace.posterior.state import begin
+from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.probabilities import CREDIBLE
+from armflex.trace.screen import MOVED, Screen, unit_of
+from armflex.trace.search import standing
+from armflex.trace.state import begin
 
 ROWS, DRAWS = 60, 3
 """Rows that are planned where none are given, and campaigns that are simulated of each effect."""
