@@ -89,7 +89,7 @@ def test_a_trace_finds_what_the_rehearsal_promises(
 
     still, trial = campaign(0.0), campaign(1e-7)
     amplitude = 1e-7 * one.size / float(np.sqrt(((trial.position - still.position) ** 2).sum(axis=1).mean()))
-    found = armflex.trace(arm, campaign(amplitude), method="posterior")
+    found = armflex.trace(arm, campaign(amplitude))
     assert [(each.effect.law.name, each.effect.location.site) for each in found.found] == [(name, one.location.site)]
 
 

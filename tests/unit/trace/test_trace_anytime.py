@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import errno
-import importlib
 import os
 import re
 import signal
@@ -25,7 +24,11 @@ from armflex.cli.trace_command import Outputs, as_json, print_trace
 from armflex.errors import FileError
 from armflex.measured.measurements import Measurements
 from armflex.show.report import render_report
+from armflex.trace.account import conclude
 from armflex.trace.findings import Trace
+from armflex.trace.search import refitted, standing
+from armflex.trace.selection import SCALES, Chosen
+from armflex.trace.state import begin
 from armflex.trace.telling import Doing
 
 pytestmark = pytest.mark.slow
@@ -155,17 +158,15 @@ def test_a_long_stage_says_how_far_it_is_and_what_there_is(whole: Whole) -> None
 
 
 def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    """Noise has a best explanation, too: poses that it was not chosen for decide.
-
-    A prior that expects half a million effects accepts it.
-    """
+    """A shape of many amplitudes explains noise, too: poses that it was not fitted to decide."""
     truth = draw("none", 101, "six").write(tmp_path)
     arm = load_arm(truth.arm)
     rows = read_measurements(truth.train, arm)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.import_module("armflex.trace.hypotheses"), "EFFECTS", 5e5)
-        patch.setattr(importlib.import_module("armflex.trace.search"), "ROUNDS", 1)
-        found = trace(arm, rows, np.flatnonzero(rows.measured)[::3])
+    here = standing(begin(calibrate(arm, rows, np.flatnonzero(rows.measured)[::3], as_stated=True)))
+    most = max(range(len(here.screen.groups)), key=lambda i: len(here.screen.groups[i].places))
+    believed = refitted(here, (Chosen(most, len(SCALES) - 1),))
+    assert believed is not None
+    found = conclude(believed, here.places)
     assert found.withdrawn
     gone = found.withdrawn[0]
     calibrated, with_it = gone.errors
