@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from itertools import pairwise
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice, pairwise
 
 import numpy as np
 
@@ -13,17 +13,27 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Bank, Candidate, candidate_regressors
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
-from armflex.trace.selection import Evidence, Group
+from armflex.trace.selection import Evidence, Group, Model, batch_of
 from armflex.trace.sensible import sensible, unusual
 
 MOVED = 1e-3
 """By how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
+
+PIECE = 128
+"""Tolerance: hypotheses whose columns are held at a time where the likeliest of many are sought."""
 
 STILL = 1e-12
 """Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 
 IMPOSSIBLE = 8.0
 """Prior: log odds against what no machine has: while one effect is missing, another may look as if it were that."""
+
+
+def batched(some: Iterable[Hypothesis], count: int) -> Iterator[list[Hypothesis]]:
+    """Yield so many at a time."""
+    rest = iter(some)
+    while piece := list(islice(rest, count)):
+        yield piece
 
 
 def unit_of(fit: Fit) -> float:
@@ -106,6 +116,49 @@ class Screen(Evidence):
             self.groups.append(Group(one, at, scale))
             first += size
         self.grown()
+
+    def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
+        """Return the hypotheses that are most probable beside any of some models, of many that are made in pieces."""
+        best: list[tuple[float, Hypothesis]] = []
+        known = [(self.beside(model), *self._beside_columns(model)) for model in models]
+        for piece in batched(more, PIECE):
+            made = [(one, self.made(one.members)) for one in piece]
+            made = [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
+            if not made:
+                continue
+            columns = np.hstack([own for _, own in made])
+            seen, cleared = (self.projection.half @ columns).T, self.projection.cleared(columns)
+            ends = np.cumsum([0, *(own.shape[1] for _, own in made)])
+            groups = [
+                Group(one, np.arange(a, b), self._scaled((own**2).sum(axis=0)))
+                for (one, own), (a, b) in zip(made, pairwise(ends.tolist()), strict=True)
+            ]
+            batches = []
+            for size in np.unique(np.diff(ends)).tolist():
+                numbers = np.flatnonzero(np.diff(ends) == size)
+                places = np.array([groups[i].places for i in numbers.tolist()])
+                stacked, own_seen = columns.T[places] @ cleared.T[places].transpose(0, 2, 1), seen[places]
+                batches.append(batch_of(groups, numbers, stacked - own_seen @ own_seen.transpose(0, 2, 1)))
+            scores = columns.T @ self.projection.residual
+            odds = np.array([one.prior for one, _ in made]) + np.max(
+                [
+                    beside.odds_of(
+                        batches, (columns.T @ own - seen @ own_seen.T) @ np.linalg.inv(beside.root).T, scores
+                    )
+                    for beside, own, own_seen in known
+                ],
+                axis=(0, 2),
+            )
+            best += zip(odds.tolist(), (one for one, _ in made), strict=True)
+            best = sorted(best, key=lambda pair: -pair[0])[:most]
+        return [one for _, one in best]
+
+    def _beside_columns(self, model: Model) -> tuple[Array, Array]:
+        """Return the (n, k) scaled and cleared columns of a model, and their (k, r) products with the `half`."""
+        some = [self.groups[one.number] for one in model]
+        places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
+        scale = np.concatenate([np.zeros(0), *(one.scale for one in some)])
+        return self.cleared(places) * scale, self.seen(places) * scale[:, None]
 
     def made(self, members: Sequence[Candidate]) -> Array:
         """Return the (n, k) columns of some candidates, by the scatter of the readings."""

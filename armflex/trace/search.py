@@ -39,6 +39,10 @@ SHAPED, LIKELY = 10, 4
 """Tolerance: places of free shapes at which waves and bumps are sought, and of random twists at which products are."""
 
 
+SOUGHT = 48
+"""Tolerance: waves, bumps and products of each kind that compete, the likeliest alone or beside the model."""
+
+
 @dataclass(frozen=True, eq=False)
 class Standing:
     """A state with its linear problem.
@@ -183,7 +187,7 @@ def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standin
         return None
     here.state.say("searching waves and bumps")
     for law in (WAVE, BUMP):
-        screen.extend(sought(law, shaped, here.state.context))
+        screen.extend(screen.likeliest(sought(law, shaped, here.state.context), ((), here.model), SOUGHT))
     trials = [climbed(screen, here.model, refiner)]
     for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
         trials.append(climbed(screen, (*here.model, rival.chosen), refiner))
@@ -290,7 +294,7 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
     here.state.say("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
         locations = [Location(place.site, place.axis, pair) for place in likely for pair in pairs]
-        screen.extend(sought(law, locations, context))
+        screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), SOUGHT))
     return _accepted(here, climbed(screen, here.model, Refiner(screen)), passing)
 
 

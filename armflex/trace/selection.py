@@ -80,6 +80,19 @@ class Group:
     scale: Array
 
 
+Batch = tuple[np.ndarray, np.ndarray, Array, Array, np.ndarray]
+"""Groups of one size: numbers, (g, k) columns and scales, (g, k, k) scaled parts of G, and which have a sign."""
+
+
+def batch_of(groups: Sequence[Group], numbers: np.ndarray, inside: Array) -> Batch:
+    """Return groups of one size with their (g, k, k) parts of G."""
+    some = [groups[i] for i in numbers.tolist()]
+    scale = np.array([one.scale for one in some])
+    signed = np.array([one.hypothesis.positive for one in some])
+    scaled = inside * scale[:, :, None] * scale[:, None, :]
+    return numbers, np.array([one.places for one in some]), scale, scaled, signed
+
+
 class Evidence(ABC):
     """Hypotheses in the linear problem of a fit: everything that the evidence of a model is made of.
 
@@ -110,17 +123,9 @@ class Evidence(ABC):
         return 0.0
 
     @cached_property
-    def batches(self) -> list[tuple[np.ndarray, np.ndarray, Array, Array, np.ndarray]]:
-        """For every group size: groups, their (g, k) columns and scales, (g, k, k) scaled parts of G, and which of
-        them have a sign."""
-        found = []
-        for numbers, inside in self.insides():
-            some = [self.groups[i] for i in numbers.tolist()]
-            scale = np.array([one.scale for one in some])
-            signed = np.array([one.hypothesis.positive for one in some])
-            scaled = inside * scale[:, :, None] * scale[:, None, :]
-            found.append((numbers, np.array([one.places for one in some]), scale, scaled, signed))
-        return found
+    def batches(self) -> list[Batch]:
+        """Of all groups, by their size."""
+        return [batch_of(self.groups, numbers, inside) for numbers, inside in self.insides()]
 
     @cached_property
     def priors(self) -> Array:
@@ -228,11 +233,21 @@ class Beside:
     def odds(self) -> Array:
         """(H, T) log odds of the model with each hypothesis at each scale more, over the model; sizes not charged."""
         evidence = self.evidence
-        scores = evidence.scores - self.across @ self.pull
-        found = np.full((len(evidence.groups), len(SCALES)), -np.inf)
-        here, tight = float(log_likelihood(self.left, evidence.count)), SCALES[:, None] ** -2.0
-        for numbers, places, scale, inside, signed in evidence.batches:
-            taken, score = self.across[places] * scale[:, :, None], scores[places] * scale
+        return self.odds_of(evidence.batches, self.across, evidence.scores) + evidence.priors[:, None]
+
+    def odds_of(self, batches: Sequence[Batch], across: Array, scores: Array) -> Array:
+        """Return the (H, T) log evidence that hypotheses add to the model at each scale.
+
+        Args:
+            batches: Of all of them.
+            across: (K, k) products of their columns with those of the model, as `across` has them.
+            scores: (K,) products of their columns with the readings.
+        """
+        count, scores = self.evidence.count, scores - across @ self.pull
+        found = np.full((sum(len(numbers) for numbers, *_ in batches), len(SCALES)), -np.inf)
+        here, tight = float(log_likelihood(self.left, count)), SCALES[:, None] ** -2.0
+        for numbers, places, scale, inside, signed in batches:
+            taken, score = across[places] * scale[:, :, None], scores[places] * scale
             if places.shape[1] == 1:
                 values, turned = np.maximum(inside[:, 0] - (taken**2).sum(axis=2), 0.0), score
             else:
@@ -240,12 +255,12 @@ class Beside:
                 values, turned = np.maximum(values, 0.0), np.einsum("gki,gk->gi", axes, score)
             held = values[:, None, :] + tight
             left = np.maximum(self.left - (turned[:, None, :] ** 2 / held).sum(axis=2), 1e-9 * self.left)
-            logs = log_likelihood(left, evidence.count) - here - 0.5 * np.log(held / tight).sum(axis=2)
+            logs = log_likelihood(left, count) - here - 0.5 * np.log(held / tight).sum(axis=2)
             if signed.any():
-                ratio = turned[:, None, 0] / np.sqrt(held[:, :, 0] * np.maximum(left / evidence.count, 1.0))
+                ratio = turned[:, None, 0] / np.sqrt(held[:, :, 0] * np.maximum(left / count, 1.0))
                 logs = logs + np.where(signed[:, None], _sign(ratio), 0.0)
             found[numbers] = logs
-        return found + evidence.priors[:, None]
+        return found
 
     def amplitudes_of(self, number: int, scale: int) -> Array:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
