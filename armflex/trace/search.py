@@ -8,6 +8,7 @@ own hypotheses in its own linear problem, and only a state that is worth more re
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
@@ -94,9 +95,9 @@ def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
     return model
 
 
-def spots(screen: Screen, model: Model) -> frozenset:
-    """Return laws and places of a model."""
-    return frozenset(screen.groups[one.number].hypothesis.spot for one in model)
+def spots(screen: Screen, model: Model) -> Counter:
+    """Return laws and places of a model, and how often each is in it: gears have several harmonics."""
+    return Counter(screen.groups[one.number].hypothesis.spot for one in model)
 
 
 def random_places(state: State, screen: Screen, model: Model) -> tuple[RandomTwist, ...]:
@@ -235,7 +236,9 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
         trial = refitted(here, model)
         if trial is not None and (trial.value > here.value + BETTER or len(trial.state.rows) != count):
             return trial
-        new = [i for i, one in enumerate(model) if here.screen.groups[one.number].hypothesis.spot not in known]
+        asked = spots(here.screen, model)
+        own = [here.screen.groups[one.number].hypothesis.spot for one in model]
+        new = [i for i, spot in enumerate(own) if asked[spot] > known[spot]]
         if trial is None:
             others = [refitted(here, (*model[:i], *model[i + 1 :])) for i in new if len(new) > 1]
             best = max((one for one in others if one is not None), key=lambda one: one.value, default=None)
