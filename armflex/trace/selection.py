@@ -313,7 +313,7 @@ def rivals(
         hypothesis = evidence.groups[number].hypothesis
         if only is not None and not only(hypothesis):
             continue
-        coarse = refine is not None and bool(hypothesis.one.fitted)
+        coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
         if hypothesis.spot in spots or best[number] < top - (max(within, ROUGH * top) if coarse else within):
             continue
         scale = int(beside.odds[number].argmax())
