@@ -47,6 +47,9 @@ CALM = 1e-2
 RESISTING = 3
 """Parameters and rows that are named where a fit does not settle."""
 
+TURN = 2.0 * np.pi
+"""Length of a step [rad], as a standard deviation, of an angle that no prior holds: it means nothing beyond a turn."""
+
 FLAT = 1e-2
 """Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
 
@@ -398,12 +401,15 @@ class _Problem:
         known: What rows and priors tell there.
         gradient: (P,) minus half the gradient of the cost.
         bend: (P,) what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
+        turning: (P,) precision of a step, 0 but of angles that no prior holds; see `TURN`. Readings that hardly depend
+            on such an angle would let rounding turn it without end. What is known of it is not changed.
         regressors, residual: (M, P) and (M,) of the readings, weighted by `weights`, which are (N, d).
     """
 
     known: LinearGaussian
     gradient: Array
     bend: Array
+    turning: Array
     regressors: Array
     residual: Array
     weights: Array
@@ -425,8 +431,10 @@ class _Problem:
         return step + self._damped(damping).solve(self.regressors.T @ beyond)
 
     def _damped(self, damping: float) -> LinearGaussian:
-        damped = damping * np.diag(self.known.information) + self.bend
-        return self.known.with_precision(damped) if damping else self.known
+        if not damping and not self.turning.any():
+            return self.known
+        damped = damping * np.diag(self.known.information) + self.bend if damping else 0.0
+        return self.known.with_precision(damped + self.turning)
 
     def promised(self, step: Array) -> float:
         """Return the fall of the cost that the linear problem promises of a step."""
@@ -494,7 +502,10 @@ class _Task:
         precision, pull = self.prior**-2.0, regressors.T @ residual
         gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
         bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
-        return _Problem(LinearGaussian.of(regressors, precision), gradient, bend, regressors, residual, weights)
+        open_ = [one.unit == "rad" for one in parameters_of(self.blocks)] & np.isinf(self.prior)
+        turning = np.where(open_, TURN**-2.0, 0.0)
+        known = LinearGaussian.of(regressors, precision)
+        return _Problem(known, gradient, bend, turning, regressors, residual, weights)
 
     def descend(
         self, here: _Iterate, problem: _Problem, limit: Array | float, trials: int, damping: float
