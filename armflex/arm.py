@@ -35,6 +35,7 @@ from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Asked, Deflection, DeflectionBatch, deflect, deflect_batch, near_buckling
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import NO_PAYLOAD, LoadedArm, Names, Payload
+from armflex.mechanics.modes import Modes, modes_of
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
 from armflex.parameters import (
@@ -147,6 +148,7 @@ class Arm:
         effects: What it does beyond its flexures, as measurements showed.
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
         flags: Flags about the arm as declared.
+        damping_ratio: Damping of its vibrations over the critical one, None when not stated.
     """
 
     robot: Robot
@@ -162,6 +164,7 @@ class Arm:
     effects: tuple[Effect, ...] = ()
     certainty: Certainty | None = None
     flags: tuple[Flag, ...] = ()
+    damping_ratio: float | None = None
 
     def __post_init__(self) -> None:
         known = [joint.name for joint in self.robot.chain]
@@ -393,6 +396,32 @@ class Arm:
         """
         pulled = tuple(one.under(self.robot.gravity) for one in wrenches)
         return Prepared(self.loaded(payload), method, enforce_limits, pulled)
+
+    @checked_kinds
+    def modes(
+        self,
+        q: OneRow,
+        payload: str | Payload | None = None,
+        *,
+        covariates: Mapping[str, ArrayLike] | None = None,
+        wrenches: Sequence[Wrench] = (),
+        count: int = 6,
+        enforce_limits: bool = True,
+    ) -> Modes:
+        """Return the slowest modes of vibration about the deflected pose, drives holding; see `armflex.mechanics.modes`.
+
+        Args:
+            q: (nq,) joint positions in the order of `joint_names` [rad or m].
+            payload: Name or object; one without an inertia is a point.
+            covariates, wrenches, enforce_limits: As of `deflection`.
+            count: How many modes at most.
+
+        Raises:
+            InputError: The arm has no flexure, or nothing that moves has a mass; else as `deflection`.
+            UrdfError: What moves has moments of inertia that no body has.
+        """
+        found = self.deflection(q, payload, covariates=covariates, wrenches=wrenches, enforce_limits=enforce_limits)
+        return modes_of(found.solved, count, self.damping_ratio)
 
     @checked_kinds
     def check_position(self, q: ArrayLike, enforce_limits: bool = True) -> tuple[Array, tuple[Flag, ...]]:

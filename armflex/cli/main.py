@@ -17,6 +17,7 @@ import click
 
 COMMANDS = {
     "deflect": "loads, local deflections and the tip's displacement at one configuration",
+    "modes": "natural frequencies and mode shapes at one configuration",
     "predict": "the tip's position for every row of a table",
     "check": "is a loaded path within tolerance, or a compensated one where it was meant to be",
     "compensate": "joint positions that put the deflected tip where the rigid arm would be",

@@ -120,3 +120,38 @@ def ensemble(
             with naming(f"draw {number}"):
                 found[number] = drawn.deflection(rows, payload, covariates=known, method=method).displacement
     return found if positions.ndim == 2 else found[:, 0]
+
+
+@checked_kinds
+def drawn_frequencies(
+    arm: Arm,
+    q: ArrayLike,
+    payload: str | Payload | None = None,
+    *,
+    draws: int = 64,
+    seed: int = 0,
+    covariates: Mapping[str, ArrayLike] | None = None,
+    count: int = 6,
+) -> Array | None:
+    """Return the (draws, m) natural frequencies [Hz] of arms as likely as one; None where nothing of it is uncertain.
+
+    Frequencies of a draw are in ascending order: where two modes are closer than they are known, they change places.
+
+    Args:
+        arm: The arm.
+        q: (nq,) joint positions [rad or m].
+        payload, covariates, count: As of `Arm.modes`.
+        draws: How many arms.
+        seed: Of the random numbers.
+
+    Raises:
+        InputError: As `Arm.modes` and `draw_arms`.
+    """
+    if arm.certainty is None and not any(flexure.law.uncertain for flexure in arm.flexures):
+        return None
+    found = []
+    for number, drawn in enumerate(draw_arms(arm, draws, seed)):
+        with naming(f"draw {number}"):
+            found.append(drawn.modes(q, payload, covariates=covariates, count=count).frequencies)
+    fewest = min(map(len, found), default=0)
+    return np.array([one[:fewest] for one in found]).reshape(len(found), fewest)

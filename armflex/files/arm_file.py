@@ -163,7 +163,7 @@ def make_arm(
 
 
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
-    robot, rating, flags = _read_robot(root.sub("robot"), strict)
+    robot, ratings, flags = _read_robot(root.sub("robot"), strict)
     bent = []
     for name, table in root.subs("link").items():
         robot, flexure, more = read_link(name, table, robot)
@@ -199,7 +199,16 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     if measurement.gravity_in == "measurement" and not calibrated:
         text = "is known in the instrument's frame, whose place is not: taken in base axes until the arm is calibrated"
         flags.append(Flag("gravity_in", f"gravity {text}"))
-    arm = Arm(robot, flexures, payloads, rating, measurement, prior, sensors=sensors, flags=tuple(flags))
+    arm = Arm(
+        robot,
+        flexures,
+        payloads,
+        measurement=measurement,
+        prior=prior,
+        sensors=sensors,
+        flags=tuple(flags),
+        **ratings,
+    )
     if not calibrated:
         return _with_effects(arm, effects)
     table = root.sub("calibration")
@@ -228,7 +237,7 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     return setup.arm if setup.instrument is start.instrument else replace(setup.arm, instrument=setup.instrument)
 
 
-def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, tuple[Flag, ...]]:
+def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, dict[str, float | None], tuple[Flag, ...]]:
     by_dh = table.has("dh")
     if by_dh and table.has("urdf"):
         raise table.fail("dh", "stands beside 'urdf', which is the robot already: give one of them")
@@ -237,6 +246,9 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, 
     gravity = table.numbers("gravity", (3,)) if table.has("gravity") else None
     tool, mount = (_read_pose(table, key, keys) for key, keys in (("tool", ("xyz", "rpy")), ("mount", ("rpy",))))
     rating = table.number("payload_rating") if table.has("payload_rating") else None
+    damping = table.number("damping_ratio") if table.has("damping_ratio") else None
+    if damping is not None and not 0.0 < damping < 1.0:
+        raise table.fail("damping_ratio", f"is {damping:g}, expected more than 0 and less than 1: 0.01 is one percent")
     locked_table = table.sub("locked") if table.has("locked") else None
     locked = {name: locked_table.number(name) for name in locked_table.table} if locked_table else {}
     massless = table.flag("allow_massless")
@@ -274,7 +286,7 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, float | None, 
         flags.append(Flag("moving_base", f"{table.place('base')}: {text}"))
     if tool is not None and (size := float(np.linalg.norm(tool.translation))) > max(robot.reach - size, 1.0):
         raise table.fail("tool", f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?")
-    return robot, rating, tuple(flags)
+    return robot, {"payload_rating": rating, "damping_ratio": damping}, tuple(flags)
 
 
 def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 | None:

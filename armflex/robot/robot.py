@@ -85,6 +85,12 @@ class Robot:
         return any(link.inertial is not None and link.inertial.point for link in self.urdf.links.values())
 
     @cached_property
+    def pointlike(self) -> tuple[str, ...]:
+        """Names of the links with a mass and no moments of inertia."""
+        known = {name: link.inertial for name, link in self.urdf.links.items() if link.inertial is not None}
+        return tuple(name for name, one in known.items() if one.mass and not one.inertia.any())
+
+    @cached_property
     def moving(self) -> tuple[Joint, ...]:
         """The chain's moving joints, in order."""
         return tuple(joint for joint in self.chain if joint.kind in MOVING)

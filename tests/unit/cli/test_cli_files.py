@@ -25,6 +25,7 @@ FILES |= {"paper_A4_um.safetensors": TARM / "paper_A4_um.safetensors", "joint.cs
 FILES |= {"bar.inp": ROBOTS.parent / "tests" / "referee" / "calculix" / "c3d20.inp"}
 READ = {
     "deflect": ["arm.toml"],
+    "modes": ["arm.toml"],
     "predict": ["arm.toml", "rows.csv"],
     "check": ["arm.toml", "rows.csv", "--tolerance", "5mm"],
     "compensate": ["arm.toml", "rows.csv"],

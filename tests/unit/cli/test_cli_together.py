@@ -40,6 +40,7 @@ TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 MESH = ROBOTS.parent / "tests" / "referee" / "calculix" / "c3d20.inp"
 GIVEN = {
     "deflect": ["arm.toml"],
+    "modes": ["arm.toml"],
     "predict": ["arm.toml", "rows.csv", "-o", "o.csv"],
     "check": ["arm.toml", "path.csv", "--tolerance", "1m"],
     "compensate": ["arm.toml", "path.csv", "-o", "o.csv"],

@@ -1,0 +1,188 @@
+"""How a loaded arm swings about its equilibrium while its drives hold: natural frequencies and mode shapes.
+
+With m the flexures' exponential coordinates, J the body motion per change of them, G the geometric stiffness and M the
+mass matrix of the deflected arm, C the laws' tangent at their loads, the equilibrium m = law(load) moves by
+
+    dm = -C (G J dm + M J dm''),        (1 + C G J) phi = w^2 C M J phi    for  dm = phi exp(i w t).
+
+Motions are within the range of C = R R', dm = R y (a direction without compliance does not move), so
+
+    K y = w^2 B y,      K = 1 + R'G J R,      B = R'M J R.
+
+Where flexures turn, K and B are symmetric but for a small part: exp6 of a finite twist does not commute. The symmetric
+problem (Bathe, Finite Element Procedures, 2nd ed. 2014, ch. 10) is solved, and the small part is added by perturbation
+to second order in frequencies and to first order in shapes, or exactly where it is not small.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.errors import Flag, InputError, UnstableEquilibriumError
+from armflex.mechanics.equilibrium import Equilibrium
+from armflex.mechanics.loaded import Names
+from armflex.result import Result
+
+DAMPING = 0.01
+"""Damping ratio of every mode where an arm.toml does not state one: welded and bolted steel has 0.005 to 0.02."""
+
+NEGLIGIBLE = 1e-13
+"""Tolerance: share of the largest compliance, or of the largest 1 / w^2, that is rounding."""
+
+SMALL = 1e-2
+"""Tolerance: share of a neighbouring mode in a mode's shape up to which a perturbation is exact to 1e-6."""
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Modes(Result):
+    """Modes of vibration, the slowest first.
+
+    Attributes:
+        frequencies: (m,) natural frequencies [Hz].
+        damping_ratios: (m,) damping over critical damping, dimensionless.
+        shapes: (m, 6) motion of the tip's origin in base axes [m, rad], of length 1 m along its shift, or 1 rad where
+            it only turns.
+        twists: (m, n, 6) motion of the flexures with it, local axes [m, rad].
+        masses: (m,) modal mass for these shapes [kg, or kg m^2 where the tip only turns].
+        sensitivities: (m, n) relative change of a frequency per relative change of a flexure's stiffness, its loads as
+            they are. Without gravity those of a mode add up to one half.
+        names: Of joints and flexures, base and tip.
+        flags: What is missing of the inertias, and where the damping comes from.
+    """
+
+    TOLD = ("frequencies", "damping_ratios", "shapes", "masses", "sensitivities", "flags")
+    ROWS = "table"
+
+    frequencies: Array
+    damping_ratios: Array
+    shapes: Array
+    twists: Array
+    masses: Array
+    sensitivities: Array
+    names: Names
+    flags: tuple[Flag, ...] = ()
+
+    @property
+    def table(self) -> dict[str, Array]:
+        """A row for every mode, SI."""
+        tip = {f"tip_{axis}": self.shapes[:, i] for i, axis in enumerate(("x", "y", "z", "rx", "ry", "rz"))}
+        return {"frequency": self.frequencies, "damping_ratio": self.damping_ratios, "mass": self.masses, **tip}
+
+
+def modes_of(found: Equilibrium, count: int, damping: float | None) -> Modes:
+    """Return the slowest modes about an equilibrium.
+
+    Args:
+        found: The equilibrium.
+        count: How many modes at most.
+        damping: Damping ratio; `DAMPING` where None, with a flag.
+
+    Raises:
+        InputError: The arm has no flexure or no mass that moves, or `count` is below 1.
+        UrdfError: Moments of inertia are such as no body has.
+        UnstableEquilibriumError: The arm would not stay at the equilibrium.
+    """
+    loaded, mechanics, case = found.loaded, found.loaded.mechanics, found.case
+    arm, places = loaded.arm, mechanics.flex.flexure_v
+    if count < 1:
+        raise InputError(f"count is {count}, expected 1 mode or more")
+    if not len(places):
+        raise InputError("the arm declares no flexure: it is rigid, and does not swing")
+    arm.robot.check_motion()
+    configuration = mechanics.flexed(found.rigid, found.motion)
+    torque = found.torque if found.torque is not None else mechanics.load(case)(configuration)
+    compliance = arm.stack.tangent(-torque[places], loaded.row(case.q, case.covariates))
+    turned = mechanics.exponential_jacobian(found.rigid, found.motion)
+    geometric = mechanics.stiffness(configuration, case)[mechanics.flexures] @ turned
+    whole = pin.crba(mechanics.model, mechanics.data, configuration)
+    mass = (np.triu(whole) + np.triu(whole, 1).T)[mechanics.flexures]
+    sizes, axes = np.linalg.eigh(0.5 * (compliance + compliance.T))
+    gives = sizes > NEGLIGIBLE * sizes[-1]
+    if not gives.any():
+        raise InputError("no flexure gives under these loads: the arm is rigid, and does not swing")
+    root = axes[:, gives] * np.sqrt(sizes[gives])
+    inverse, ways = _slowest(np.eye(gives.sum()) + root.T @ geometric @ root, root.T @ mass @ turned @ root, count)
+    motion = (root @ ways).T  # (m, 6 n)
+    tip = motion @ turned.T @ mechanics.tip_jacobian(configuration)[:, places].T
+    shift, turn = np.linalg.norm(tip[:, :3], axis=1), np.linalg.norm(tip[:, 3:], axis=1)
+    still = shift <= NEGLIGIBLE * turn  # the tip only turns
+    unit = np.where(still, turn, shift)
+    unit = np.where(unit > 0.0, unit, 1.0)[:, None]
+    tip, motion, ways = tip / unit, motion / unit, ways.T / unit
+    body = motion @ turned.T
+    masses = np.einsum("mi,ij,mj->m", body, mass, body)
+    frequencies = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
+    force = ways @ (axes[:, gives] / np.sqrt(sizes[gives])).T  # what bends the flexures
+    energies = (motion * force).reshape(len(masses), -1, 6).sum(axis=2)
+    shares = energies / (masses / inverse)[:, None]
+    flags = () if damping is not None else (_assumed(),)
+    flags += tuple(_pointlike(found, configuration, body, masses))
+    ratios = np.full(len(masses), DAMPING if damping is None else damping)
+    twists = motion.reshape(len(masses), -1, 6)
+    return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, loaded.arm.names, flags)
+
+
+def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
+    """Return the (m,) largest 1 / w^2 [s^2] of (r, r) matrices K and B, and the (r, m) vectors y.
+
+    Raises:
+        InputError: Nothing that moves has a mass.
+        UnstableEquilibriumError: K is not positive.
+    """
+    (even, odd), (inert, bent) = ((0.5 * (one + one.T), 0.5 * (one - one.T)) for one in (stiffness, mass))
+    try:
+        lower = np.linalg.inv(np.linalg.cholesky(even))
+    except np.linalg.LinAlgError:
+        least = float(np.linalg.eigvalsh(even)[0])
+        text = "the arm would not stay where its loads balance: there is nothing to swing about"
+        raise UnstableEquilibriumError(text, least) from None
+    found, vectors = np.linalg.eigh(lower @ inert @ lower.T)
+    some = np.flatnonzero(found > NEGLIGIBLE * max(found[-1], 0.0))[::-1][:count]
+    if not len(some):
+        raise InputError("nothing that moves has a mass: there is no frequency")
+    ways = lower.T @ vectors
+    own = found[some]
+    off = ways.T @ bent @ ways[:, some] - own * (ways.T @ odd @ ways[:, some])
+    gaps = own - found[:, None]
+    gaps[some, np.arange(len(some))] = np.inf
+    mixed = off / np.where(gaps == 0.0, 1e-300, gaps)
+    if np.abs(mixed).max(initial=0.0) > SMALL:
+        every, exact = np.linalg.eig(np.linalg.solve(stiffness, mass))
+        some = np.argsort(-every.real)[: len(some)]
+        return every.real[some], exact.real[:, some]
+    return own - (off * mixed).sum(axis=0), ways[:, some] + ways @ mixed
+
+
+def _assumed() -> Flag:
+    text = f"[robot] states no damping_ratio: {DAMPING:g} is assumed for every mode"
+    return Flag("damping_assumed", text)
+
+
+def _pointlike(found: Equilibrium, configuration: Array, body: Array, masses: Array) -> Iterator[Flag]:
+    """Yield the flag about links that are declared as points: how much their moments of inertia would matter.
+
+    Each is taken as a slender rod along its longest way, m l^2 / 12.
+    """
+    mechanics, robot = found.loaded.mechanics, found.loaded.arm.robot
+    model, data, motion = mechanics.model, mechanics.data, np.zeros(mechanics.model.nv)
+    motion[mechanics.flex.flexure_v] = body[0]
+    lost: dict[str, float] = {}
+    for link in robot.pointlike:
+        inertial = robot.urdf.links[link].inertial
+        if inertial is None or link not in mechanics.flex.links:
+            continue
+        ways = [joint.origin for joint in robot.urdf.children[link]] or [2.0 * inertial.origin]
+        way = max(ways, key=lambda one: float(np.linalg.norm(one)))
+        frame = mechanics.flex.frame(link)
+        turn = (pin.computeFrameJacobian(model, data, configuration, frame, pin.LOCAL) @ motion)[3:]
+        across = np.cross(turn, way)  # of a rod only what turns it end over end counts
+        lost[link] = 0.5 * inertial.mass * float(across @ across) / 12.0 / float(masses[0])
+    if lost:
+        most = sorted(lost.items(), key=lambda pair: -pair[1])[:3]
+        text = ", ".join(f"{link} (as a rod it would lower the first frequency by {share:.2%})" for link, share in most)
+        yield Flag("no_inertia", f"{len(lost)} links have a mass but no moments of inertia: {text}")

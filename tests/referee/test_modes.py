@@ -1,0 +1,142 @@
+"""Frequencies and shapes against MuJoCo's mass matrix and finite differences of its forces, and a closed form."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+from support.mujoco_arm import Referee
+from support.small_arms import ROBOTS, joint, link, robot
+
+from armflex import Arm, Flexure, InputError, load_arm, make_arm
+from armflex.errors import ArmFileError
+from armflex.laws import LinearLaw
+
+SPRINGS = {"tarm_like": 4e6, "heavy_six": 1e5}
+"""N m/rad of turning drives; of sliding ones as many N/m."""
+
+
+def driven(arm: Arm, stiffness: float) -> Arm:
+    """Return an arm whose drives give along their own axes, and nothing else."""
+    drives = []
+    for one in arm.robot.moving:
+        compliance, place = np.zeros((6, 6)), slice(0, 3) if one.kind == "prismatic" else slice(3, 6)
+        compliance[place, place] = np.outer(one.axis, one.axis) / stiffness
+        drives.append(Flexure(one.name, one.name, LinearLaw(compliance)))
+    return replace(arm, flexures=tuple(drives), damping_ratio=0.02)
+
+
+def swung(referee: Referee, arm: Arm, q: np.ndarray, payload: str, stiffness: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return MuJoCo's frequencies [Hz] and the tip's shapes (m, 6) at rest under springs in the joints."""
+    model = referee.spec(payload).compile()
+    data = mujoco.MjData(model)
+    places = [model.joint(name).qposadr[0] for name in arm.joint_names]
+    dofs = [model.joint(name).dofadr[0] for name in arm.joint_names]
+
+    def held(at: np.ndarray) -> np.ndarray:
+        data.qpos[places] = at
+        mujoco.mj_forward(model, data)
+        return data.qfrc_bias[dofs].copy()
+
+    rest = q.copy()
+    for _ in range(200):
+        rest, before = q - held(rest) / stiffness, rest
+        if np.abs(rest - before).max() < 1e-15:
+            break
+    steps = 1e-5 * np.eye(len(q))
+    springs = np.column_stack([(held(rest + step) - held(rest - step)) / 2e-5 for step in steps])
+    held(rest)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    squares, vectors = eigh(stiffness * np.eye(len(q)) + 0.5 * (springs + springs.T), mass[np.ix_(dofs, dofs)])
+    linear, turning = np.zeros((3, model.nv)), np.zeros((3, model.nv))
+    mujoco.mj_jacBody(model, data, linear, turning, model.body(referee.toml["robot"]["tip"]).id)
+    shapes = (np.vstack([linear, turning])[:, dofs] @ vectors).T
+    return np.sqrt(squares) / (2.0 * np.pi), shapes / np.linalg.norm(shapes[:, :3], axis=1)[:, None]
+
+
+@pytest.mark.parametrize("name", SPRINGS)
+def test_frequencies_and_shapes_are_those_of_mujoco(name: str) -> None:
+    declared, referee = load_arm(ROBOTS / name / "arm.toml"), Referee(name)
+    arm, rng, sags = driven(declared, SPRINGS[name]), np.random.default_rng(4), []
+    for number in range(20):
+        payload = ["none", list(referee.toml["payload"])[-1]][number % 2]
+        q = rng.uniform(arm.robot.lower, arm.robot.upper)
+        found = arm.modes(q, payload, count=4)
+        frequencies, shapes = swung(referee, arm, q, payload, SPRINGS[name])
+        np.testing.assert_allclose(found.frequencies, frequencies[:4], rtol=1e-6)
+        signs = np.sign(np.einsum("mi,mi->m", found.shapes, shapes[:4]))
+        np.testing.assert_allclose(found.shapes * signs[:, None], shapes[:4], atol=1e-5 * np.abs(shapes[:4]).max())
+        sags.append(np.linalg.norm(arm.deflection(q, payload).displacement[:3]))
+        assert not found.flags
+    assert max(sags) > 0.005
+
+
+def test_a_mass_on_one_spring(tmp_path) -> None:
+    """A point mass on a lever about a vertical axis: w^2 = k / (m l^2 + I)."""
+    parts = link("base"), link("a", 50.0, (2.0, 0, 0), moment=3.0), link("tip")
+    parts += joint("A", "base", "a", axis=(0, 0, 1)), joint("T", "a", "tip", (2.0, 0, 0), kind="fixed")
+    (tmp_path / "robot.urdf").write_text(robot(*parts))
+    text = """[robot]
+urdf = "robot.urdf"
+tip = "tip"
+gravity = [0.0, 0.0, -9.81]
+damping_ratio = 0.05
+[flexure.A]
+joint = "A"
+compliance = [0, 0, 0, 0, 0, 1e-5]
+"""
+    (tmp_path / "arm.toml").write_text(text)
+    arm = load_arm(tmp_path / "arm.toml")
+    found = arm.modes([0.3])
+    np.testing.assert_allclose(found.frequencies, [np.sqrt(1e5 / (50.0 * 4.0 + 3.0)) / (2.0 * np.pi)], rtol=1e-12)
+    assert found.damping_ratios.tolist() == [0.05] and found.sensitivities.ravel() == pytest.approx([0.5])
+    for bad in ("0.0", "1.0", "-0.1"):
+        (tmp_path / "bad.toml").write_text(text.replace("0.05", bad))
+        with pytest.raises(ArmFileError, match="damping_ratio"):
+            load_arm(tmp_path / "bad.toml")
+    with pytest.raises(InputError, match="no flexure"):
+        replace(arm, flexures=()).modes([0.3])
+    with pytest.raises(InputError, match="count is 0"):
+        arm.modes([0.3], count=0)
+
+
+@pytest.mark.parametrize("name", SPRINGS)
+def test_stiffening_a_flexure_raises_frequencies_by_as_much_as_is_said(name: str) -> None:
+    """On arms whose flexures give every way; equilibrium and geometric stiffness change little by 1e-4."""
+    arm = load_arm(ROBOTS / name / "arm.toml")
+    arm = replace(arm, robot=replace(arm.robot, gravity=np.zeros(3)))
+    q, payload = arm.robot.home, list(arm.payloads)[-1]
+    found = arm.modes(q, payload)
+    np.testing.assert_allclose(found.sensitivities.sum(axis=1), 0.5, rtol=1e-6)
+    for number, one in enumerate(arm.flexures):
+        law = LinearLaw(one.law.tangent(np.zeros(6), arm.loaded(payload).row(q, {})))
+        ends = []
+        for share in (1e-4, -1e-4):
+            stiffer = replace(one, law=LinearLaw(law.compliance * np.exp(-share)))
+            flexures = tuple(stiffer if i == number else other for i, other in enumerate(arm.flexures))
+            ends.append(replace(arm, flexures=flexures).modes(q, payload).frequencies)
+        np.testing.assert_allclose(np.log(ends[0] / ends[1]) / 2e-4, found.sensitivities[:, number], atol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:impossible_inertia")
+def test_what_links_without_inertia_would_change_is_said(tmp_path) -> None:
+    """A rod of 30 kg and 2 m declared as a point: its own inertia lowers the frequency as first order says."""
+    frequencies = []
+    for moment in (1e-9, 30.0 * 4.0 / 12.0):
+        point = link("a", 30.0, (1.0, 0, 0), moment=moment).replace('"1e-09"', '"0"')
+        parts = link("base"), point, link("tip", 100.0, moment=0.1)
+        parts += joint("A", "base", "a", axis=(0, 0, 1)), joint("T", "a", "tip", (2.0, 0, 0), kind="fixed")
+        (tmp_path / "robot.urdf").write_text(robot(*parts))
+        arm = make_arm(tmp_path / "robot.urdf", {"A": 1e5}, damping_ratio=0.01, gravity=[0.0, 0.0, -9.81])
+        found = arm.modes([0.0])
+        frequencies.append(found.frequencies[0])
+        said = [flag.text for flag in found.flags if flag.code == "no_inertia"]
+        assert bool(said) == (moment < 1e-6)
+        if said:
+            share = float(re.search(r"by ([\d.]+)%", said[0])[1])
+    assert share == pytest.approx(100.0 * (1.0 - frequencies[1] / frequencies[0]), rel=0.05)
