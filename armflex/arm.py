@@ -408,7 +408,7 @@ class Arm:
         count: int = 6,
         enforce_limits: bool = True,
     ) -> Modes:
-        """Return the slowest modes of vibration about the deflected pose, drives holding; see `armflex.mechanics.modes`.
+        """Return the slowest modes of vibration about the deflected pose, drives holding; see `mechanics.modes`.
 
         Args:
             q: (nq,) joint positions in the order of `joint_names` [rad or m].

@@ -207,7 +207,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         prior=prior,
         sensors=sensors,
         flags=tuple(flags),
-        **ratings,
+        payload_rating=ratings[0],
+        damping_ratio=ratings[1],
     )
     if not calibrated:
         return _with_effects(arm, effects)
@@ -237,7 +238,7 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     return setup.arm if setup.instrument is start.instrument else replace(setup.arm, instrument=setup.instrument)
 
 
-def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, dict[str, float | None], tuple[Flag, ...]]:
+def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | None, float | None], tuple[Flag, ...]]:
     by_dh = table.has("dh")
     if by_dh and table.has("urdf"):
         raise table.fail("dh", "stands beside 'urdf', which is the robot already: give one of them")
@@ -286,7 +287,7 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, dict[str, floa
         flags.append(Flag("moving_base", f"{table.place('base')}: {text}"))
     if tool is not None and (size := float(np.linalg.norm(tool.translation))) > max(robot.reach - size, 1.0):
         raise table.fail("tool", f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?")
-    return robot, {"payload_rating": rating, "damping_ratio": damping}, tuple(flags)
+    return robot, (rating, damping), tuple(flags)
 
 
 def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 | None:

@@ -75,9 +75,7 @@ KEYS: dict[str, dict[str, Key]] = {
         ),
         "mount": Key("`rpy` of the base in a level world, instead of turning `gravity`", "rad"),
         "payload_rating": Key("heaviest payload without a flag", "kg", "none"),
-        "damping_ratio": Key(
-            "damping of every mode over the critical one, between 0 and 1", default="0.01, with a flag"
-        ),
+        "damping_ratio": Key("damping of vibrations over the critical one, 0 to 1", default="0.01, with a flag"),
         "locked": Key("joints beside the chain, or of it, held still at a position", "rad or m"),
         "allow_massless": Key("accept links without mass on the chain"),
     },

@@ -152,9 +152,9 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
     gaps[some, np.arange(len(some))] = np.inf
     mixed = off / np.where(gaps == 0.0, 1e-300, gaps)
     if np.abs(mixed).max(initial=0.0) > SMALL:
-        every, exact = np.linalg.eig(np.linalg.solve(stiffness, mass))
-        some = np.argsort(-every.real)[: len(some)]
-        return every.real[some], exact.real[:, some]
+        every, exact = (np.real(one) for one in np.linalg.eig(np.linalg.solve(stiffness, mass)))
+        some = np.argsort(-every)[: len(some)]
+        return every[some], exact[:, some]
     return own - (off * mixed).sum(axis=0), ways[:, some] + ways @ mixed
 
 

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
-from support.small_arms import ROBOTS, skew_parts
 
 from armflex import Wrench
+from support.small_arms import ROBOTS, skew_parts
 
 
 def exp6(twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
