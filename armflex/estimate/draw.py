@@ -149,9 +149,9 @@ def drawn_frequencies(
     """
     if arm.certainty is None and not any(flexure.law.uncertain for flexure in arm.flexures):
         return None
-    found = []
+    found, at = list[Array](), real_array(q, "q")
     for number, drawn in enumerate(draw_arms(arm, draws, seed)):
         with naming(f"draw {number}"):
-            found.append(drawn.modes(q, payload, covariates=covariates, count=count).frequencies)
+            found.append(drawn.modes(at, payload, covariates=covariates, count=count).frequencies)
     fewest = min(map(len, found), default=0)
     return np.array([one[:fewest] for one in found]).reshape(len(found), fewest)
