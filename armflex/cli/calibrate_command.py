@@ -117,11 +117,11 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         print_table("Parameters" if show_all else "Moved most, against their priors", columns, cells)
     blind = [p for p in found.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
-        columns = ["not determined", "can be exchanged for"]
-        named = [[words.get(name, (name,))[0] for name in (p.name, *p.trades_against)] for p in blind[:12]]
-        cells = [[name, ", ".join(others) or "moves the readings too little"] for name, *others in named]
+        called = {name: one for name, (one, _) in words.items()}
+        blind = sorted(blind, key=lambda parameter: not parameter.absorbing)
+        cells = [[called.get(p.name, p.name), p.reason(called)] for p in blind[:12]]
         more = f" (12 of {len(blind)})" if len(blind) > 12 else ""
-        print_table(f"What these data cannot determine{more}", columns, cells)
+        print_table(f"What these data cannot determine{more}", ["not determined", "reason"], cells)
     if not found.fit.blocks:
         say("Nothing was fitted: [prior] frees nothing.")
     scatters, several = found.fit.scatters, len(found.fit.scatters) > 1
@@ -147,6 +147,7 @@ def _cells(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -
     name, sign = words.get(parameter.name, (parameter.name, 1.0))
     pull = number(sign * parameter.pull, 2) if np.isfinite(parameter.prior) else "-"
     says = "wrong as declared" if parameter.surprising else "yes" if parameter.determined else "no"
+    says = "no: absorbs a misfit" if parameter.absorbing else says
     if parameter.combined:
         others = (words.get(other, (other,))[0] for other in parameter.trades_against[:2])
         says = f"only with {', '.join(others) or 'others'}"

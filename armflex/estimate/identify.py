@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,8 @@ class FittedParameter:
         determined: Whether the data said anything about it.
         trades_against: Parameters that it can be exchanged for without the readings noticing.
         combined: Whether only what was known of those tells it: the readings determine a combination of them.
+        moves: RMS by which one prior standard deviation moves the readings, in their standard deviations; infinite
+            where nothing was known.
     """
 
     which: ArmParameter
@@ -49,6 +51,7 @@ class FittedParameter:
     determined: bool
     trades_against: tuple[str, ...]
     combined: bool = False
+    moves: float = np.inf
 
     @property
     def kind(self) -> ParameterKind:
@@ -85,6 +88,30 @@ class FittedParameter:
         """Whether the declared value was wrong by more than its prior allows, and the data determine it."""
         return self.determined and abs(self.pull) > SURPRISING
 
+    @property
+    def absorbing(self) -> bool:
+        """Whether readings that hardly depend on it moved it far from its prior: it makes up for what the arm lacks.
+
+        Readings that scatter as they state and tell so little cannot move a value by more than a prior deviation or
+        two. A compliance that is drawn towards zero ends so: the smaller it is, the less the readings depend on it.
+        """
+        return not self.determined and abs(self.pull) > SURPRISING
+
+    def reason(self, called: Mapping[str, str] | None = None) -> str:
+        """Return why the readings do not determine it.
+
+        Args:
+            called: What parameters are called where not by their own names.
+        """
+        if self.absorbing:
+            return f"{abs(self.pull):.2g} prior deviations off all the same: it absorbs what the arm lacks"
+        if self.trades_against:
+            return f"can be exchanged for {', '.join((called or {}).get(one, one) for one in self.trades_against)}"
+        if self.moves < STILL:
+            return "no row loads it" if self.kind is ParameterKind.COMPLIANCE else "moves no reading"
+        size = f" ({self.moves:.1g} of their noise per prior deviation)" if np.isfinite(self.moves) else ""
+        return f"moves the readings too little{size}"
+
 
 def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     """Return every parameter of a fit with what is known about it."""
@@ -94,8 +121,10 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     combined = [bool(determined[i]) and _only_combined(fit, i) for i in range(len(names))]
     asked = [combined[i] or not determined[i] for i in range(len(names))]
     partners = [partners_of(fit.told, known, i, names) if asked[i] else () for i in range(len(names))]
+    moves = fit.prior * np.sqrt(np.diag(fit.told) / fit.view.count)
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
-    return tuple(FittedParameter(*found) for found in zip(fit.parameters, *numbers, partners, combined, strict=True))
+    parts = zip(fit.parameters, *numbers, partners, combined, moves.tolist(), strict=True)
+    return tuple(FittedParameter(*found) for found in parts)
 
 
 def _only_combined(fit: Fit, index: int) -> bool:

@@ -74,7 +74,7 @@ def _parameters(trace: Trace) -> SimpleNamespace:
         [one for one in parameters(fit) if np.isfinite(one.prior) and one.kind not in own]
         for fit in (trace.before, trace.state.fit)
     )
-    nothing, called_in = "nothing in particular: the readings do not depend on it", in_dh_words(trace.arm.robot)
+    called_in = in_dh_words(trace.arm.robot)
     return SimpleNamespace(
         all=cover.parameter_rows(trace.arm, parameters(trace.state.fit)),
         pulls=figures.pulls(before, after, bool(trace.found), called_in) if after else "",
@@ -89,7 +89,7 @@ def _parameters(trace: Trace) -> SimpleNamespace:
             for one in after
             if one.surprising
         ),
-        undetermined=cover.trades(trace.arm, [one for one in after if not one.determined], nothing),
+        undetermined=cover.reasons(trace.arm, [one for one in after if not one.determined]),
     )
 
 

@@ -185,11 +185,10 @@ def changed(one: FittedParameter, words: Mapping[str, tuple[str, float]]) -> tup
     return name, f"×{with_std(factor, factor * one.std)}"
 
 
-def trades(arm: Arm, found: Sequence[FittedParameter], nothing: str) -> Table:
-    """Return the names of parameters, and of what each can be exchanged for; `nothing` where that is nothing."""
-    words = in_dh_words(arm.robot)
-    named = ([words.get(name, (name,))[0] for name in (one.name, *one.trades_against)] for one in found)
-    return tuple((name, ", ".join(others) or nothing) for name, *others in named)
+def reasons(arm: Arm, found: Sequence[FittedParameter]) -> Table:
+    """Return the names of parameters, and why the readings do not determine them."""
+    called = {name: one for name, (one, _) in in_dh_words(arm.robot).items()}
+    return tuple((called.get(one.name, one.name), one.reason(called)) for one in found)
 
 
 def stiffness(arm: Arm, one: FittedParameter) -> str:
@@ -247,7 +246,7 @@ def calibration_account(found: Calibration) -> SimpleNamespace:
         parameters=parameter_rows(found.arm, found.parameters),
         points=points(measurements, rows, now, before, left) if placed else [],
         point_head=POINT_HEAD,
-        undetermined=trades(found.arm, found.undetermined, "moves the readings too little"),
+        undetermined=reasons(found.arm, found.undetermined),
         by_kind=tuple(
             (kind.title, *(f"{short(size * SHOWN[kind.unit][1])} {SHOWN[kind.unit][0]}" for size in sizes))
             for kind, *sizes in found.by_kind
