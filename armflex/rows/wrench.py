@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from operator import is_
 from typing import TYPE_CHECKING, ClassVar
 
@@ -28,7 +28,7 @@ class Wrench:
     Attributes:
         frame: Link at whose origin it acts.
         force: (3,) or (N, 3) [N].
-        moment: (3,) or (N, 3) [N m].
+        moment: (3,) or (N, 3) [N m]; none when not given.
         axes: "base" for fixed axes of the base (a dead load), "frame" for axes that turn with the link.
 
     Raises:
@@ -38,7 +38,7 @@ class Wrench:
 
     frame: str
     force: Array
-    moment: Array
+    moment: Array = field(default_factory=lambda: np.zeros(3))
     axes: str = "base"
 
     hangs: ClassVar[bool] = False

@@ -1,0 +1,61 @@
+"""The README's picture of errors before and after, drawn of the UR5 in `tests/measured`: a minute or two.
+
+    python docs/_ext/before_after.py docs/_static/before_after.svg
+
+As in the notebook on real robots, every fourth pose is fitted; the errors drawn are of all others.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+import armflex
+
+matplotlib.use("agg")
+matplotlib.rcParams["svg.hashsalt"] = "armflex"
+import matplotlib.pyplot as plt
+
+MEASURED = Path(__file__).parents[2] / "tests" / "measured" / "ur5_tsinghua"
+COLOURS = {"nominal": "#7a8699", "calibrated": "#2a5d9c", "traced": "#c4502e"}
+
+
+def errors() -> dict[str, np.ndarray]:
+    """Return the 3-D errors [mm] of the nominal, the calibrated and the traced arm at the poses held out."""
+    arm = armflex.load_arm(MEASURED / "arm.toml")
+    rows = armflex.read_measurements(MEASURED / "campaign.csv", arm)
+    every = np.arange(len(rows))
+    used, held_out = every[every % 4 == 0], every[every % 4 != 0]
+    traced = armflex.trace(arm, rows, rows=used)
+    calibrated, placed = traced.calibration.arm, traced.calibration.placed.setup
+    nominal = replace(placed.arm, instrument=placed.instrument, certainty=None)
+    found = {}
+    for name, one in zip(COLOURS, (nominal, calibrated, traced.arm), strict=True):
+        away = armflex.predict(one, rows).position - rows.position
+        found[name] = 1e3 * np.linalg.norm(away[held_out], axis=1)
+    return found
+
+
+def main(path: Path) -> None:
+    """Draw the share of poses whose error is below a length."""
+    figure, axes = plt.subplots(figsize=(7.2, 3.0), layout="constrained")
+    for name, values in errors().items():
+        rms = np.sqrt(np.mean(values**2))
+        label = f"{name}: {rms:.3f} mm RMS"
+        axes.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=COLOURS[name], lw=2, label=label)
+        print(label)
+    axes.set(xscale="log", xlabel="3-D error at a pose held out [mm]", ylabel="poses below it [%]", ylim=(0, 100))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.grid(alpha=0.25)
+    axes.legend(frameon=False, loc="lower right")
+    figure.savefig(path, facecolor="white", metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", armflex.ArmflexWarning)
+    main(Path(sys.argv[1]))
