@@ -14,12 +14,9 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 
 import armflex
-
-matplotlib.use("agg")
-matplotlib.rcParams["svg.hashsalt"] = "armflex"
-import matplotlib.pyplot as plt
 
 MEASURED = Path(__file__).parents[2] / "tests" / "measured" / "ur5_tsinghua"
 COLOURS = {"nominal": "#7a8699", "calibrated": "#2a5d9c", "traced": "#c4502e"}
@@ -43,7 +40,9 @@ def errors() -> dict[str, np.ndarray]:
 
 def main(path: Path) -> None:
     """Draw the share of poses whose error is below a length."""
-    figure, axes = plt.subplots(figsize=(7.2, 3.0), layout="constrained")
+    matplotlib.rcParams["svg.hashsalt"] = "armflex"  # the same file each time
+    figure = Figure(figsize=(7.2, 3.0), layout="constrained")
+    axes = figure.subplots()
     for name, values in errors().items():
         rms = np.sqrt(np.mean(values**2))
         label = f"{name}: {rms:.3f} mm RMS"
