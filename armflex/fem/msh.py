@@ -78,6 +78,8 @@ def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
         import gmsh
     except ImportError:
         raise UnsupportedError("a STEP file is meshed with gmsh (GPL): pip install gmsh") from None
+    except OSError as error:  # its wheel needs libraries of the system
+        raise UnsupportedError(f"gmsh is installed and cannot be loaded: {error}") from None
     if not path.is_file():
         raise MeshError(Place(path), "cannot be read: there is no such file")
     gmsh.initialize(interruptible=False)
