@@ -51,7 +51,7 @@ def main(path: Path) -> None:
     axes.set(xscale="log", xlabel="3-D error at a pose held out [mm]", ylabel="poses below it [%]", ylim=(0, 100))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.grid(alpha=0.25)
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(frameon=False, loc="upper left")
     figure.savefig(path, facecolor="white", metadata={"Date": None})
 
 
