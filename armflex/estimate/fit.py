@@ -502,8 +502,8 @@ class _Task:
         precision, pull = self.prior**-2.0, regressors.T @ residual
         gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
         bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
-        open_ = [one.unit == "rad" for one in parameters_of(self.blocks)] & np.isinf(self.prior)
-        turning = np.where(open_, TURN**-2.0, 0.0)
+        turns = np.array([one.unit == "rad" for one in parameters_of(self.blocks)], bool)
+        turning = np.where(turns & np.isinf(self.prior), TURN**-2.0, 0.0)
         known = LinearGaussian.of(regressors, precision)
         return _Problem(known, gradient, bend, turning, regressors, residual, weights)
 

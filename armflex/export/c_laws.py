@@ -18,6 +18,7 @@ from armflex.errors import UnsupportedError
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Here
 from armflex.laws.effects.shapes import PAIRS, lagged_name
+from armflex.laws.effects.telescope import WAYS, beam, lengths
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import KNOTS
 from armflex.laws.joint.carried import AtNode, Carried, ScaledLaw
@@ -319,6 +320,21 @@ def _guide(law: BoundTwist, here: Here, inner: Sequence[float]) -> list[Terms]:
     return [[Term(way, "CLIPPED", way / inner[0], factors=overlap)], [Term(way, "ALONG", way, factors=overlap)]]
 
 
+def _telescope(law: BoundTwist, here: Here, inner: Sequence[float]) -> list[Terms]:
+    """Return the beam's compliance as a polynomial in the joint's position, less what it is where declared."""
+    bends, twists = beam(here)
+    length = np.polynomial.Polynomial((inner[0], WAYS[here.location.partner]))
+    declared = lengths(here, 0.0, tuple(inner))[1]
+    parts = np.zeros((4, 4))  # by the power of L, and of q
+    for k in range(4):
+        parts[k, : k + 1] = (length**k - declared**k).coef
+
+    def of_position(coefficients: Array) -> Terms:
+        return [term for n, part in enumerate(coefficients) for term in straight(part, *_powers(_own(here), n))]
+
+    return [of_position(np.einsum("kn,kij->nij", parts, bends)), of_position(np.einsum("n,ij->nij", parts[1], twists))]
+
+
 def _along(way: Array, *each: Sequence[Factor]) -> list[Terms]:
     """Return a compliance along one axis for the factors of every amplitude."""
     return [[Term(way, "ALONG", way, factors=tuple(factors))] for factors in each]
@@ -371,6 +387,7 @@ SHAPES: Mapping[str, Shape] = {
     "link_flexure": lambda law, here, inner: [*_of_units(UNITS), *_crossed()],
     "link_geometry": lambda law, here, inner: [[Term(unit)] for unit in UNITS],
     "unnamed_guide": _guide,
+    "unnamed_telescope": _telescope,
     "unnamed_level": lambda law, here, inner: _constant(law, _powers(here.location.covariates[0], 1)),
     "unnamed_line": lambda law, here, inner: _constant(
         law, *(_powers(here.location.covariates[0], power, inner[0]) for power in (1, 2))

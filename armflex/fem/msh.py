@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 
 from armflex.errors import MeshError, Place, UnsupportedError
 from armflex.fem.mesh import OTHERS, UNITS, Block, Mesh
+from armflex.storage.whole_file import scratch
 
 SOLIDS = {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
 """meshio's name -> CalculiX's; the nodes of both stand in one order."""
@@ -99,9 +99,9 @@ def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
             gmsh.option.setNumber(f"Mesh.MeshSize{bound}", size)
         gmsh.model.mesh.generate(3)
         gmsh.model.mesh.setOrder(order)
-        with tempfile.TemporaryDirectory() as folder:
-            gmsh.write(f"{folder}/{path.stem}.msh")
-            found = read_msh(Path(folder) / f"{path.stem}.msh")
+        with scratch() as folder:
+            gmsh.write(str(folder / f"{path.stem}.msh"))
+            found = read_msh(folder / f"{path.stem}.msh")
     except MeshError:
         raise
     except Exception as error:  # gmsh raises plain exceptions

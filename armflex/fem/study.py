@@ -7,13 +7,11 @@ Where CalculiX is installed it solves every load with large displacements, and w
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
-import tempfile
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import which
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +20,7 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import ConvergenceError, Flag, InputError, UnsupportedError
 from armflex.fem.condense import condense, rigid_motion
 from armflex.fem.mesh import UNITS, Mesh, check_size
-from armflex.storage.whole_file import write_whole
+from armflex.storage.whole_file import scratch, write_whole
 
 PROGRAM = "ccx"
 """CalculiX, from https://www.calculix.de (GPL), as a program of its own."""
@@ -92,7 +90,7 @@ def study(
         UnsupportedError: The model needs CalculiX, which is not installed.
         ConvergenceError: CalculiX did not solve a load; which.
     """
-    if shutil.which(PROGRAM):
+    if which(PROGRAM):
         check_size(mesh)
         return Study(loads, _calculix(mesh, fixed, loaded, loads, unit, interface, tick), "calculix", mesh.flags)
     if mesh.beyond:
@@ -139,10 +137,9 @@ def _calculix(
         lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", "1., 1.", "*CLOAD, OP=NEW"]
         lines += [f"{node}, {axis}, {value:.12e}" for node, axis, value in given]
         lines += [f"*NODE PRINT, NSET={printed}, TOTALS=NO", "U", "*END STEP"]
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / "job.inp").write_text("\n".join(lines) + "\n")
-        said = _run(Path(folder), len(loads), tick)
-        found = _printed(Path(folder) / "job.dat")
+    with scratch(job_inp="\n".join(lines) + "\n") as folder:
+        said = _run(folder, len(loads), tick)
+        found = _printed(folder / "job.dat")
     if len(found) < len(loads):
         problem = next((line.strip() for line in said.splitlines() if "*ERROR" in line), "no message")
         raise ConvergenceError(f"{mesh.path}: CalculiX did not solve load {len(found) + 1}: {problem}", ())
@@ -159,20 +156,19 @@ def _calculix(
 
 def _run(folder: Path, steps: int, tick: Callable[[str, int, int | None], None] | None) -> str:
     """Run CalculiX on job.inp; return what it says."""
-    log = folder / "log"
-    environment = {"OMP_NUM_THREADS": "1", **os.environ}
-    with log.open("w") as out:
-        running = subprocess.Popen([PROGRAM, "job"], cwd=folder, stdout=out, stderr=out, env=environment)
-        try:
-            while running.poll() is None:
-                time.sleep(LOOK)
-                status = folder / "job.sta"
+    environment, pipe = {"OMP_NUM_THREADS": "1", **os.environ}, subprocess.PIPE
+    command, status = [PROGRAM, "job"], folder / "job.sta"
+    running = subprocess.Popen(command, cwd=folder, stdout=pipe, stderr=subprocess.STDOUT, env=environment)
+    try:
+        while True:
+            try:
+                return running.communicate(timeout=LOOK)[0].decode(errors="replace")
+            except subprocess.TimeoutExpired:  # what it said until now is kept
                 if tick and status.exists() and (rows := status.read_text(errors="replace").split("\n")[2:-1]):
                     tick("CalculiX, load", int(rows[-1].split()[0]), steps)
-        finally:
-            running.kill()
-            running.wait()
-    return log.read_text(errors="replace")
+    finally:
+        running.kill()
+        running.wait()
 
 
 def _printed(path: Path) -> list[dict[int, Array]]:

@@ -124,7 +124,7 @@ def locations_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Location]:
 
 def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> list[Location]:
     """Return the places of a law on an arm that have the table's site, and the axis and partner that it names."""
-    if law.shape:  # what has no name is possible everywhere
+    if law.shape and not law.physical:  # a free shape is possible everywhere
         every = tuple(range(len(law.amplitudes)))
         locations = [Location(site, axis, (), every) for site in (BASE, *arm.joint_names, TOOL) for axis in AXES]
     else:  # a file cannot know which sessions there will be, so any will do

@@ -108,6 +108,19 @@ def writing(path: Path) -> Iterator[IO[bytes]]:
                 closed_after_an_error.pop_all()
 
 
+@contextmanager
+def scratch(**files: str) -> Iterator[Path]:
+    """Give a folder with some text files for another program to work in; it is gone once the block ends.
+
+    Args:
+        files: Text by the file's name, of which the last underscore stands for the dot.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in files.items():
+            (Path(folder) / ".".join(name.rsplit("_", 1))).write_text(text, encoding="utf-8")
+        yield Path(folder)
+
+
 def remove(path: Path) -> None:
     """Remove a file that nobody needs any more, inside `together` with what is written there.
 

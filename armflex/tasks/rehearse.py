@@ -139,8 +139,9 @@ def rehearse(
     for name, value in (("sigma", sigma), ("size", size)):
         if not 0.0 < value < 1.0:
             raise InputError(f"{name} is {value:g} m, expected more than 0 and less than 1 m")
-    if draws < 1:
-        raise InputError(f"draws is {draws}, expected 1 or more")
+    for name, value, least in (("draws", draws, 1), ("seed", seed, 0)):
+        if value < least:
+            raise InputError(f"{name} is {value}, expected {least} or more")
     rng = np.random.default_rng(seed)
     if rows is None:
         driven = plan(arm, ROWS, sigma=sigma, seed=seed).rows

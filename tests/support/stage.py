@@ -16,6 +16,7 @@ from armflex.laws.effects import Effect, EffectLaw, Location
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.telescope import TELESCOPE
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
@@ -106,7 +107,7 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
             found.append(candidate.effect(values * scale))
         if len(found) == count:
             return found
-    if law is GUIDE and not any(joint.kind == "prismatic" for joint in stage.context.robot.moving):
+    if law in (GUIDE, TELESCOPE) and not any(joint.kind == "prismatic" for joint in stage.context.robot.moving):
         assert not locations
         pytest.skip("nothing slides")
     assert found, law.name
@@ -118,6 +119,8 @@ def is_loaded(law: EffectLaw, location: Location, stage: Stage) -> bool:
     if not law.of_load(location):
         return True
     suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in location.terms]
+    if law is TELESCOPE:
+        return True  # as a beam bends, whatever it is loaded about
     named = {location.axis, location.partner, *suffixes} & set(TWIST_NAMES)
     wanted = [TWIST_NAMES.index(axis) for axis in named or ("rx", "ry", "rz")]
     sizes = np.sqrt((stage.context.wrenches[location.site] ** 2).mean(axis=0))

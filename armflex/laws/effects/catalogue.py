@@ -43,6 +43,7 @@ NAMED = (
     "umbilical",
     "magnetic_pull",
     "guide",
+    "telescope",
 )
 """A file each, whose law goes by its name in capitals; see `LAWS` for the order."""
 

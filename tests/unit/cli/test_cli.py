@@ -406,10 +406,10 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
 def test_a_demo_leaves_an_edited_arm_alone(demo, armflex: Run, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("armflex.cli.demo_command.trace", lambda *_, **__: demo[2])  # of files that nobody edited
     (tmp_path / "d" / "tarm_like").mkdir(parents=True)
-    edited = (TARM / "arm.toml").read_text().replace("payload_rating = 600.0", "payload_rating = 500.0")
-    (tmp_path / "d" / "tarm_like" / "arm.toml").write_text(edited)
+    edited = (TARM / "learned.toml").read_text().replace("payload_rating = 600.0", "payload_rating = 500.0")
+    (tmp_path / "d" / "tarm_like" / "learned.toml").write_text(edited)
     result = fine(armflex("demo", "-o", "d"))
-    assert (tmp_path / "d" / "tarm_like" / "arm.toml").read_text() == edited
+    assert (tmp_path / "d" / "tarm_like" / "learned.toml").read_text() == edited
     assert "exceeds the rated 500 kg" in result.stderr
 
 

@@ -33,6 +33,7 @@ READ = {
     "trace": ["arm.toml", "rows.csv", "--points", "joint.csv"],
     "report": ["arm.toml", "rows.csv", "--iso9283", "--points", "joint.csv"],
     "plan": ["arm.toml", "--after", "rows.csv", "--along", "joint.csv"],
+    "intake": ["rows.csv", "--sigma", "0.1mm"],
     "rehearse": ["arm.toml", "--rows", "rows.csv"],
     "train": ["joint.csv", "--assembly", "arm.toml"],
     "fem": ["bar.inp", "--fixed", "ROOT", "--loaded", "TIP"],
@@ -180,5 +181,5 @@ def test_commands_that_fit_take_a_doubtful_robot_with_lax_as_all_others_do(
 
 @pytest.mark.slow
 def test_every_command_that_takes_a_robot_has_lax(armflex: Run) -> None:
-    for name in READ.keys() - {"train", "fem", "trust"}:
+    for name in READ.keys() - {"train", "fem", "trust", "intake"}:
         assert "--lax" in fine(armflex(name, "--help")).stdout, name

@@ -1,0 +1,84 @@
+"""A telescopic joint gives as a beam that is as long as the joint is out.
+
+    twist = bending (B(L) - B(L_d)) w + torsion (L - L_d) (b . m) b,    L = length0 + s q
+    B(L) = [[L^3/3 P, -L^2/2 X], [L^2/2 X, L P]],    L_d = length0 + s declared_at
+
+of a wrench w with the moment m at the end of a uniform Euler-Bernoulli cantilever along the unit vector b (Timoshenko,
+Strength of Materials I, ch. 5): bending is 1/EI, torsion 1/GJ, P = 1 - b b', X = [b]x. `length0` is what is out at
+position 0; s is +1 where positive positions drive the beam out (partner `out`), -1 where they drive it in (`in`). A
+constant compliance that was declared is right at `declared_at`; where none was, L_d is 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.context import Context
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location
+from armflex.laws.effects.shapes import of_column, own_position
+
+WAYS = {"out": 1.0, "in": -1.0}
+SPARE = (0.1, 0.5, 1.5)
+"""What is out where least is, as shares of the travel: to begin a search with."""
+
+
+def beam(here: Here) -> tuple[Array, Array]:
+    """Return (4, 6, 6) coefficients of B by the power of L, and the (6, 6) torsion per metre."""
+    way = here.drive[:3] * WAYS[here.location.partner]
+    across, around = np.eye(3) - np.outer(way, way), np.cross(way, np.eye(3)).T
+    bends, twists = np.zeros((4, 6, 6)), np.zeros((6, 6))
+    bends[3, :3, :3] = across / 3.0
+    bends[2, :3, 3:], bends[2, 3:, :3] = -0.5 * around, 0.5 * around
+    bends[1, 3:, 3:] = across
+    twists[3:, 3:] = np.outer(way, way)
+    return bends, twists
+
+
+def lengths(here: Here, position: Array | float, inner: Values) -> tuple[Array | float, float]:
+    """Return L at positions, and L_d."""
+    side = WAYS[here.location.partner]
+    return inner[0] + side * position, 0.0 if here.base_law is None else inner[0] + side * inner[1]
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    bends, twists = beam(here)
+    length, declared = lengths(here, own_position(here, row), inner)
+    given = sum(np.asarray(length**k - declared**k)[..., None] * (wrench @ bends[k].T) for k in (1, 2, 3))
+    turned = np.asarray(length - declared)[..., None] * (wrench @ twists.T)
+    return np.stack(np.broadcast_arrays(given, turned), axis=-2)
+
+
+def _length0(location: Location, context: Context) -> Iterable[float]:
+    out = WAYS[location.partner] * context.column(location.covariates[0])
+    return -out.min() + max(float(np.ptp(out)), 1e-3) * np.array(SPARE)
+
+
+TELESCOPE = TwistLaw(
+    name="unnamed_telescope",
+    words=Words(
+        "a telescope that bends", "a telescopic joint gives as a beam, the more the further it is out", "B(L) w / EI"
+    ),
+    instead="hang the same weight on the joint's link with the joint in, half out and out",
+    plausible=Plausible(0.05, 0.02, "slender booms sag by a hundredth of their length"),
+    places=lambda records: [
+        Location(joint.name, None, (f"q_{joint.name}",), terms, way)
+        for joint in records.robot.moving
+        if joint.kind == "prismatic"
+        for way in WAYS
+        for terms in ((0,), (0, 1))
+    ],
+    amplitudes=(Amplitude("bending", "1/(N m^2)", positive=True), Amplitude("torsion", "1/(N m^2)", positive=True)),
+    basis=_basis,
+    inner=(
+        Inner("length0", "m", _length0, positive=False),
+        Inner("declared_at", "m", of_column(lambda q: (float(q.mean()),)), positive=False),
+    ),
+    loaded=True,
+    linear=True,
+    shape="telescope",
+)
