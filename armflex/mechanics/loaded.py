@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -198,6 +198,36 @@ class LoadedArm:
         except AttributeError:
             self._local.mechanics = Mechanics(self.rigid, self.flex, self.arm.stack, self.arm.pulls)
             return self._local.mechanics
+
+    @property
+    def probed(self) -> Mechanics:
+        """This thread's Pinocchio of the same arm with a free-flyer, which does not move, at each of its `sites`."""
+        try:
+            return self._local.probed
+        except AttributeError:
+            flex = replace(self._probed[0], flexure_v=self._probed[0].flexure_v[: 6 * len(self.arm.sites)])
+            self._local.probed = Mechanics(self.rigid, flex, self.arm.stack, self.arm.pulls)
+            return self._local.probed
+
+    @property
+    def probed_v(self) -> np.ndarray:
+        """(6 s,) places of twists at the `sites` among the velocities of `probed`."""
+        return self._probed[1]
+
+    @cached_property
+    def _probed(self) -> tuple[FlexModel, np.ndarray]:
+        robot, own = self.arm.robot, list(self.arm.sites)
+        end, places = robot.chain[-1].name, [Site("base", None)]
+        for joint in robot.moving:
+            places += [Site(f"link:{joint.name}", joint.name, True), Site(joint.name, joint.name)]
+        last, numbers = {site.joint: i for i, site in enumerate(own) if not site.before}, []
+        for place in (*places, Site("tool", end)):
+            apart = place.before or (place.name == "tool" and end in self.arm.joint_names)
+            numbers.append(len(own) if apart else last.get(place.joint, len(own)))
+            if numbers[-1] == len(own):  # it does not give there: Pinocchio's workspace grows with the cube of these
+                own.append(replace(place, name=f"probe:{place.name}"))
+        flex = build_model(robot, own, self.payload.body, self.arm.corrections)
+        return flex, flex.flexure_v.reshape(-1, 6)[numbers].ravel()
 
     @cached_property
     def rigid(self) -> FlexModel:

@@ -32,10 +32,11 @@ gravity, static_torque, rnea, integrate = (
     pin.rnea,
     pin.integrate,
 )
-place_frames, place_joints, frame_jacobian = (
+place_frames, place_joints, frame_jacobian, by_mass_centre = (
     pin.framesForwardKinematics,
     pin.forwardKinematics,
     pin.computeFrameJacobian,
+    pin.jacobianCenterOfMass,
 )
 log3, dot, BASE_AXES = pin.log3, np.dot, pin.LOCAL_WORLD_ALIGNED
 

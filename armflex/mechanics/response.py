@@ -13,7 +13,7 @@ Only B and C are kept of each row, some kilobytes; see `kernel` for how everythi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -21,17 +21,33 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.mechanics.chain import Frames
+from armflex.mechanics.chain import Chain
 from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equilibrium
+from armflex.mechanics.few_rows import FewRows, linearised, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
-from armflex.mechanics.many_rows import Pushed, Pushes, RowSolver, Solution, by_payload, flexed, kernel
+from armflex.mechanics.many_rows import (
+    Pushed,
+    Pushes,
+    RowSolver,
+    Solution,
+    by_payload,
+    flexed,
+    kernel,
+    kernel_pays,
+)
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_pieces, in_threads
 from armflex.rows.wrench import Wrench, check_rows, wrenches_in
 
 AT_ONCE = 1024
 """Rows whose tip's response to all loads is held at once."""
+
+FEW, PLACES = 200, 40
+"""Rows, and joints with flexures, that Pinocchio may linearise as long as the engine does not pay.
+
+A campaign of more rows is fitted for long, and a model of more places takes long to derive.
+"""
 
 RESPONSES = ("joints", "sites", "motions", "gravity")
 """What depends on how loads redistribute."""
@@ -52,6 +68,25 @@ class _Part:
         links, *loads, tangents = (*self.pushed, self.tangents)
         some = [values[own] if len(values) > 1 else values for values in (*loads, tangents)]
         return _Part(self.loaded, number[self.rows[own]], (links, some[0], some[1]), some[2])
+
+    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
+        """Return the (M, 6, n, 6) motion of an end per change of a law where the arm rests; see `FewRows.by_law`."""
+        found, proven = np.empty((len(q), 6, *twists.shape[1:])), np.ones(len(q), dtype=bool)
+        chain, at = self._chain(end), (np.ascontiguousarray(q), np.ascontiguousarray(twists))
+        kernel().sensitivities(*chain.numbers, *self.pushed, *at, self.tangents, proven, found, np.empty(len(q)))
+        return found
+
+    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array) -> Array:
+        """Return one of the things that the kernel says about frames; see `FewRows.asked` and `flexed`."""
+        loaded = self.loaded
+        frames = {"tip": "tip_frame", "links": "link_frames", "motions": "link_frames"}.get(what, "sites")
+        kind = "poses" if what in ("tip", "links") else what
+        given = by_load if what in RESPONSES else None
+        return flexed(self._chain(end), getattr(loaded, frames), kind, q, twists, self.pushed, given)
+
+    def _chain(self, end: str | None) -> Chain:
+        chain = self.loaded.sited_chain
+        return chain if end is None else chain.ending_with(self.loaded.link_frames, end)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +110,7 @@ class Response:
     laws: Array
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
-    _parts: tuple[_Part, ...]
+    _parts: tuple[_Part | FewRows, ...]
     end: str | None = None
     hung: tuple[Wrench, ...] = ()
 
@@ -85,16 +120,9 @@ class Response:
             return self
         if link not in self._ends:
             laws = np.empty_like(self.laws)
+            twists = self._twists
             for part in self._parts:
-                rows, loaded, count = part.rows, part.loaded, self.laws.shape[2]
-                q = np.ascontiguousarray(self.row.q[rows])
-                twists = np.ascontiguousarray(self.flexure_twists[rows].reshape(len(rows), count, 6))
-                chain = loaded.sited_chain
-                chain = chain if link is None else chain.ending_with(loaded.link_frames, link)
-                own, proven = np.empty((len(rows), *laws.shape[1:])), np.ones(len(rows), dtype=bool)
-                numbers = (*chain.numbers, *part.pushed, q, twists, part.tangents)
-                kernel().sensitivities(*numbers, proven, own, np.empty(len(rows)))
-                laws[rows] = own
+                laws[part.rows] = part.by_law(link, self.row.q[part.rows], twists[part.rows])
             self._ends[link] = replace(self, laws=laws, end=link)
         return self._ends[link]
 
@@ -120,12 +148,12 @@ class Response:
         """(N, 4, 4) tip pose in the base."""
         if self.end is not None:
             return self.links[:, self.link_names.index(self.end)]
-        return self._asked("poses", lambda loaded: loaded.tip_frame)[:, 0]
+        return self._asked("tip")[:, 0]
 
     @cached_property
     def links(self) -> Array:
         """(N, l, 4, 4) pose of every link."""
-        return self._asked("poses", lambda loaded: loaded.link_frames)
+        return self._asked("links")
 
     @cached_property
     def per_load(self) -> Array:
@@ -153,7 +181,7 @@ class Response:
     @cached_property
     def link_loads(self) -> Array:
         """(N, l, 6, 6) motion of the tip per wrench at a link's origin, base axes."""
-        return self._asked("motions", lambda loaded: loaded.link_frames)
+        return self._asked("motions")
 
     @cached_property
     def gravity(self) -> Array:
@@ -172,15 +200,17 @@ class Response:
         """Return the (N, 6) wrench at a site, local axes [N, Nm]."""
         return self.wrenches[:, self.sites.index(name)]
 
-    def _asked(self, what: str, frames: Callable[[LoadedArm], Frames] = lambda loaded: loaded.sites) -> Array:
-        """Return one of the things that the kernel says about frames; see `flexed`."""
-        found, twists = None, self.flexure_twists.reshape(len(self.row.q), self.laws.shape[2], 6)
+    @property
+    def _twists(self) -> Array:
+        return self.flexure_twists.reshape(len(self.row.q), self.laws.shape[2], 6)
+
+    def _asked(self, what: str) -> Array:
+        """Return one of the things that its parts say; see `FewRows.asked`."""
+        found, twists = None, self._twists
         for part in self._parts:
-            rows, chain = part.rows, part.loaded.sited_chain
-            if self.end is not None:
-                chain = chain.ending_with(part.loaded.link_frames, self.end)
-            by_load = _per_load(self.laws[rows], part.tangents) if what in RESPONSES else None
-            own = flexed(chain, frames(part.loaded), what, self.row.q[rows], twists[rows], part.pushed, by_load)
+            rows = part.rows
+            by_load = _per_load(self.laws[rows], part.tangents)
+            own = part.asked(what, self.end, self.row.q[rows], twists[rows], by_load)
             found = np.empty((len(self.row.q), *own.shape[1:])) if found is None else found
             found[rows] = own
         assert found is not None
@@ -219,9 +249,12 @@ def respond(
     case = LoadCase(q, wrenches=tuple(one.under(arm.robot.gravity) for one in wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
-    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part:
+    few = len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q))
+    solve = _solved_alone if few else _solved
+
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows:
         loaded, rows = asked
-        part, found = _solved(loaded, rows, case.some(rows), laws, allow_large)
+        part, found = solve(loaded, rows, case.some(rows), laws, allow_large)
         loads[rows], twists[rows] = found.wrenches, found.twists
         return part
 
@@ -251,12 +284,8 @@ def _solved(
         laws.expand(np.where(fine[:, None, None], found.wrenches, 0.0))
     into[rows[some]], distance = solver.linearise(row, laws, found, some)
     left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
-    for i in left:
-        one = find_equilibrium(loaded, case.some(int(i)), allow_large=allow_large)
-        places = loaded.flex.flexure_v
-        assert one.torque is not None  # where stability was checked
-        found.twists[i], found.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)
     if len(left):
+        _rest(loaded, case, left, found, "newton", allow_large)
         if laws.curved:
             laws.expand(found.wrenches)
         into[rows[left]] = solver.linearise(row, laws, found, left, stable=True)[0]
@@ -265,3 +294,24 @@ def _solved(
         check_small(found.twists[i].ravel(), arm.stack.names)
     pushed = Pushes(loaded, case.wrenches, sited=True).at(q, found.twists)
     return _Part(loaded, rows, pushed, laws.tangents(found.wrenches)), found
+
+
+def _solved_alone(
+    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
+) -> tuple[FewRows, Solution]:
+    """Return the same of few rows, each by Pinocchio."""
+    found = Solution.empty(len(rows), len(loaded.arm.sites))
+    _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
+    tangents = tangents_of(loaded.arm.stack, loaded, case, found.wrenches)
+    part = linearised(loaded, rows, case, found.twists.reshape(len(rows), -1), tangents)
+    into[rows] = part.by_law(None, case.q, found.twists)
+    return part, found
+
+
+def _rest(loaded: LoadedArm, case: LoadCase, some: np.ndarray, into: Solution, method: str, allow_large: bool) -> None:
+    """Put into `into` where the arm rests in some rows, each by itself."""
+    places = loaded.flex.flexure_v
+    for i in some.tolist():
+        one = find_equilibrium(loaded, case.some(i), method, allow_large)
+        assert one.torque is not None  # where stability was checked
+        into.twists[i], into.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)

@@ -1,0 +1,156 @@
+"""How a tip responds in few rows, by Pinocchio: what `kernel` says of many, where to compile that would take longer.
+
+The model has a free-flyer that does not move at every place where a twist may be inserted. With J the Jacobian of an
+end, C the laws' tangent, G the geometric stiffness and E the derivative of exp6, all of them about the loaded arm,
+
+    per law change      B = J_F E (I + C G_FF E)^-1       F: the flexures' coordinates
+    per body motion x   J_x - B C G_Fx                    joints and every site, loads redistributing
+    per wrench at a link with Jacobian K: B C K_F', and per change of gravity B C m (J_com)_F'
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.mechanics.laws import LawStack
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.pinocchio_model import BASE_AXES, LoadCase, by_mass_centre, frame_jacobian, place_frames
+
+TERMS = 20
+"""Of the series of exp6's derivative, which ends below rounding for turns of a radian."""
+
+
+@dataclass(frozen=True, eq=False)
+class FewRows:
+    """Some rows of one payload, linearised; ends are the links and, last, the tip.
+
+    Attributes:
+        loaded: The arm with the payload.
+        rows: (M,) their numbers.
+        tangents: (M, n, 6, 6) of the laws.
+        poses: (M, l + 1, 4, 4) of the ends.
+        jacobians: (M, l + 1, 6, v) motion of the ends' origins, base axes, per body motion of everything.
+        following: (M, 6 n, 6 n) body motion of the flexures per change of their laws' twists.
+        turned: (M, 6 n, v) change of the flexures' torques per body motion of everything.
+        weighed: (M, 6 n, 3) loads on the flexures per gravity [per m/s^2].
+        loads: (M, s, 6) on the structure at the sites.
+    """
+
+    loaded: LoadedArm
+    rows: np.ndarray
+    tangents: Array
+    poses: Array
+    jacobians: Array
+    following: Array
+    turned: Array
+    weighed: Array
+    loads: Array
+
+    def among(self, number: np.ndarray) -> FewRows:
+        """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
+        own = np.flatnonzero(number[self.rows] >= 0)
+        arrays = (self.poses, self.jacobians, self.following, self.turned, self.weighed, self.loads)
+        return FewRows(self.loaded, number[self.rows[own]], self.tangents[own], *(values[own] for values in arrays))
+
+    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
+        """Return the (M, 6, n, 6) motion of an end per change of a flexure's twist law; None is the tip."""
+        places = self.loaded.probed.flex.flexure_v
+        jacobian = self.jacobians[:, self._end(end)][:, :, places]
+        return (jacobian @ self.following).reshape(len(self.rows), 6, -1, 6)
+
+    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array) -> Array:
+        """Return one thing about the rows; see `Response`, whose members have these names.
+
+        Args:
+            what: "tip" (M, 1, 4, 4), "links" (M, l, 4, 4), "loads" (M, s, 6); or of an end "joints" (M, 6, nq), "sites"
+                (M, 6, s, 6), "motions" (M, l, 6, 6), "gravity" (M, 6, 3).
+            end: The link that is meant, None for the tip.
+            q, twists: (M, nq) and (M, n, 6) of joints and flexures, which are known here.
+            by_load: (M, 6, n, 6) motion of that end per change of a flexure's wrench.
+        """
+        if what in ("tip", "links"):
+            return self.poses[:, -1:] if what == "tip" else self.poses[:, :-1]
+        if what == "loads":
+            return self.loads
+        flex, count = self.loaded.probed.flex, len(self.rows)
+        per_load = by_load.reshape(count, 6, -1)
+        if what == "gravity":
+            return per_load @ self.weighed
+        if what == "motions":
+            links = self.jacobians[:, :-1][..., flex.flexure_v]
+            return per_load[:, None] @ np.swapaxes(links, 2, 3)
+        places = flex.v_index if what == "joints" else self.loaded.probed_v
+        found = self.jacobians[:, self._end(end)][:, :, places] - per_load @ self.turned[:, :, places]
+        return found if what == "joints" else found.reshape(count, 6, -1, 6)
+
+    def _end(self, end: str | None) -> int:
+        return -1 if end is None else self.loaded.links.index(end)
+
+
+def linearised(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, twists: Array, tangents: Array) -> FewRows:
+    """Return some rows linearised where the arm rests.
+
+    Args:
+        loaded: The arm with its payload.
+        rows: (M,) numbers of the rows.
+        case: What acts in each.
+        twists: (M, 6 n) of the flexures.
+        tangents: (M, n, 6, 6) of their laws there.
+    """
+    mechanics = loaded.probed
+    model, data, flex = mechanics.model, mechanics.data, mechanics.flex
+    count, flexures, ends = len(rows), flex.flexure_v, [*map(flex.frame, loaded.links), flex.tip]
+    poses, jacobians = np.empty((count, len(ends), 4, 4)), np.empty((count, len(ends), 6, model.nv))
+    turned, weighed = np.empty((count, len(flexures), model.nv)), np.empty((count, len(flexures), 3))
+    loads, motion = np.empty((count, len(loaded.probed_v) // 6, 6)), np.zeros(model.nv)
+    mass = pin.computeTotalMass(model)
+    for i in range(count):
+        one, motion[flexures] = case.some(i), twists[i]
+        configuration = mechanics.flexed(mechanics.rigid_configuration(one.q), motion)
+        loads[i] = -mechanics.load(one)(configuration)[loaded.probed_v].reshape(-1, 6)
+        turned[i] = mechanics.stiffness(configuration, one)[flexures]
+        weighed[i] = mass * by_mass_centre(model, data, configuration).T[flexures]
+        place_frames(model, data, configuration)
+        for k, frame in enumerate(ends):
+            poses[i, k] = data.oMf[frame].homogeneous
+            jacobians[i, k] = frame_jacobian(model, data, configuration, frame, BASE_AXES)
+    bodily = _in_blocks(_exponential_jacobian(twists.reshape(count, -1, 6)))
+    tangent = np.eye(len(flexures)) + _in_blocks(tangents) @ turned[:, :, flexures] @ bodily
+    following = np.empty_like(bodily)
+    following[:] = np.linalg.solve(tangent.swapaxes(1, 2), bodily.swapaxes(1, 2)).swapaxes(1, 2)
+    return FewRows(loaded, rows, tangents, poses, jacobians, following, turned, weighed, loads)
+
+
+def tangents_of(stack: LawStack, loaded: LoadedArm, case: LoadCase, loads: Array) -> Array:
+    """Return the (M, n, 6, 6) tangents of the laws under (M, n, 6) loads in the rows of a case."""
+    row = loaded.row(case.q, case.covariates)
+    whole = stack.tangent(loads.reshape(len(loads), -1), row)
+    n = loads.shape[1]
+    return np.einsum("mkikj->mkij", whole.reshape(len(loads), n, 6, n, 6))
+
+
+def _exponential_jacobian(twists: Array) -> Array:
+    """Return the (..., 6, 6) body motion per change of (..., 6) exponential coordinates; Pinocchio's is good to 7e-9.
+
+    The series `sum (-ad)^k / (k + 1)!` of the right Jacobian of SE(3) (Barfoot, State Estimation for Robotics, 7.83).
+    """
+    turning, found = np.zeros((*twists.shape, 6)), np.eye(6)
+    for place in ((0, 0), (1, 1), (0, 1)):
+        vector = twists[..., 3:] if place[0] == place[1] else twists[..., :3]
+        skew = np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2)
+        turning[..., 3 * place[0] : 3 * place[0] + 3, 3 * place[1] : 3 * place[1] + 3] = skew
+    for k in range(TERMS, 0, -1):
+        found = np.eye(6) - turning @ found / (k + 1)
+    return found
+
+
+def _in_blocks(parts: Array) -> Array:
+    """Return (M, 6 n, 6 n) block-diagonal matrices of (M, n, 6, 6)."""
+    count, n = parts.shape[:2]
+    found = np.zeros((count, n, 6, n, 6))
+    np.einsum("mkikj->mkij", found)[:] = parts
+    return found.reshape(count, 6 * n, 6 * n)
