@@ -11,7 +11,6 @@ is missing. A campaign that fails here fails on the machine.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -150,7 +149,6 @@ def rehearse(
         driven = as_measurements(rows, arm, True)
     campaign = simulated(arm, driven, sigma, rng)
     screen = standing(begin(calibrate(arm, campaign, as_stated=True, anyway=True))).screen
-    _ = screen.batches  # once for all campaigns
     places, found = Places.of(screen, rng), list[Rehearsed]()
     for number in places.hidden:
         found.append(_rehearsed(screen, places, number, size, draws, rng))
@@ -269,12 +267,9 @@ def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
         places: Their laws and places.
         readings: (n,) whitened readings.
     """
-    projection, problem = screen.projection, copy.copy(screen)
-    vars(problem).pop("_known", None)  # what other readings said
-    problem.scores = screen.scores_of(readings[:, None])[:, 0]
-    left = float(readings @ projection.cleared(readings))
-    problem.objective = left - float(((projection.half @ readings) ** 2).sum())
-    beside = problem.beside(())
+    projection = screen.projection
+    left = float(readings @ projection.cleared(readings)) - float(((projection.half @ readings) ** 2).sum())
+    beside = screen.with_readings(screen.scores_of(readings[:, None])[:, 0], left).beside(())
     logs: Array = np.asarray(logsumexp(beside.odds, axis=1))
     for number in np.argsort(-logs)[:CHECKED].tolist():
         scale = int(beside.odds[number].argmax())

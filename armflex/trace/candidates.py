@@ -180,27 +180,12 @@ class Bank:
             for some in found.values()
         )
 
-    @cached_property
-    def _known(self) -> dict[bytes, Array]:
-        return {}
-
     def products(self, others: Array) -> Array:
-        """Return the (K, F) products of all columns with (n, F) others, each of which is multiplied only once.
-
-        A search asks for the same candidates beside many choices of the same fitted columns.
-        """
-        rows = np.ascontiguousarray(others.T)
-        keys = [row.tobytes() for row in rows]
-        if len({*keys, *self._known}) * self.starts[-1] > KEPT:
-            for key in self._known.keys() - keys:
-                del self._known[key]
-        new = {key: row for key, row in zip(keys, rows, strict=True) if key not in self._known}
-        if new:
-            asked, found = np.array(list(new.values())), np.empty((len(new), self.starts[-1]))
-            for part in self.parts:
-                found[:, part.places] = part.products(asked).T
-            self._known.update(zip(new, found, strict=True))
-        return np.array([self._known[key] for key in keys]).T
+        """Return the (K, F) products of all columns with (n, F) others."""
+        rows, found = np.ascontiguousarray(others.T), np.empty((self.starts[-1], others.shape[1]))
+        for part in self.parts:
+            found[part.places] = part.products(rows)
+        return found
 
     def _made(self) -> Iterator[Part]:
         """Yield the columns, those with the same answer of the readings together.

@@ -80,9 +80,7 @@ class _Search:
     def __init__(self, screen: Screen, beside: Beside, hypothesis: Hypothesis, tau: float) -> None:
         self.screen, self.beside, self.hypothesis, self.tau = screen, beside, hypothesis, tau
         self.law, self.start = hypothesis.one.law, hypothesis.one.inner
-        places = np.concatenate([np.zeros(0, int), *(screen.groups[one.number].places for one in beside.model)])
-        scale = np.concatenate([np.zeros(0), *(screen.groups[one.number].scale for one in beside.model)])
-        self.known, self.known_seen = screen.cleared(places) * scale, screen.seen(places) * scale[:, None]
+        self.known, self.known_seen = screen.columns_of(beside)
 
     def columns(self, inner: Values) -> Array:
         return self.screen.made([replace(one, inner=inner) for one in self.hypothesis.members])
@@ -100,12 +98,7 @@ class _Search:
 
     def held(self, columns: Array) -> Array:
         """Return the (k,) prior precisions of amplitudes of columns."""
-        unit = self.hypothesis.unit
-        scale = (
-            self.screen._scaled((columns**2).sum(axis=0))
-            if unit is None
-            else unit * np.sqrt(self.screen._unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), 1e-300))
-        )
+        scale = self.screen.scale_of(columns, self.hypothesis.unit)
         return 1.0 / (self.tau * np.where(scale > 0.0, scale, 1e-12)) ** 2
 
     def at(self, inner: Values) -> _At | None:

@@ -13,7 +13,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Bank, Candidate, candidate_regressors
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
-from armflex.trace.selection import Evidence, Group, Model, batch_of
+from armflex.trace.selection import Batch, Beside, Block, Evidence, Group, Model, batch_of, prior_of, taken
 from armflex.trace.sensible import sensible, unusual
 
 MOVED = 1e-3
@@ -42,8 +42,46 @@ def unit_of(fit: Fit) -> float:
     return len(fit.view.rows) * MOVED**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
 
 
+class Held:
+    """Columns that are held, with all products among them: those of models, and those that are of no grid.
+
+    Attributes:
+        columns, cleared: (h, n) columns, and the same cleared of the parameters apart.
+        seen: (h, r) their products with the `half` of the projection.
+        gram, scores: (h, h) X'MX and (h,) X'My.
+    """
+
+    def __init__(self, projection: Projection) -> None:
+        self._projection, self.count, size = projection, 0, len(projection.residual)
+        self._rows = np.empty((0, size)), np.empty((0, size)), np.empty((0, len(projection.half))), np.empty((0, 0))
+        self._scores = np.empty(0)
+
+    columns = property(lambda self: self._rows[0][: self.count])
+    cleared = property(lambda self: self._rows[1][: self.count])
+    seen = property(lambda self: self._rows[2][: self.count])
+    gram = property(lambda self: self._rows[3][: self.count, : self.count])
+    scores = property(lambda self: self._scores[: self.count])
+
+    def add(self, columns: Array) -> np.ndarray:
+        """Hold (n, k) columns more, and return their (k,) places."""
+        first, last, projection = self.count, self.count + columns.shape[1], self._projection
+        if last > len(self._rows[0]):  # twice as many as there are, so that few are moved
+            room = 2 * last
+            grown = [np.empty((room, part.shape[1])) for part in self._rows[:3]] + [np.empty((room, room))]
+            for part, own in zip(grown, (self.columns, self.cleared, self.seen, self.gram), strict=True):
+                part[:first, : own.shape[1]] = own
+            self._rows, self._scores = tuple(grown), np.append(self.scores, np.empty(room - first))
+        self.count, cleared = last, projection.cleared(columns)
+        self.columns[first:], self.cleared[first:] = columns.T, cleared.T
+        self.seen[first:] = columns.T @ projection.half.T
+        self.gram[first:] = cleared.T @ self.columns.T - self.seen[first:] @ self.seen.T
+        self.gram[:, first:] = self.gram[first:].T
+        self.scores[first:] = columns.T @ projection.residual
+        return np.arange(first, last)
+
+
 class Screen(Evidence):
-    """The evidence of all hypotheses at a fit.
+    """The evidence of all hypotheses at a fit: those of the catalogue's grid in one block, further ones in another.
 
     Attributes:
         fit, context: Where columns are made.
@@ -58,69 +96,68 @@ class Screen(Evidence):
         self.constant = -columns.fit.freedom * float(np.log(quiet))
         self._unit, self._first = unit_of(columns.fit) / quiet**2, int(columns.starts[-1])
         products = columns.products(np.column_stack([projection.shared, projection.residual])) / quiet
-        self._seen, self.scores = products[:, :-1] @ projection.fitted.root, products[:, -1]
-        taken = () if projection.apart is None else columns.squares_through(projection.apart.each)
-        self._insides: dict[int, tuple[list[np.ndarray], list[Array]]] = {}
+        self._seen, scores = products[:, :-1] @ projection.fitted.root, products[:, -1]
+        through = () if projection.apart is None else columns.squares_through(projection.apart.each)
         scale, self._squares = np.empty(self._first), np.empty(self._first)
+        some = []
         for number, (groups, stated) in enumerate(columns.squares):
             whole = stated / quiet**2
             places = columns.starts[groups][:, None] + np.arange(whole.shape[1])
             seen = self._seen[places]
-            inside = whole - seen @ seen.transpose(0, 2, 1) - (taken[number][1] / quiet**2 if taken else 0.0)
+            inside = whole - seen @ seen.transpose(0, 2, 1) - (through[number][1] / quiet**2 if through else 0.0)
             self._squares[places] = np.einsum("gkk->gk", whole)
             scale[places] = self._scaled(self._squares[places])
-            self._insides[whole.shape[1]] = ([groups], [inside])
+            some.append((groups, places, inside))
         starts = columns.starts.tolist()
         self.groups = [
             Group(one, np.arange(a, b), scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)
         ]
-        self._further = np.zeros((len(projection.residual), 0))
-        self._rows: dict[int, tuple[Array, Array]] = {}
+        self._single = next(((groups, inside[:, 0, 0]) for groups, _, inside in some if inside.shape[1] == 1), None)
+        batches = tuple(batch_of([self.groups[i] for i in own.tolist()], own, *rest) for own, *rest in some)
+        further = Block(len(self.groups), (), np.empty(0), np.empty(0))
+        self.blocks = [Block(0, batches, scores, prior_of(self.groups)), further]
+        self._held, self._place, self._rows = Held(projection), dict[int, int](), dict[int, Array]()
+        self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
 
     def _scaled(self, squares: Array) -> Array:
         moves = np.isfinite(squares) & (squares > 0.0)
         return np.where(moves, np.sqrt(self._unit / np.where(moves, squares, 1.0)), 0.0)
 
+    def scale_of(self, columns: Array, unit: Array | None) -> Array:
+        """Return the (k,) scale of a hypothesis's (n, k) columns; `unit` where members are alike as they are."""
+        if unit is None:
+            return self._scaled((columns**2).sum(axis=0))
+        return unit * np.sqrt(self._unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), 1e-300))
+
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""
-        made = []
-        for one in more:
-            columns = self.made(one.members)
-            if np.isfinite(columns).all() and columns.any():
-                made.append((one, columns))
+        made = [(one, self.made(one.members)) for one in more]
+        made = [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
         if not made:
             return
-        whole = np.hstack([columns for _, columns in made])
-        cleared = self.projection.cleared(whole)
-        seen = (self.projection.half @ whole).T
-        for place, (own, row) in list(self._rows.items()):
-            more_of_row = whole.T @ own - seen @ self._seen[place]
-            self._rows[place] = own, np.append(row, more_of_row)
-        first = len(self.scores)
-        self._seen = np.vstack([self._seen, seen])
-        self.scores = np.append(self.scores, whole.T @ self.projection.residual)
-        self._further = np.hstack([self._further, whole])
+        block, first = self.blocks[-1], self._first + len(self._further)
+        own = self._held.add(np.hstack([columns for _, columns in made]))
+        self._place |= zip(range(first, first + len(own)), own.tolist(), strict=True)
+        self._further = np.append(self._further, own)
+        by_size: dict[int, list[Batch]] = {one[1].shape[1]: [one] for one in block.batches}
+        groups, end = [], first
         for one, columns in made:
-            size, squares = columns.shape[1], (columns**2).sum(axis=0)
-            at = np.arange(first, first + size)
-            local = at - (len(self.scores) - whole.shape[1])
-            inside = columns.T @ cleared[:, local] - seen[local] @ seen[local].T
-            if one.unit is None:
-                scale = self._scaled(squares)
-            else:  # members are alike as they are, not by what they move
-                scale = one.unit * np.sqrt(self._unit / max(float((squares * one.unit**2).mean()), 1e-300))
-            numbers, insides = self._insides.setdefault(size, ([], []))
-            numbers.append(np.array([len(self.groups)]))
-            insides.append(inside[None])
-            self.groups.append(Group(one, at, scale))
-            first += size
-        self.grown()
+            size, number = columns.shape[1], len(self.groups)
+            at, end = np.arange(end, end + size), end + size
+            groups.append(Group(one, at, self.scale_of(columns, one.unit)))
+            self.groups.append(groups[-1])
+            inside = self._held.gram[np.ix_(own[at - first], own[at - first])]
+            batch = batch_of(groups[-1:], np.array([number - block.first]), at[None] - self._first, inside[None])
+            by_size.setdefault(size, []).append(batch)
+        batches = tuple(tuple(map(np.concatenate, zip(*some, strict=True))) for some in by_size.values())
+        priors = np.append(block.priors, prior_of(groups))
+        self.blocks[-1] = Block(block.first, batches, self._held.scores[self._further], priors)  # type: ignore[arg-type]
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
         """Return the hypotheses that are most probable beside any of some models, of many that are made in pieces."""
         best: list[tuple[float, Hypothesis]] = []
-        known = [(self.beside(model), *self._beside_columns(model)) for model in models]
+        known = [(beside, *self.columns_of(beside)) for beside in map(self.beside, models)]
         for piece in batched(more, PIECE):
             made = [(one, self.made(one.members)) for one in piece]
             made = [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
@@ -136,46 +173,37 @@ class Screen(Evidence):
             batches = []
             for size in np.unique(np.diff(ends)).tolist():
                 numbers = np.flatnonzero(np.diff(ends) == size)
-                places = np.array([groups[i].places for i in numbers.tolist()])
+                some = [groups[i] for i in numbers.tolist()]
+                places = np.array([one.places for one in some])
                 stacked, own_seen = columns.T[places] @ cleared.T[places].transpose(0, 2, 1), seen[places]
-                batches.append(batch_of(groups, numbers, stacked - own_seen @ own_seen.transpose(0, 2, 1)))
-            scores = columns.T @ self.projection.residual
-            odds = np.array([one.prior for one, _ in made]) + np.max(
-                [
-                    beside.odds_of(
-                        batches, (columns.T @ own - seen @ own_seen.T) @ np.linalg.inv(beside.root).T, scores
-                    )
-                    for beside, own, own_seen in known
-                ],
-                axis=(0, 2),
-            )
+                batches.append(batch_of(some, numbers, places, stacked - own_seen @ own_seen.transpose(0, 2, 1)))
+            scores, logs = columns.T @ self.projection.residual, []
+            for beside, own, own_seen in known:
+                across = (columns.T @ own - seen @ own_seen.T) @ beside.inverse.T
+                insides = taken(batches, [inside for *_, inside, _ in batches], across, -1.0)
+                logs.append(beside.odds_of(batches, insides, scores - across @ beside.pull))
+            odds = np.array([one.prior for one, _ in made]) + np.max(logs, axis=(0, 2))
             best += zip(odds.tolist(), (one for one, _ in made), strict=True)
             best = sorted(best, key=lambda pair: -pair[0])[:most]
         return [one for _, one in best]
 
-    def _beside_columns(self, model: Model) -> tuple[Array, Array]:
+    def columns_of(self, beside: Beside) -> tuple[Array, Array]:
         """Return the (n, k) scaled and cleared columns of a model, and their (k, r) products with the `half`."""
-        some = [self.groups[one.number] for one in model]
-        places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
-        scale = np.concatenate([np.zeros(0), *(one.scale for one in some)])
-        return self.cleared(places) * scale, self.seen(places) * scale[:, None]
+        at = self._held_at(beside.places)
+        return (self._held.cleared[at] * beside.scale[:, None]).T, self._held.seen[at] * beside.scale[:, None]
 
     def made(self, members: Sequence[Candidate]) -> Array:
         """Return the (n, k) columns of some candidates, by the scatter of the readings."""
         return np.hstack([candidate_regressors(one, self.fit, self.context) for one in members]) / self.quiet
-
-    def insides(self) -> list[tuple[np.ndarray, Array]]:
-        return [(np.concatenate(numbers), np.concatenate(insides)) for numbers, insides in self._insides.values()]
 
     def single(self) -> dict[int, tuple[float, float]]:
         """Return of every hypothesis of the catalogue with one column its square, and what the projection leaves of it.
 
         Both are zero where a column is only rounding: an axis through the target moves it by 1e-17, not by nothing.
         """
-        numbers, insides = self._insides.get(1, ([], []))
-        if not numbers:
+        if self._single is None:
             return {}
-        first, left, most = numbers[0], insides[0][:, 0, 0], dict[tuple, float]()
+        (first, left), most = self._single, dict[tuple, float]()
         whole = self._squares[self.bank.starts[first]]
         some = [self.groups[i].hypothesis.one for i in first.tolist()]
         kinds = [(one.law.name, one.location.turns, one.location.terms) for one in some]  # of a unit
@@ -185,49 +213,44 @@ class Screen(Evidence):
         pairs = zip(np.where(moves, whole, 0.0).tolist(), np.where(moves, left, 0.0).tolist(), strict=True)
         return dict(zip(first.tolist(), pairs, strict=True))
 
+    def _held_at(self, places: np.ndarray) -> np.ndarray:
+        """Return where columns are held, and hold those that are not."""
+        missing = [place for place in dict.fromkeys(places.tolist()) if place not in self._place]
+        if missing:
+            groups = np.searchsorted(self.bank.starts, missing, side="right") - 1
+            known = {i: self.bank.group(i) / self.quiet for i in dict.fromkeys(groups.tolist())}
+            pairs = zip(missing, groups.tolist(), strict=True)
+            some = np.column_stack([known[i][:, place - self.bank.starts[i]] for place, i in pairs])
+            self._place |= zip(missing, self._held.add(some).tolist(), strict=True)
+        return np.array([self._place[place] for place in places.tolist()], dtype=int)
+
     def columns(self, places: np.ndarray) -> Array:
         """Return the (n, k) columns at some places."""
-        found = np.empty((len(self.projection.residual), len(places)))
-        for i, place in enumerate(places.tolist()):
-            if place >= self._first:
-                found[:, i] = self._further[:, place - self._first]
-            else:
-                group = int(np.searchsorted(self.bank.starts, place, side="right")) - 1
-                found[:, i] = self.bank.group(group)[:, place - self.bank.starts[group]] / self.quiet
-        return found
+        at = self._held_at(places)
+        return self._held.columns[at].T
 
-    def cleared(self, places: np.ndarray) -> Array:
-        """Return the same, cleared of the parameters apart."""
-        self.gram(places)
-        return np.array([self._rows[p][0] for p in places.tolist()]).T if len(places) else self._further[:, :0]
+    def among(self, places: np.ndarray) -> tuple[Array, Array]:
+        at = self._held_at(places)
+        return self._held.gram[np.ix_(at, at)], self._held.scores[at]
 
-    def seen(self, places: np.ndarray) -> Array:
-        """Return the (k, r) products of some columns with the `half` of the projection."""
-        return self._seen[places]
-
-    def gram(self, places: np.ndarray) -> Array:
-        missing = np.array([place for place in places.tolist() if place not in self._rows], dtype=int)
-        if len(missing):
-            own = self.projection.cleared(self.columns(missing))
-            found = (
-                np.vstack([self.bank.products(own) / self.quiet, self._further.T @ own])
-                - self._seen @ self._seen[missing].T
-            )
-            for i, place in enumerate(missing.tolist()):
-                self._rows[place] = own[:, i].copy(), found[:, i].copy()
-        if not len(places):
-            return np.zeros((len(self.scores), 0))
-        return np.array([self._rows[place][1] for place in places.tolist()]).T  # rows one after another
+    def gram(self, block: int, places: np.ndarray) -> Array:
+        at = self._held_at(places)
+        if block:
+            return self._held.gram[np.ix_(self._further, at)]
+        missing = [i for i, place in enumerate(places.tolist()) if place not in self._rows]
+        if missing:
+            some = at[missing]
+            found = self.bank.products(self._held.cleared[some].T) / self.quiet - self._seen @ self._held.seen[some].T
+            self._rows |= zip(places[missing].tolist(), np.ascontiguousarray(found.T), strict=True)
+        return np.array([self._rows[place] for place in places.tolist()]).reshape(len(places), self._first).T
 
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""
-        projection = self.projection
-        cleared = projection.cleared(residuals)
-        found = np.empty((len(self.scores), residuals.shape[1]))
-        for part in self.bank.parts:
-            found[part.places] = part.products(np.ascontiguousarray(cleared.T)) / self.quiet
-        found[self._first :] = self._further.T @ cleared
-        return found - self._seen @ (projection.half @ residuals)
+        projection, held = self.projection, self._held
+        cleared, half = projection.cleared(residuals), projection.half @ residuals
+        found = self.bank.products(cleared) / self.quiet - self._seen @ half
+        own = held.columns[self._further] @ cleared - held.seen[self._further] @ half
+        return np.vstack([found, own])
 
     def dense(self, numbers: Sequence[int], charges: Sequence[float], mask: np.ndarray | None = None) -> Dense:
         """Return the evidence of some hypotheses alone, from some of the readings.
@@ -267,29 +290,27 @@ class Screen(Evidence):
 
 
 class Dense(Evidence):
-    """The evidence of a few hypotheses from some of the rows: all products of their columns are known.
-
-    Attributes:
-        whole: (K, K) G.
-    """
+    """The evidence of a few hypotheses from some of the rows: all (K, K) products of their columns are known."""
 
     def __init__(
         self, groups: list[Group], whole: Array, scores: Array, objective: float, count: int, charges: Array
     ) -> None:
-        self.groups, self.whole, self.scores = groups, whole, scores
-        self.objective, self.count, self._charges = objective, count, charges
-
-    def gram(self, places: np.ndarray) -> Array:
-        return self.whole[:, places]
-
-    def insides(self) -> list[tuple[np.ndarray, Array]]:
-        sizes = np.array([len(one.places) for one in self.groups], dtype=int)
-        found = []
+        self.groups, self._gram, self._scores, self._charges = groups, whole, scores, charges
+        self.objective, self.count = objective, count
+        sizes = np.array([len(one.places) for one in groups], dtype=int)
+        batches = []
         for size in np.unique(sizes).tolist():
             numbers = np.flatnonzero(sizes == size)
-            places = np.array([self.groups[i].places for i in numbers.tolist()])
-            found.append((numbers, self.whole[places[:, :, None], places[:, None, :]]))
-        return found
+            some = [groups[i] for i in numbers.tolist()]
+            places = np.array([one.places for one in some])
+            batches.append(batch_of(some, numbers, places, whole[places[:, :, None], places[:, None, :]]))
+        self.blocks = [Block(0, tuple(batches), scores, prior_of(groups))]
+
+    def among(self, places: np.ndarray) -> tuple[Array, Array]:
+        return self._gram[np.ix_(places, places)], self._scores[places]
+
+    def gram(self, block: int, places: np.ndarray) -> Array:
+        return self._gram[:, places]
 
     def charge(self, number: int, amplitudes: Array) -> float:
         return float(self._charges[number])

@@ -90,7 +90,7 @@ def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
     model = tuple(Chosen(number, 2) for number in numbers)
     for i, number in enumerate(numbers):
         rest = (*model[:i], *model[i + 1 :])
-        scale = int(screen.beside(rest).odds[number].argmax())
+        scale = int(screen.beside(rest).odds_at(number).argmax())
         model = (*model[:i], Chosen(number, scale), *model[i + 1 :])
     return model
 

@@ -18,10 +18,12 @@ are scans, and so is a step of Gibbs' sampler: one hypothesis is taken out and d
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
+from itertools import combinations, pairwise
+from typing import Self
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -38,8 +40,8 @@ MOST = 24
 PAIRS = 3
 """Pairs of hypotheses, those that share most, that are taken out together once nothing else improves a model."""
 
-KEPT = 2**24
-"""Tolerance: numbers of models beside which all hypotheses are known that are kept at a time."""
+KEPT = 64
+"""Tolerance: models whose evidence is held at a time."""
 
 BETTER = 1e-2
 """Tolerance: rise of the log posterior below which a model is not changed."""
@@ -84,13 +86,39 @@ Batch = tuple[np.ndarray, np.ndarray, Array, Array, np.ndarray]
 """Groups of one size: numbers, (g, k) columns and scales, (g, k, k) scaled parts of G, and which have a sign."""
 
 
-def batch_of(groups: Sequence[Group], numbers: np.ndarray, inside: Array) -> Batch:
-    """Return groups of one size with their (g, k, k) parts of G."""
-    some = [groups[i] for i in numbers.tolist()]
-    scale = np.array([one.scale for one in some])
-    signed = np.array([one.hypothesis.positive for one in some])
-    scaled = inside * scale[:, :, None] * scale[:, None, :]
-    return numbers, np.array([one.places for one in some]), scale, scaled, signed
+def batch_of(groups: Sequence[Group], numbers: np.ndarray, places: np.ndarray, inside: Array) -> Batch:
+    """Return groups of one size with the (g, k) places of their columns and their (g, k, k) parts of G."""
+    scale = np.array([one.scale for one in groups])
+    signed = np.array([one.hypothesis.positive for one in groups])
+    return numbers, places, scale, inside * scale[:, :, None] * scale[:, None, :], signed
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Hypotheses that a scan goes through together.
+
+    Attributes:
+        first: Number of the first; batches number hypotheses and columns from those of the block.
+        batches: They by their size.
+        scores: (K,) products X'My of their columns.
+        priors: (H,) log prior probability of every hypothesis at each of its scales.
+    """
+
+    first: int
+    batches: tuple[Batch, ...]
+    scores: Array
+    priors: Array
+
+    @cached_property
+    def where(self) -> dict[int, tuple[int, int]]:
+        """Of every hypothesis the batch, and the place in it."""
+        pairs = enumerate(numbers.tolist() for numbers, *_ in self.batches)
+        return {number: (i, j) for i, numbers in pairs for j, number in enumerate(numbers)}
+
+
+def prior_of(some: Iterable[Group]) -> Array:
+    """Return the (H,) log prior probability of hypotheses at each of their scales."""
+    return np.array([one.hypothesis.prior for one in some]) - np.log(len(SCALES))
 
 
 class Evidence(ABC):
@@ -98,100 +126,100 @@ class Evidence(ABC):
 
     Attributes:
         groups: All hypotheses.
-        scores: (K,) products X'My of all columns.
+        blocks: The same, in the order of their numbers; only the last one grows.
         objective: J0.
         count: Number of readings n.
         constant: Log likelihood that all models share, by which states of a search differ.
     """
 
     groups: list[Group]
-    scores: Array
+    blocks: list[Block]
     objective: float
     count: int
     constant: float = 0.0
+    whole: Beside | None = None
+    """The last model that was scanned from its own rows of G; models without some of it need no others."""
 
     @abstractmethod
-    def gram(self, places: np.ndarray) -> Array:
-        """Return (K, k) products X'MX of all columns with some."""
+    def among(self, places: np.ndarray) -> tuple[Array, Array]:
+        """Return the (k, k) products X'MX of some columns with one another, and (k,) X'My."""
 
     @abstractmethod
-    def insides(self) -> list[tuple[np.ndarray, Array]]:
-        """Return for every group size k the (g,) numbers of such groups and their (g, k, k) parts of G."""
+    def gram(self, block: int, places: np.ndarray) -> Array:
+        """Return the (K, k) products X'MX of all columns of a block with some columns."""
 
     def charge(self, number: int, amplitudes: Array) -> float:
         """Return what the size of (k,) amplitudes of a hypothesis [the law's unit] counts against it [nats]."""
         return 0.0
 
-    @cached_property
-    def batches(self) -> list[Batch]:
-        """Of all groups, by their size."""
-        return [batch_of(self.groups, numbers, inside) for numbers, inside in self.insides()]
-
-    @cached_property
+    @property
     def priors(self) -> Array:
         """(H,) log prior probability of every hypothesis at each of its scales."""
-        return np.array([one.hypothesis.prior for one in self.groups]) - np.log(len(SCALES))
+        return np.concatenate([one.priors for one in self.blocks])
 
     @cached_property
     def _known(self) -> dict[Model, Beside]:
         return {}
 
-    def grown(self) -> None:
-        """Forget what was known of all hypotheses, of which there are more now."""
-        for name in ("batches", "priors", "_known"):
-            if name in vars(self):
-                delattr(self, name)
-
     def beside(self, model: Model) -> Beside:
         """Return the problem beside a model."""
-        if model not in self._known:
-            self._known[model] = self._beside(model)
-            held = sum(one.across.size for one in self._known.values())
-            while held > KEPT and len(self._known) > 1:
-                held -= self._known.pop(next(iter(self._known))).across.size
-        return self._known[model]
-
-    def _beside(self, model: Model) -> Beside:
-        some = [self.groups[one.number] for one in model]
-        places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
-        scale = np.concatenate([np.zeros(0), *(one.scale for one in some)])
-        held = np.concatenate(
-            [np.zeros(0), *(np.full(len(self.groups[one.number].places), SCALES[one.scale] ** -2.0) for one in model)]
-        )
-        rows = self.gram(places) * scale
-        own = rows[places] * scale[:, None] + np.diag(held)
-        root = np.linalg.cholesky(0.5 * (own + own.T))
-        inverse = np.linalg.inv(root)
-        volume = 2.0 * float(np.log(np.diag(root)).sum()) - float(np.log(held).sum())
-        across = np.ascontiguousarray(rows @ inverse.T)
-        return Beside(self, model, across, root, inverse @ (self.scores[places] * scale), volume)
+        found = self._known.pop(model, None) or Beside(self, model)
+        self._known[model] = found  # the last used last
+        if len(self._known) > KEPT:
+            del self._known[next(iter(self._known))]
+        return found
 
     def log_posterior(self, model: Model) -> float:
         """Return the log posterior probability of a model, but for a constant."""
         return self.beside(model).log_posterior
 
+    def with_readings(self, scores: Array, objective: float) -> Self:
+        """Return the same hypotheses with other readings: (K,) scores of all columns, and J0."""
+        other = copy(self)
+        vars(other).pop("_known", None)
+        pairs = zip(self.blocks, self.parted(scores), strict=True)
+        other.blocks, other.objective, other.whole = [replace(a, scores=b) for a, b in pairs], objective, None
+        return other
 
-@dataclass(frozen=True, eq=False)
+    def parted(self, scores: Array) -> list[Array]:
+        """Return (K, ...) scores of all columns block by block."""
+        return np.split(scores, np.cumsum([len(one.scores) for one in self.blocks[:-1]]))
+
+
+Reduced = tuple[list[Array], Array]
+"""Of a block beside a model: (g, k, k) scaled information of every batch, and (K,) scores of all columns."""
+
+
 class Beside:
     """All hypotheses beside a model.
 
     Attributes:
         evidence: The problem.
         model: What is in it.
-        across: (K, k) products of all columns with those of the model, by the inverse of `root`'s transpose.
+        places, scale: (k,) numbers of its columns and their scales.
         root: (k, k) Cholesky factor of Q.
         pull: (k,) root^-1 s_S.
         volume: log|D^1/2 Q D^1/2|.
     """
 
-    evidence: Evidence
-    model: Model
-    across: np.ndarray
-    root: np.ndarray
-    pull: np.ndarray
-    volume: float
+    def __init__(self, evidence: Evidence, model: Model) -> None:
+        self.evidence, self.model = evidence, model
+        some = [evidence.groups[one.number] for one in model]
+        self.places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
+        self.scale = np.concatenate([np.zeros(0), *(one.scale for one in some)])
+        self._ends = np.cumsum([0, *(len(one.places) for one in some)]).tolist()
+        held = np.repeat([SCALES[one.scale] ** -2.0 for one in model], np.diff(self._ends))
+        own, scores = evidence.among(self.places)
+        own = own * self.scale * self.scale[:, None] + np.diag(held)
+        self.root = np.linalg.cholesky(0.5 * (own + own.T))
+        self.inverse = np.linalg.inv(self.root)
+        self.pull = self.inverse @ (scores * self.scale)
+        self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(held).sum())
+        self._reduced: dict[int, tuple[Block, Reduced]] = {}
+        self._odds: dict[int, tuple[Block, Array]] = {}
+        self._crossed: dict[int, tuple[Block, Array]] = {}
 
-    @property
+    @cached_property
     def left(self) -> float:
         """J_S."""
         return max(self.evidence.objective - float(self.pull @ self.pull), 1e-9 * self.evidence.objective)
@@ -204,75 +232,127 @@ class Beside:
     @cached_property
     def covariance(self) -> Array:
         """(k, k) posterior covariance of the scaled amplitudes [mm^2]."""
-        inverse = np.linalg.inv(self.root)
-        return self.noise**2 * inverse.T @ inverse
+        return self.noise**2 * self.inverse.T @ self.inverse
 
     @cached_property
     def amplitudes(self) -> tuple[Array, ...]:
         """(k,) most probable amplitudes of each hypothesis in the model [the law's unit]."""
-        values, found, first = np.linalg.solve(self.root.T, self.pull), [], 0
-        for one in self.model:
-            group = self.evidence.groups[one.number]
-            found.append(values[first : first + len(group.places)] * group.scale)
-            first += len(group.places)
-        return tuple(found)
+        values = self.inverse.T @ self.pull * self.scale
+        return tuple(values[a:b] for a, b in pairwise(self._ends))
 
     @cached_property
     def log_posterior(self) -> float:
         """Log posterior probability of the model, but for a constant."""
-        evidence, first, found = self.evidence, 0, 0.0
-        values = np.linalg.solve(self.root.T, self.pull)
-        for one, amplitudes in zip(self.model, self.amplitudes, strict=True):
-            found += float(evidence.priors[one.number]) - evidence.charge(one.number, amplitudes)
-            if evidence.groups[one.number].hypothesis.positive:
+        evidence, found = self.evidence, 0.0
+        values = self.inverse.T @ self.pull
+        for one, amplitudes, first in zip(self.model, self.amplitudes, self._ends, strict=False):
+            hypothesis = evidence.groups[one.number].hypothesis
+            found += hypothesis.prior - float(np.log(len(SCALES))) - evidence.charge(one.number, amplitudes)
+            if hypothesis.positive:
                 found += float(_sign(values[first] / np.sqrt(self.covariance[first, first])))
-            first += len(amplitudes)
         return found + float(log_likelihood(self.left, evidence.count)) - 0.5 * self.volume + evidence.constant
 
-    @cached_property
+    @property
     def odds(self) -> Array:
         """(H, T) log odds of the model with each hypothesis at each scale more, over the model; sizes not charged."""
-        evidence = self.evidence
-        return self.odds_of(evidence.batches, self.across, evidence.scores) + evidence.priors[:, None]
+        return np.concatenate([self._odds_in(which) for which in range(len(self.evidence.blocks))])
 
-    def odds_of(self, batches: Sequence[Batch], across: Array, scores: Array) -> Array:
+    def _block(self, number: int) -> int:
+        return max(i for i, block in enumerate(self.evidence.blocks) if block.first <= number)
+
+    def odds_at(self, number: int) -> Array:
+        """Return the (T,) log odds of a further hypothesis at each scale, its size not charged."""
+        which = self._block(number)
+        return self._odds_in(which)[number - self.evidence.blocks[which].first]
+
+    def _odds_in(self, which: int) -> Array:
+        block = self.evidence.blocks[which]
+        if which not in self._odds or self._odds[which][0] is not block:
+            odds = self.odds_of(block.batches, *self.reduced(which)) + block.priors[:, None]
+            self._odds[which] = block, odds
+        return self._odds[which][1]
+
+    def across(self, which: int) -> Array:
+        """Return the (K, k) products of a block's columns with those of the model, by the root's inverse transposed."""
+        block = self.evidence.blocks[which]
+        if which not in self._crossed or self._crossed[which][0] is not block:
+            self._crossed[which] = block, self.evidence.gram(which, self.places) * self.scale @ self.inverse.T
+        return self._crossed[which][1]
+
+    def reduced(self, which: int) -> Reduced:
+        """Return what the model leaves of a block's information and scores.
+
+        A model without some of what another holds leaves what that does, and the directions that it lacks.
+        """
+        evidence = self.evidence
+        block, whole = evidence.blocks[which], evidence.whole
+        if which in self._reduced and self._reduced[which][0] is block:
+            return self._reduced[which][1]
+        if not self.model:
+            return [inside for *_, inside, _ in block.batches], block.scores
+        gone = [] if whole is None else [i for i, one in enumerate(whole.model) if one not in self.model]
+        if whole is not None and gone and len(gone) == len(whole.model) - len(self.model):
+            axes = whole.inverse[:, np.concatenate([np.arange(*whole._ends[i : i + 2]) for i in gone])]
+            axes = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
+            insides, scores = whole.reduced(which)
+            more = whole.across(which) @ axes
+            found = taken(block.batches, insides, more, 1.0), scores + more @ (axes.T @ whole.pull)
+        else:
+            if whole is not None and whole is not self:
+                whole._crossed.clear()
+            evidence.whole, across = self, self.across(which)
+            insides = [inside for *_, inside, _ in block.batches]
+            found = taken(block.batches, insides, across, -1.0), block.scores - across @ self.pull
+        self._reduced[which] = block, found
+        return found
+
+    def odds_of(self, batches: Sequence[Batch], insides: Sequence[Array], scores: Array) -> Array:
         """Return the (H, T) log evidence that hypotheses add to the model at each scale.
 
         Args:
             batches: Of all of them.
-            across: (K, k) products of their columns with those of the model, as `across` has them.
-            scores: (K,) products of their columns with the readings.
+            insides, scores: What the model leaves of their information and of their columns' scores.
         """
-        count, scores = self.evidence.count, scores - across @ self.pull
+        count = self.evidence.count
         found = np.full((sum(len(numbers) for numbers, *_ in batches), len(SCALES)), -np.inf)
         here, tight = float(log_likelihood(self.left, count)), SCALES[:, None] ** -2.0
-        for numbers, places, scale, inside, signed in batches:
-            taken, score = across[places] * scale[:, :, None], scores[places] * scale
+        for (numbers, places, scale, _, signed), inside in zip(batches, insides, strict=True):
+            score = scores[places] * scale
             if places.shape[1] == 1:
-                values, turned = np.maximum(inside[:, 0] - (taken**2).sum(axis=2), 0.0), score
+                values, turned = np.maximum(inside[:, 0], 0.0), score
             else:
-                values, axes = np.linalg.eigh(inside - taken @ taken.transpose(0, 2, 1))
+                values, axes = np.linalg.eigh(inside)
                 values, turned = np.maximum(values, 0.0), np.einsum("gki,gk->gi", axes, score)
             held = values[:, None, :] + tight
             left = np.maximum(self.left - (turned[:, None, :] ** 2 / held).sum(axis=2), 1e-9 * self.left)
             logs = log_likelihood(left, count) - here - 0.5 * np.log(held / tight).sum(axis=2)
             if signed.any():
-                ratio = turned[:, None, 0] / np.sqrt(held[:, :, 0] * np.maximum(left / count, 1.0))
-                logs = logs + np.where(signed[:, None], _sign(ratio), 0.0)
+                own = turned[signed, None, 0] / np.sqrt(held[signed, :, 0] * np.maximum(left[signed] / count, 1.0))
+                logs[signed] += _sign(own)
             found[numbers] = logs
         return found
 
     def amplitudes_of(self, number: int, scale: int) -> Array:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
-        for numbers, places, scales, inside, _ in self.evidence.batches:
-            row = np.flatnonzero(numbers == number)
-            if len(row):
-                i = int(row[0])
-                taken = self.across[places[i]] * scales[i][:, None]
-                own = inside[i] - taken @ taken.T + np.eye(len(taken)) * SCALES[scale] ** -2.0
-                score = (self.evidence.scores[places[i]] - self.across[places[i]] @ self.pull) * scales[i]
-                return np.linalg.solve(own, score) * scales[i]
-        raise KeyError(number)
+        which = self._block(number)
+        block, (insides, scores) = self.evidence.blocks[which], self.reduced(which)
+        batch, row = block.where[number - block.first]
+        _, places, scales, *_ = block.batches[batch]
+        own = insides[batch][row] + np.eye(places.shape[1]) * SCALES[scale] ** -2.0
+        return np.linalg.solve(own, scores[places[row]] * scales[row]) * scales[row]
+
+
+def taken(batches: Sequence[Batch], insides: Sequence[Array], across: Array, sign: float) -> list[Array]:
+    """Return (g, k, k) information of batches with that of (K, m) products with orthonormal directions added."""
+    found = []
+    for (_, places, scale, *_), inside in zip(batches, insides, strict=True):
+        if places.shape[1] == 1:
+            squares = (across[places[:, 0]] ** 2).sum(axis=1) * scale[:, 0] ** 2
+            found.append(inside + sign * squares[:, None, None])
+        else:
+            own = across[places] * scale[:, :, None]
+            found.append(inside + sign * (own @ own.transpose(0, 2, 1)))
+    return found
 
 
 def _sign(ratio: Array | float) -> Array:
@@ -305,10 +385,11 @@ def rivals(
     """Return the best hypotheses beside a model, one of each law and place, the best first."""
     evidence, found = beside.evidence, list[Rival]()
     known, rough = len(evidence.groups), list[Rival]()
-    best = np.where(np.isfinite(beside.odds), beside.odds, -np.inf).max(axis=1)
-    spots, top = set[object](), -np.inf
-    for number in np.argsort(-best, kind="stable").tolist():
-        if best[number] < -within or len(found) + len(rough) >= 4 * most:
+    odds = beside.odds
+    best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
+    spots, top, some = set[object](), -np.inf, np.flatnonzero(best >= -within)
+    for number in some[np.argsort(-best[some], kind="stable")].tolist():
+        if len(found) + len(rough) >= 4 * most:
             break
         hypothesis = evidence.groups[number].hypothesis
         if only is not None and not only(hypothesis):
@@ -316,11 +397,11 @@ def rivals(
         coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
         if hypothesis.spot in spots or best[number] < top - (max(within, ROUGH * top) if coarse else within):
             continue
-        scale = int(beside.odds[number].argmax())
-        odds = float(best[number]) - evidence.charge(number, beside.amplitudes_of(number, scale))
+        scale = int(odds[number].argmax())
+        charged = float(best[number]) - evidence.charge(number, beside.amplitudes_of(number, scale))
         spots.add(hypothesis.spot)
-        (rough if coarse else found).append(Rival(odds, Chosen(number, scale)))
-        top = max(top, odds)
+        (rough if coarse else found).append(Rival(charged, Chosen(number, scale)))
+        top = max(top, charged)
     if refine is not None and rough:
         refine(beside, sorted(rough, key=lambda one: -one.odds)[:most])
         if len(evidence.groups) > known:

@@ -163,28 +163,25 @@ def chance(here: Standing, seed: int = 0) -> float:
     """
     screen, state = here.screen, here.state
     beside = screen.beside(here.model)
-    places = np.concatenate([np.zeros(0, dtype=int), *(screen.groups[one.number].places for one in here.model)])
-    amplitudes = np.concatenate([np.zeros(0), *beside.amplitudes])
-    projection = screen.projection
-    residual = projection.residual - projection.cleared(screen.columns(places) @ amplitudes)
+    amplitudes, projection = np.concatenate([np.zeros(0), *beside.amplitudes]), screen.projection
+    residual = projection.residual - projection.cleared(screen.columns(beside.places) @ amplitudes)
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(state.groups.max()) + 1, FLIPS))
     flipped = residual[:, None] * np.repeat(signs[state.groups], len(residual) // len(state.rows), axis=0)
-    scores, best = screen.scores_of(flipped), -np.inf
-    known = np.concatenate([np.zeros(0), *(screen.groups[one.number].scale for one in here.model)])
-    pulls = np.linalg.solve(beside.root, scores[places] * known[:, None])
-    scores = scores - beside.across @ pulls
-    seen = projection.half @ flipped
+    every, seen, best = screen.scores_of(flipped), projection.half @ flipped, -np.inf
+    pulls = beside.inverse @ (every[beside.places] * beside.scale[:, None])
     objective = (flipped * projection.cleared(flipped)).sum(axis=0) - (seen**2).sum(axis=0) - (pulls**2).sum(axis=0)
     tight, here_value = SCALES[:, None, None] ** -2.0, log_likelihood(objective, screen.count)
-    for numbers, at, scale, inside, _ in screen.batches:
-        taken, score = beside.across[at] * scale[:, :, None], scores[at] * scale[:, :, None]
-        values, axes = np.linalg.eigh(inside - taken @ taken.transpose(0, 2, 1))
-        turned = np.einsum("gki,gkf->gif", axes, score)
-        held = np.maximum(values, 0.0)[None] + tight
-        gain = (turned[None] ** 2 / held[..., None]).sum(axis=2)
-        logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.count) - here_value
-        logs = logs - 0.5 * np.log(held / tight).sum(axis=2)[..., None] + screen.priors[numbers][None, :, None]
-        best = max(best, float(logs.max()))
+    for which, scores in enumerate(screen.parted(every)):
+        block = screen.blocks[which]
+        left = scores - beside.across(which) @ pulls
+        for (numbers, at, scale, *_), inside in zip(block.batches, beside.reduced(which)[0], strict=True):
+            values, axes = np.linalg.eigh(inside)
+            turned = np.einsum("gki,gkf->gif", axes, left[at] * scale[:, :, None])
+            held = np.maximum(values, 0.0)[None] + tight
+            gain = (turned[None] ** 2 / held[..., None]).sum(axis=2)
+            logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.count) - here_value
+            logs = logs - 0.5 * np.log(held / tight).sum(axis=2)[..., None] + block.priors[numbers][None, :, None]
+            best = max(best, float(logs.max()))
     return best
 
 
