@@ -9,7 +9,6 @@ import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.errors import ConventionError
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 
@@ -51,19 +50,6 @@ def trace(
         InputError: Too few rows were measured.
         ConvergenceError: The calibration did not settle.
     """
-    measurements = as_measurements(measurements, arm)
-    from armflex.estimate.misread import check_scatter
     from armflex.trace.run import trace as run
 
-    def write(found: Trace) -> None:
-        try:
-            check_scatter(found.state.fit)
-        except ConventionError:
-            if not (found.unfinished or anyway):
-                raise
-            if not anyway:
-                return  # more effects may explain it
-        if account is not None:
-            account(found)
-
-    return run(arm, measurements, rows, report, keep, write, progress, anyway)
+    return run(arm, as_measurements(measurements, arm), rows, report, keep, account, progress, anyway)

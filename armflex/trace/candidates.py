@@ -58,8 +58,8 @@ FLUSHED, TOGETHER = 2**22, 4096
 TOLD = 256
 """Candidates after which it is told how far one has come."""
 
-KEPT = 2**24
-"""Numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""
+KEPT = 2**26
+"""Tolerance: numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,11 @@ class Bank:
     def _kept(self) -> tuple[Part, ...]:
         return tuple(self._made())
 
-    @cached_property
+    def forget(self) -> None:
+        """Drop the columns, which are made again when they are asked for."""
+        vars(self).pop("_kept", None)
+
+    @property
     def squares(self) -> tuple[tuple[np.ndarray, Array], ...]:
         """For every group size: groups, and (g, k, k) products of their columns among themselves."""
         return self._by_size(lambda part: part.squares)

@@ -8,8 +8,9 @@ from functools import partial
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.errors import ArmflexError
+from armflex.errors import ArmflexError, ConventionError
 from armflex.estimate.calibrate import calibrate
+from armflex.estimate.misread import check_scatter
 from armflex.measured.measurements import Measurements
 from armflex.trace.account import conclude, so_far
 from armflex.trace.findings import Trace
@@ -39,15 +40,20 @@ def trace(
     def passing(here: Standing) -> None:
         effects = tuple(one.title for one in here.state.fitted)
         teller.say(effects=effects, rms=here.state.fit.rms, unit=here.state.fit.view.readings.unit)
-        if account is not None:
-            try:
-                found = so_far(here, places)
-            except ArmflexError as error:  # a search is not ended because there is no account yet
-                teller.stage(f"no account so far: {error}")
-            else:
-                account(found)
+        if account is None:
+            return
+        try:
+            if not anyway:
+                check_scatter(here.state.fit)  # more effects may explain it
+            account(so_far(here, places))
+        except ConventionError:
+            return
+        except ArmflexError as error:  # a search is not ended because there is no account yet
+            teller.stage(f"no account so far: {error}")
 
     traced = conclude(search(begun, passing), places)
+    if not anyway:
+        check_scatter(traced.state.fit)
     if account is not None:
         account(traced)
     return traced

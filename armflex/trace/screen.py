@@ -120,6 +120,13 @@ class Screen(Evidence):
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
 
+    def forget(self) -> None:
+        """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
+        self.whole = None
+        self._known.clear()
+        self._rows.clear()
+        self.bank.forget()
+
     def _scaled(self, squares: Array) -> Array:
         moves = np.isfinite(squares) & (squares > 0.0)
         return np.where(moves, np.sqrt(self._unit / np.where(moves, squares, 1.0)), 0.0)

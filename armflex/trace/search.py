@@ -263,6 +263,7 @@ def refitted(here: Standing, model: Model) -> Standing | None:
     explained = screen.columns(places) @ np.concatenate([np.zeros(0), *beside.amplitudes])
     names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
     state.say(f"refitting with {names or 'nothing'}")
+    screen.forget()
     try:
         return standing(sorted_out(with_hypotheses(replace(state, heed=True), added, explained)))
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
