@@ -157,6 +157,17 @@ class Evidence(ABC):
         """(H,) log prior probability of every hypothesis at each of its scales."""
         return np.concatenate([one.priors for one in self.blocks])
 
+    @property
+    def spots(self) -> np.ndarray:
+        """(H,) numbers of the laws and places of all hypotheses."""
+        numbers, found = self._spots
+        found += [numbers.setdefault(one.hypothesis.spot, len(numbers)) for one in self.groups[len(found) :]]
+        return np.array(found)
+
+    @cached_property
+    def _spots(self) -> tuple[dict[tuple, int], list[int]]:
+        return {}, []
+
     @cached_property
     def _known(self) -> dict[Model, Beside]:
         return {}
@@ -274,35 +285,51 @@ class Beside:
 
     def across(self, which: int) -> Array:
         """Return the (K, k) products of a block's columns with those of the model, by the root's inverse transposed."""
-        block = self.evidence.blocks[which]
+        block, known = self.evidence.blocks[which], self._shared
         if which not in self._crossed or self._crossed[which][0] is not block:
-            self._crossed[which] = block, self.evidence.gram(which, self.places) * self.scale @ self.inverse.T
+            more = self.evidence.gram(which, self.places[known:]) * self.scale[known:]
+            before = self.evidence.whole.across(which) if known and self.evidence.whole else more[:, :0]
+            more = (more - before @ self.root[known:, :known].T) @ self.inverse[known:, known:].T
+            self._crossed[which] = block, np.hstack([before, more])
         return self._crossed[which][1]
+
+    @property
+    def _shared(self) -> int:
+        """How many of the first columns are all those of the last model that was scanned."""
+        whole = self.evidence.whole
+        if whole is None or whole is self or whole.model != self.model[: len(whole.model)]:
+            return 0
+        return len(whole.places)
 
     def reduced(self, which: int) -> Reduced:
         """Return what the model leaves of a block's information and scores.
 
-        A model without some of what another holds leaves what that does, and the directions that it lacks.
+        A model without some of what another holds leaves what that does, and the directions that it lacks; one with
+        more leaves what that does but for what is more.
         """
         evidence = self.evidence
         block, whole = evidence.blocks[which], evidence.whole
         if which in self._reduced and self._reduced[which][0] is block:
             return self._reduced[which][1]
-        if not self.model:
-            return [inside for *_, inside, _ in block.batches], block.scores
+        insides, scores = [inside for *_, inside, _ in block.batches], block.scores
         gone = [] if whole is None else [i for i, one in enumerate(whole.model) if one not in self.model]
-        if whole is not None and gone and len(gone) == len(whole.model) - len(self.model):
+        if not self.model:
+            found = insides, scores
+        elif whole is not None and gone and len(gone) == len(whole.model) - len(self.model):
             axes = whole.inverse[:, np.concatenate([np.arange(*whole._ends[i : i + 2]) for i in gone])]
             axes = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
             insides, scores = whole.reduced(which)
             more = whole.across(which) @ axes
             found = taken(block.batches, insides, more, 1.0), scores + more @ (axes.T @ whole.pull)
         else:
+            across, known = self.across(which), self._shared
+            if whole is not None and known:
+                insides, scores = whole.reduced(which)
+            more = across[:, known:]
+            found = taken(block.batches, insides, more, -1.0), scores - more @ self.pull[known:]
             if whole is not None and whole is not self:
                 whole._crossed.clear()
-            evidence.whole, across = self, self.across(which)
-            insides = [inside for *_, inside, _ in block.batches]
-            found = taken(block.batches, insides, across, -1.0), block.scores - across @ self.pull
+            evidence.whole = self
         self._reduced[which] = block, found
         return found
 
@@ -387,19 +414,21 @@ def rivals(
     known, rough = len(evidence.groups), list[Rival]()
     odds = beside.odds
     best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
-    spots, top, some = set[object](), -np.inf, np.flatnonzero(best >= -within)
-    for number in some[np.argsort(-best[some], kind="stable")].tolist():
+    some = np.flatnonzero(best >= -within)
+    order = some[np.argsort(-best[some], kind="stable")]
+    _, first = np.unique(evidence.spots[order], return_index=True)
+    top = -np.inf
+    for number in order[np.sort(first)].tolist():
         if len(found) + len(rough) >= 4 * most:
             break
         hypothesis = evidence.groups[number].hypothesis
-        if only is not None and not only(hypothesis):
+        if best[number] < top - max(within, ROUGH * top) or (only is not None and not only(hypothesis)):
             continue
         coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
-        if hypothesis.spot in spots or best[number] < top - (max(within, ROUGH * top) if coarse else within):
+        if not coarse and best[number] < top - within:
             continue
         scale = int(odds[number].argmax())
         charged = float(best[number]) - evidence.charge(number, beside.amplitudes_of(number, scale))
-        spots.add(hypothesis.spot)
         (rough if coarse else found).append(Rival(charged, Chosen(number, scale)))
         top = max(top, charged)
     if refine is not None and rough:
@@ -457,22 +486,22 @@ def _extended(
 
 def _swept(evidence: Evidence, model: Model, begun: float, refine: Refine | None, most: int) -> tuple[Model, float]:
     """Return a model, and its log posterior, that no one hypothesis more, less or exchanged makes more probable."""
-    value, changed = evidence.log_posterior(model), True
-    while changed:
-        before = value
-        model, value = _extended(evidence, model, value, begun, refine, most)
-        for i in range(len(model) - 1, -1, -1):
-            rest = (*model[:i], *model[i + 1 :])
-            beside = evidence.beside(rest)
-            trials = [(beside.log_posterior, rest)]
-            for rival in rivals(beside, refine)[:2]:
-                trial = (*model[:i], rival.chosen, *model[i + 1 :])
-                trials.append((evidence.log_posterior(trial), trial))
-            found, trial = max(trials, key=lambda one: one[0])
-            if found > value + BETTER:
-                model, value = trial, found
-                break
-        changed = value > before
+    value, i, tried = evidence.log_posterior(model), 0, -1
+    while tried < len(model):  # one after the other, and round again until none can go or be exchanged
+        if tried < 0:
+            longer, value = _extended(evidence, model, value, begun, refine, most)
+            model, tried = longer, 0 if len(longer) == len(model) else -1
+            continue
+        i, tried = (i if 0 < i <= len(model) else len(model)) - 1, tried + 1
+        rest = (*model[:i], *model[i + 1 :])
+        beside = evidence.beside(rest)
+        trials = [(beside.log_posterior, rest)]
+        for rival in rivals(beside, refine)[:2]:
+            trial = (*model[:i], rival.chosen, *model[i + 1 :])
+            trials.append((evidence.log_posterior(trial), trial))
+        found, trial = max(trials, key=lambda one: one[0])
+        if found > value + BETTER:
+            model, value, tried = trial, found, -1
     return model, value
 
 
