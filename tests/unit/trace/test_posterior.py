@@ -96,6 +96,20 @@ def test_a_climb_finds_what_is_there_among_many_and_nothing_in_noise() -> None:
     assert {one.number for one in model} == {7, 150, 210}
 
 
+def test_a_scan_beside_a_part_of_another_model_is_that_of_its_own() -> None:
+    """Whatever was scanned before: models that lack some of the last one, have more, or share nothing with it."""
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(200, 60))
+    columns[:, 30:] += 2.0 * columns[:, :30]
+    readings = 3.0 * rng.normal(size=200)
+    evidence = problem(columns, readings)
+    for numbers in ((), (3,), (3, 40), (3, 40, 33), (3, 33), (33,), (33, 5), (33, 5, 3, 4), (5, 4), (4, 5), (33,)):
+        model = tuple(Chosen(number, number % 4) for number in numbers)
+        alone = problem(columns, readings).beside(model)
+        np.testing.assert_allclose(evidence.beside(model).odds, alone.odds, atol=1e-10)
+        assert evidence.log_posterior(model) == alone.log_posterior
+
+
 @pytest.mark.slow
 def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
     """Over problems that are drawn from the prior itself, of hypotheses that imitate one another."""
