@@ -17,7 +17,6 @@ from armflex.parameters import ArmParameter
 from armflex.trace.findings import (
     ALMOST,
     LARGER,
-    Compared,
     Found,
     FoundFamily,
     Kin,
@@ -70,11 +69,11 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         here.state.say("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
-        if not seen.worse:
+        if not seen.compared.worse:
             return Weighed(here, found, seen, null), tuple(withdrawn)
         last = weakest(model, evidence)
         unit = here.state.units[last]
-        effect, compared = here.state.fitted[unit[0]], _compared(seen)
+        effect, compared = here.state.fitted[unit[0]], seen.compared
         withdrawn.append(Withdrawn(effect, None, compared, len(unit) > 1))
         here.state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
         rest = tuple(one for i, one in enumerate(here.model) if i != last)
@@ -82,10 +81,6 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         if after is None:
             return Weighed(here, found, seen, null), tuple(withdrawn)
         here = after
-
-
-def _compared(seen: Validated) -> Compared:
-    return Compared(seen.before, seen.after, seen.linear_before, seen.linear_after)
 
 
 def settled_exactly(state: State) -> State:
@@ -129,7 +124,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
         next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),
-        compared=None if seen is None else _compared(seen),
+        compared=None if seen is None else seen.compared,
         withdrawn=withdrawn,
         nothing=known.credible[-1].nothing if not state.known else 0.0,
     )

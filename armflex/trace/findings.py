@@ -90,24 +90,19 @@ class Compared:
     """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
 
     Attributes:
-        before, after: Laws, places and values inside laws chosen, and all fitted, without the poses; over every row
-            that either comes near.
-        linear_before, linear_after: Values inside laws as they are, all else fitted without the poses; over the rows
-            that the fits use.
-        names: For every effect what was chosen in its stead without each fold of the poses: law, site and axis, or ''
-            for nothing; empty for members of families, which are not chosen again.
+        before: Of the calibrated arm, fitted without the poses.
+        after: Laws, places and scales chosen, and all fitted, without them.
+        as_found: Laws and places as they were found, all fitted without them.
     """
 
     before: float
     after: float
-    linear_before: float
-    linear_after: float
-    names: tuple[tuple[str, ...], ...] = ()
+    as_found: float
 
     @property
     def worse(self) -> bool:
         """Whether what was found makes it worse, in either way."""
-        return self.after > self.before or self.linear_after > self.linear_before
+        return max(self.after, self.as_found) > self.before
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,10 +132,7 @@ class Withdrawn:
     @property
     def errors(self) -> tuple[float, float]:
         """RMS on held-out poses of the calibrated arm and with it [m], as it is worse."""
-        found = self.compared
-        if found.after > found.before:
-            return found.before, found.after
-        return found.linear_before, found.linear_after
+        return self.compared.before, max(self.compared.after, self.compared.as_found)
 
 
 @dataclass(frozen=True, eq=False)

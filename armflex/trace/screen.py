@@ -53,26 +53,28 @@ class Held:
 
     def __init__(self, projection: Projection) -> None:
         self._projection, self.count, size = projection, 0, len(projection.residual)
-        self._rows = np.empty((0, size)), np.empty((0, size)), np.empty((0, len(projection.half))), np.empty((0, 0))
-        self._scores = np.empty(0)
+        self._columns, self._seen = np.empty((0, size)), np.empty((0, len(projection.half)))
+        self._cleared = self._columns if projection.apart is None else np.empty((0, size))
+        self._gram, self._scores = np.empty((0, 0)), np.empty(0)
 
-    columns = property(lambda self: self._rows[0][: self.count])
-    cleared = property(lambda self: self._rows[1][: self.count])
-    seen = property(lambda self: self._rows[2][: self.count])
-    gram = property(lambda self: self._rows[3][: self.count, : self.count])
+    columns = property(lambda self: self._columns[: self.count])
+    cleared = property(lambda self: self._cleared[: self.count])
+    seen = property(lambda self: self._seen[: self.count])
+    gram = property(lambda self: self._gram[: self.count, : self.count])
     scores = property(lambda self: self._scores[: self.count])
 
     def add(self, columns: Array) -> np.ndarray:
         """Hold (n, k) columns more, and return their (k,) places."""
         first, last, projection = self.count, self.count + columns.shape[1], self._projection
-        if last > len(self._rows[0]):  # twice as many as there are, so that few are moved
-            room = 2 * last
-            grown = [np.empty((room, part.shape[1])) for part in self._rows[:3]] + [np.empty((room, room))]
-            for part, own in zip(grown, (self.columns, self.cleared, self.seen, self.gram), strict=True):
-                part[:first, : own.shape[1]] = own
-            self._rows, self._scores = tuple(grown), np.append(self.scores, np.empty(room - first))
+        if last > len(self._scores):  # room for more than are asked for, so that few are moved
+            more = 64 + last + last // 2 - first
+            self._columns = np.pad(self.columns, ((0, more), (0, 0)))
+            self._cleared = self._columns if projection.apart is None else np.pad(self.cleared, ((0, more), (0, 0)))
+            self._seen, self._gram = np.pad(self.seen, ((0, more), (0, 0))), np.pad(self.gram, (0, more))
+            self._scores = np.pad(self.scores, (0, more))
         self.count, cleared = last, projection.cleared(columns)
-        self.columns[first:], self.cleared[first:] = columns.T, cleared.T
+        self.columns[first:] = columns.T
+        self.cleared[first:] = cleared.T
         self.seen[first:] = columns.T @ projection.half.T
         self.gram[first:] = cleared.T @ self.columns.T - self.seen[first:] @ self.seen.T
         self.gram[:, first:] = self.gram[first:].T

@@ -15,7 +15,7 @@ from armflex.estimate.held_out import errors_of, held_out, judged_by, pose_folds
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import OF_SESSION
 from armflex.readings import Readings
-from armflex.trace.findings import Proof
+from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
 from armflex.trace.selection import SCALES, Model, climbed, log_likelihood
@@ -99,24 +99,14 @@ class Validated:
     """How a state predicts poses that it has not seen.
 
     Attributes:
-        before, after: RMS of the 3-D error on poses held out, of the calibrated arm and of what was found, everything
-            chosen and fitted without them [m].
-        linear_before, linear_after: The same with what was found as it is, fitted without them.
+        compared: Errors on poses held out.
         names: For every hypothesis found, the share of folds that lead to its law and place.
         proofs: For every hypothesis, errors without it and with it.
     """
 
-    before: float
-    after: float
-    linear_before: float
-    linear_after: float
+    compared: Compared
     names: tuple[float, ...]
     proofs: tuple[Proof, ...]
-
-    @property
-    def worse(self) -> bool:
-        """Whether the calibrated arm predicts them better."""
-        return self.after > self.before or self.linear_after > self.linear_before
 
 
 def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Sequence[float], null: float) -> Validated:
@@ -131,8 +121,10 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
     """
     folds = Folds.of(here, numbers, charges)
     anew, count = folds.chosen_anew(), len(folds.parts)
-    bare, whole = folds.squares([()] * count), folds.squares([own] * count)
-    chosen = folds.squares(anew)
+    whole, chosen, fit = folds.squares([own] * count), folds.squares(anew), here.state.fit
+    # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
+    calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fit)
+    before = held_out(calibrated, pose_folds(here.state.groups), judged=judged).rms
     names, proofs = [], []
     for i, one in enumerate(own):
         name = folds.parts[0].groups[one.number].hypothesis.name
@@ -141,8 +133,7 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
         names.append(sum(led) / count)
         without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
         proofs.append(_proof(here, folds, i, without, whole, null))
-    before, after = folds.rms(bare), folds.rms(chosen)
-    return Validated(before, after, before, folds.rms(whole), tuple(names), tuple(proofs))
+    return Validated(Compared(before, folds.rms(chosen), folds.rms(whole)), tuple(names), tuple(proofs))
 
 
 def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:

@@ -1,6 +1,6 @@
 """A link that bends as it warms: beta (T - Tref), a rotation of its end about a point of it.
 
-A bend at its root turns it about its root, an even one about its middle.
+An even bend turns its end about its middle. One at its root is one at the end of the link before.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ THERMAL_BENDING = TwistLaw(
     amplitudes=(Amplitude("beta", "rad/K"),),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
     inner=(
-        Inner("along", "1", lambda location, context: (1.0, 0.5, 0.0), polished=False, usual=1.0, default=1.0),
+        Inner("along", "1", lambda location, context: (1.0, 0.5), polished=False, usual=1.0, default=1.0),
         *WARM,
     ),
     memory=LAGGED,

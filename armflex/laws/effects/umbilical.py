@@ -5,9 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.effect import Amplitude, Inner, LoadLaw, Plausible, Values, Words
+from armflex.laws.effects.context import Context
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, LoadLaw, Manipulator, Plausible, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import coordinates, end_of, force_at
+
+FAR = 2.0
+"""Times the diagonal of where an arm was, beyond which no hose is anchored: what pulls from there is a force."""
 
 
 def _pull(here: Here, pose: Array, inner: Values) -> Array:
@@ -22,6 +26,11 @@ def _pull(here: Here, pose: Array, inner: Values) -> Array:
 def hook_of(here: Here, inner: Values) -> Array:
     """Return the (3,) point that it is hooked on at, in the link's frame."""
     return inner[4] * end_of(here) + np.array(inner[5:])
+
+
+def _is_anchored(effect: Effect, context: Context, arm: Manipulator) -> bool:
+    beyond = np.clip(effect.inner[:3], *context.box) - effect.inner[:3]
+    return float(np.linalg.norm(beyond)) <= FAR * context.size
 
 
 HOOK = Inner("hook", "1", lambda location, context: (1.0,), polished=False, usual=1.0, tried=(0.5, 0.0), default=1.0)
@@ -44,5 +53,6 @@ UMBILICAL = LoadLaw(
     amplitudes=(Amplitude("k", "N/m", positive=True),),
     pull=_pull,
     inner=(*coordinates("anchor", 3), REST, HOOK, *ASIDE),
+    possible=_is_anchored,
     spatial=True,
 )
