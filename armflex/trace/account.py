@@ -100,7 +100,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
     """
     here.state.say("fitting to the end")
     exact = settled_exactly(sorted_out(here.state))
-    here = standing(exact) if exact is not here.state else here
+    here = standing(exact, here) if exact is not here.state else here
     known, withdrawn = weighed(here)
     here, state = known.here, known.here.state
     found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)

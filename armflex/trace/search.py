@@ -71,8 +71,10 @@ class Standing:
         return next((one for one in self.places[:1] if _odds(one, self.places) > 0.0), None)
 
 
-def standing(state: State) -> Standing:
-    """Return a state with its linear problem."""
+def standing(state: State, last: Standing | None = None) -> Standing:
+    """Return a state with its linear problem; `last` is that before, whose columns are dropped first."""
+    if last is not None:
+        last.screen.forget()
     state.say(f"screening what {len(state.rows)} rows still show")
     known = hypotheses(state.context)
     columns = bank((one.one for one in known), state.fit, state.context, state.tell)
@@ -154,7 +156,7 @@ def _begun(here: Standing) -> Standing:
     if here.screen.log_posterior(few) > here.value + _odds(place, here.places):
         return here
     with contextlib.suppress(ArmflexError):
-        return standing(_with_twist(here.state, place, here.places))
+        return standing(_with_twist(here.state, place, here.places), here)
     return here
 
 
@@ -189,10 +191,11 @@ def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standin
     here.state.say("searching waves and bumps")
     for law in (WAVE, BUMP):
         screen.extend(screen.likeliest(sought(law, shaped, here.state.context), ((), here.model), SOUGHT))
-    trials = [climbed(screen, here.model, refiner)]
-    for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
-        trials.append(climbed(screen, (*here.model, rival.chosen), refiner))
-    return _accepted(here, max(trials, key=screen.log_posterior), passing)
+    model = climbed(screen, here.model, refiner)
+    if spots(screen, model) == spots(screen, here.model):
+        for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
+            model = max(model, climbed(screen, (*model, rival.chosen), refiner), key=screen.log_posterior)
+    return _accepted(here, model, passing)
 
 
 def _accepted(here: Standing, model: Model, passing: Callable[[Standing], None]) -> Standing | None:
@@ -263,9 +266,8 @@ def refitted(here: Standing, model: Model) -> Standing | None:
     explained = screen.columns(places) @ np.concatenate([np.zeros(0), *beside.amplitudes])
     names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
     state.say(f"refitting with {names or 'nothing'}")
-    screen.forget()
     try:
-        return standing(sorted_out(with_hypotheses(replace(state, heed=True), added, explained)))
+        return standing(sorted_out(with_hypotheses(replace(state, heed=True), added, explained)), here)
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
         return None
 
@@ -286,7 +288,7 @@ def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing 
     if state.heed:
         left = sorted_out(replace(state, heed=False))
         if not state.uses(left.rows):
-            return _settled(standing(left), passing)
+            return _settled(standing(left, here), passing)
     return None
 
 
@@ -307,7 +309,7 @@ def _set_aside(here: Standing, passing: Callable[[Standing], None]) -> Standing 
     place = here.unrecorded
     assert place is not None
     try:
-        after = standing(_with_twist(here.state, place, here.places))
+        after = standing(_with_twist(here.state, place, here.places), here)
     except ArmflexError:
         return None
     passing(after)
@@ -317,7 +319,7 @@ def _set_aside(here: Standing, passing: Callable[[Standing], None]) -> Standing 
 def _withdrawn(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
     """Return the state without its random twist where none is probable any more, None where it stays."""
     try:
-        bare = standing(with_random(here.state, None))
+        bare = standing(with_random(here.state, None), here)
     except ArmflexError:
         return None
     if bare.unrecorded is not None:
