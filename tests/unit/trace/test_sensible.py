@@ -218,6 +218,14 @@ def test_nothing_is_pulled_towards_a_point_far_from_the_arm(before):
         assert is_sensible(before, replace(magnet, inner=(*point, 0.0)), 10.0) is believed
 
 
+def test_no_hose_is_anchored_far_from_the_arm(before):
+    """A spring to a point 50 m off is a force of constant direction, which is another law."""
+    (low, high), hose = before.context.box, candidate_of(before, "umbilical", "tool", None)
+    for up, believed in ((1.0, True), (50.0, False)):
+        anchor = (0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), high[2] + up * before.context.size)
+        assert is_sensible(before, replace(hose, inner=(*anchor, *hose.inner[3:])), 0.1) is believed
+
+
 def test_every_law_says_how_large_it_is_on_machines_and_why():
     reasons = [law.plausible.why for law in EVERY.values()]
     assert all(law.plausible.shift > 0.0 and law.plausible.turn > 0.0 for law in EVERY.values())
