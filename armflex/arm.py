@@ -5,6 +5,7 @@ A `Setup` is an arm and the instrument that looks at it.
 
 from __future__ import annotations
 
+import math
 import sys
 import warnings
 from collections.abc import Mapping, Sequence
@@ -39,6 +40,7 @@ from armflex.mechanics.modes import Modes, modes_of
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
 from armflex.parameters import (
+    CARRIED,
     FRAME,
     MOUNTED,
     TARGET,
@@ -50,6 +52,7 @@ from armflex.parameters import (
     of_compliance,
     of_effect,
     of_law,
+    of_masses,
     of_motions,
     of_offsets,
     of_sensor,
@@ -114,6 +117,8 @@ class Prior:
         compliance: Every declared linear compliance, relative.
         tool: The target's place in the tip frame [m].
         geometry: Every fixed transform of the chain [m and rad].
+        mass: Mass of every link that moves, relative.
+        payload_mass: Mass of every payload that a campaign carries, relative.
         session_target: The target's place in the tip frame between sessions, in each of which it was mounted anew [m].
         session_translation: Instrument frame between sessions [m].
         session_rotation: Instrument frame between sessions [rad].
@@ -123,6 +128,8 @@ class Prior:
     compliance: float = 0.0
     tool: float = 0.0
     geometry: float = 0.0
+    mass: float = 0.0
+    payload_mass: float = 0.0
     session_target: float = 0.0
     session_translation: float = 0.0
     session_rotation: float = 0.0
@@ -143,6 +150,8 @@ class Arm:
         corrections: Constant errors of the kinematics that calibration found; part of what makes the tip displaced.
         factors: Logarithms (6,), dimensionless, of what calibration found to be the factors on the axes of a flexure's
             compliance, by flexure; `flexures` have them already.
+        masses: Logarithms of what calibration found to be the factors on masses and moments of inertia, by link, and by
+            payload after `parameters.CARRIED`; `robot` and `payloads` have them already.
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
         sensors: Instruments beside that one, by name, as declared and with what calibration found of them.
         effects: What it does beyond its flexures, as measurements showed.
@@ -159,6 +168,7 @@ class Arm:
     prior: Prior = field(default_factory=Prior)
     corrections: Corrections = field(default_factory=Corrections)
     factors: Mapping[str, Array] = field(default_factory=dict)
+    masses: Mapping[str, float] = field(default_factory=dict)
     instrument: Instrument | None = None
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
@@ -244,6 +254,7 @@ class Arm:
         known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
         known += of_targets(self.instrument.targets if self.instrument else ())
         known += of_motions(ParameterKind.GEOMETRY, self.joint_names)
+        known += of_masses(self.weighing)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
             known += of_compliance(flexure.name)
@@ -260,6 +271,30 @@ class Arm:
     def weight(self) -> float:
         """Weight of everything that moves [N]."""
         return self.loaded(None).mass * float(np.linalg.norm(self.robot.gravity))
+
+    @property
+    def weighing(self) -> tuple[str, ...]:
+        """Links that move and weigh, and payloads that weigh, after `parameters.CARRIED`."""
+        links = (name for name in self.link_names if name != self.robot.base)
+        own = {name: self.robot.urdf.links[name].inertial for name in links}
+        carried = (CARRIED + name for name, payload in self.payloads.items() if payload.mass)
+        return (*(name for name, inertial in own.items() if inertial and inertial.mass), *carried)
+
+    def with_masses(self, logarithms: Mapping[str, float]) -> Arm:
+        """Return the arm with factors on masses and moments of inertia, by their logarithms; see `masses`."""
+        urdf, payloads = self.robot.urdf, dict(self.payloads)
+        links, masses = dict(urdf.links), dict(self.masses)
+        for name, value in logarithms.items():
+            factor, masses[name] = math.exp(value), masses.get(name, 0.0) + value
+            if name.startswith(CARRIED):
+                body = payloads[name.removeprefix(CARRIED)]
+                inertia = None if body.inertia is None else factor * np.asarray(body.inertia)
+                payloads[name.removeprefix(CARRIED)] = replace(body, mass=factor * body.mass, inertia=inertia)
+            elif (own := links[name].inertial) is not None:
+                scaled = replace(own, mass=factor * own.mass, inertia=factor * own.inertia)
+                links[name] = replace(links[name], inertial=scaled)
+        robot = replace(self.robot, urdf=replace(urdf, links=links))
+        return replace(self, robot=robot, payloads=payloads, masses=masses)
 
     @checked_kinds
     def payload(self, payload: str | Payload | None) -> Payload:

@@ -34,6 +34,7 @@ class ParameterKind(StrEnum):
     SENSOR = "sensor"
     OFFSET = "joint_offset"
     GEOMETRY = "geometry"
+    MASS = "mass"
     COMPLIANCE = "compliance"
     LAW = "law"
     EFFECT = "effect"
@@ -136,6 +137,15 @@ def of_offsets(robot: Robot) -> tuple[ArmParameter, ...]:
     """Return the constant error of every joint's position."""
     joints = ((joint.name, "m" if joint.kind == "prismatic" else "rad") for joint in robot.moving)
     return tuple(ArmParameter(Group(ParameterKind.OFFSET, name), unit=unit) for name, unit in joints)
+
+
+CARRIED = "payload "
+"""Before the name of a payload whose mass is meant, else it is a link's."""
+
+
+def of_masses(names: Iterable[str]) -> tuple[ArmParameter, ...]:
+    """Return the logarithmic factors on the masses of links, and of payloads that are named after `CARRIED`."""
+    return tuple(ArmParameter(Group(ParameterKind.MASS, name)) for name in names)
 
 
 def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:

@@ -26,6 +26,12 @@ from armflex.laws.law import split
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.parameters import ArmParameter, ParameterKind, of_effect, of_law
 
+PART = 1e-4
+"""Step of a difference quotient, in prior standard deviations."""
+
+USUAL_STEP = {"1": 0.1, "m": 1e-3, "rad": 1e-3}
+"""By unit what takes the place of a prior standard deviation where there is none."""
+
 
 class Block(ABC):
     """Parameters that belong together."""
@@ -45,9 +51,29 @@ class Block(ABC):
     prior: Array
     """(k,) standard deviations about zero; infinite where nothing is known."""
 
-    @abstractmethod
     def jacobian(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings per parameter at the view's setup."""
+        found = self.columns(view)
+        if not (view.indirect and self.moves):
+            return found
+        here, sizes = self.at_setup(view.setup), self.steps
+        setups = ((here.stepped(view.setup, step), size) for step, size in zip(np.diag(sizes), sizes, strict=True))
+        return found + view.quotients(self, setups)
+
+    @abstractmethod
+    def columns(self, view: View) -> Array:
+        """Return the part of `jacobian` that is known by formula: by motions of links and by the instrument."""
+
+    @property
+    def steps(self) -> Array:
+        """(k,) steps of difference quotients, where readings need them: small parts of what is likely."""
+        likely = np.where(np.isfinite(self.prior), self.prior, 0.0) if len(self.prior) else np.zeros(len(self.start))
+        usual = np.array([USUAL_STEP.get(unit, 1e-3) for unit in self.units])
+        return np.where(likely > 0.0, PART * likely, np.maximum(PART * np.abs(self.start), PART * usual))
+
+    def at_setup(self, setup: Setup) -> Block:
+        """Return the block with its start where a setup is that the block was applied to."""
+        return self
 
     @abstractmethod
     def apply(self, setup: Setup, values: Array) -> Setup:
@@ -165,7 +191,10 @@ class EffectBlock(Block):
         inners = zip(self.effect.law.inner, self.effect.inner, strict=True)
         return np.array([value if one.spread is None else one.default for one, value in inners], float)
 
-    def jacobian(self, view: View) -> Array:
+    def at_setup(self, setup: Setup) -> EffectBlock:
+        return replace(self, effect=setup.arm.effects[self.ordinal])
+
+    def columns(self, view: View) -> Array:
         """Return (M, d, k): exact for amplitudes, central differences for inner parameters."""
         assert self.context is not None
         return effect_jacobian(view.setup.arm.effects[self.ordinal], self.free, view, self.context)
@@ -267,7 +296,7 @@ class LawsBlock(Block):
     def start(self) -> Array:
         return np.concatenate([law.values for law in self.laws])
 
-    def jacobian(self, view: View) -> Array:
+    def columns(self, view: View) -> Array:
         """Return the columns of every value, through the laws' answer; effects add nothing to them."""
         line, names, jacobian = view.line, view.setup.arm.flexure_names, []
         for place, name in enumerate(self.flexures):
@@ -302,6 +331,10 @@ class LawBlock(LawsBlock):
     """Values of all learned laws."""
 
     laws: tuple[LearnedLaw, ...]
+
+    def at_setup(self, setup: Setup) -> LawBlock:
+        known = learned_laws(setup.arm)
+        return replace(self, laws=tuple(known[name] for name in self.flexures))
 
     def _free(self, place: int, law: Law) -> Law:
         return law

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
 from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
@@ -20,7 +21,9 @@ from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
+from armflex.mechanics.loaded import Payload
 from armflex.parameters import (
+    CARRIED,
     FRAME,
     MOUNTED,
     TARGET,
@@ -28,6 +31,7 @@ from armflex.parameters import (
     ParameterKind,
     numbers_of,
     of_effect,
+    of_masses,
     of_motions,
     of_offsets,
     of_sensor,
@@ -46,14 +50,16 @@ class RigidBlock(Block):
         prior: (k,) standard deviations about zero.
         changes: The (M, d, k) changes of a view's readings.
         moved: The setup with (k,) values added to it.
+        logarithmic: Whether they are logarithms of factors.
     """
 
     parameters: tuple[ArmParameter, ...]
     prior: Array
     changes: Callable[[View], Array]
     moved: Callable[[Setup, Array], Setup]
+    logarithmic: bool = False  # pyright: ignore[reportIncompatibleVariableOverride] - an attribute here
 
-    def jacobian(self, view: View) -> Array:
+    def columns(self, view: View) -> Array:
         return self.changes(view)
 
     def apply(self, setup: Setup, values: Array) -> Setup:
@@ -222,6 +228,32 @@ def geometry_block(setup: Setup, std: float = 0.0) -> Block:
     return RigidBlock(of_motions(ParameterKind.GEOMETRY, joints), np.full(6 * len(joints), std), changes, moved)
 
 
+def mass_block(names: tuple[str, ...], std: ArrayLike = 0.0) -> Block:
+    """Return the block of logarithmic factors on masses and moments of inertia, with their standard deviations; see
+    `Arm.masses`.
+    """
+
+    def changes(view: View) -> Array:
+        """Return the columns of what weighs: a frequency's are difference quotients, as inertia counts there."""
+        arm, found = view.arm, []
+        gravity, loads = arm.robot.gravity, np.array([view.driven.payload[row] for row in view.rows])
+        for name in names:
+            carried = name.startswith(CARRIED)
+            body = arm.payloads[name.removeprefix(CARRIED)] if carried else arm.robot.urdf.links[name].inertial
+            assert body is not None
+            link, centre = (arm.robot.tip, body.com) if isinstance(body, Payload) else (name, body.origin)
+            share = body.mass * (loads == name.removeprefix(CARRIED) if carried else np.ones(len(loads)))
+            lever = view.pose_of(link)[:, :3, :3] @ centre
+            weight = np.hstack([np.broadcast_to(gravity, lever.shape), np.cross(lever, gravity)])
+            found.append(view.to_load(link) @ (share[:, None] * weight)[:, :, None])
+        return np.concatenate(found, axis=2)
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        return replace(setup, arm=setup.arm.with_masses(dict(zip(names, values.tolist(), strict=True))))
+
+    return RigidBlock(of_masses(names), np.broadcast_to(std, len(names)), changes, moved, logarithmic=True)
+
+
 def _corrected(setup: Setup, part: str, steps: dict[str, Any]) -> Setup:
     """Return the setup with steps by joint added to a part of the arm's corrections."""
     corrections = setup.arm.corrections
@@ -259,6 +291,11 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
         blocks.append(offset_block(setup, prior.joint_offset))
     if prior.geometry:
         blocks.append(geometry_block(setup, prior.geometry))
+    carried = {CARRIED + name for name in measurements.payload}
+    stds = {name: prior.payload_mass if name.startswith(CARRIED) else prior.mass for name in arm.weighing}
+    stds = {name: std for name, std in stds.items() if std and (name in carried or not name.startswith(CARRIED))}
+    if stds:
+        blocks.append(mass_block(tuple(stds), np.array(list(stds.values()))))
     if prior.compliance:
         row = anywhere(arm.robot)
         given = {flexure.name: flexure.law.freed(row) for flexure in arm.flexures if flexure.learn is None}
@@ -322,5 +359,6 @@ def _of_kind(kind: ParameterKind, parameters: list[ArmParameter], setup: Setup, 
         ParameterKind.MOUNTING: lambda: mounting_block(setup),
         ParameterKind.OFFSET: lambda: offset_block(setup),
         ParameterKind.GEOMETRY: lambda: geometry_block(setup),
+        ParameterKind.MASS: lambda: mass_block(tuple(name for name in names if name in arm.weighing)),
     }
     return [rigid[kind]()]

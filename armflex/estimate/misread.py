@@ -290,6 +290,15 @@ def check_conventions(
             or touches without a length, see `check_length`.
     """
     check_length(arm, measurements.some(rows))
+    placed = tuple(kind for kind in measurements.readings.kinds if kind.by_motion)
+    if not placed and measurements.readings.kinds:
+        return ()
+    if len(placed) < len(measurements.readings.kinds):  # loads and frequencies say little of conventions
+        readings = replace(measurements.readings, kinds=placed)
+        measurements = replace(measurements, readings=readings, measured=measurements.measured & readings.read)
+        rows = rows[measurements.measured[rows]]
+    if not len(rows):
+        return ()
     if len(rows) > MOST_ROWS:
         rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))]
     case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None

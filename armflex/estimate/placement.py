@@ -69,7 +69,10 @@ def first_guess(
             points = setup.instrument.in_base(line.tip, some.session)[seen]
             setup = placed_rigidly(setup, points, measurements, rows[seen], line.tip[seen, :3, :3])
         elif targets:  # further ones are all there is to see where it stands
-            at, read = postures(setup, line, some.session), [np.isfinite(kind.sigma).all(axis=1) for kind in targets]
+            at, read = (
+                postures(setup, line, measurements, rows),
+                [np.isfinite(kind.sigma).all(axis=1) for kind in targets],
+            )
             points = np.concatenate([kind.predicted(at)[own] for kind, own in zip(targets, read, strict=True)])
             there = np.concatenate([kind.values[own] for kind, own in zip(targets, read, strict=True)])
             setup = setup.placed(fit_frame(points, there) * setup.instrument.pose)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,12 +17,22 @@ from armflex.laws.effects.in_arm import directions
 from armflex.laws.effects.location import Location, link_of, same_site, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
+from armflex.mechanics.modes import DAMPING, modes_of
 from armflex.mechanics.response import Response, respond
-from armflex.readings import Postures, Readings
+from armflex.readings import Kind, Postures, Readings
 from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
+
+MODES = 12
+"""Modes that a frequency is matched among."""
+
+SMALL_STEP = 1e-5
+"""Motion of what is read [m] by which a candidate's loads and frequencies are tried, at most one unit of it."""
+
+GRAVITY_STEP = 1e-3
+"""Step of difference quotients by gravity [m/s^2]."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +66,7 @@ class View:
     @cached_property
     def at(self) -> Postures:
         """What the instruments look at."""
-        return postures(self.setup, self.line, self.sessions)
+        return postures(self.setup, self.line, self.driven, self.rows)
 
     @cached_property
     def context(self) -> Context:
@@ -120,7 +130,12 @@ class View:
     @property
     def by_gravity(self) -> Array:
         """(M, d, 3) changes of the readings per gravity in base axes, to which the arm gives [per m/s^2]."""
-        return self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
+        found = self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
+        robot, size = self.arm.robot, GRAVITY_STEP
+        for i, axis in enumerate(np.eye(3) if self.indirect else ()):
+            heavier = replace(self.arm, robot=replace(robot, gravity=robot.gravity + size * axis))
+            found[:, :, i] += self.quotient(replace(self.setup, arm=heavier), size)
+        return found
 
     def by_sensor(self, name: str, key: str = "") -> Array:
         """Return (M, d, K) changes of the readings per nuisance of a sensor, in their units; see `Kind.by_key`."""
@@ -181,6 +196,60 @@ class View:
             (place, link, seen) for kind, place in self.readings.placed for link, seen in kind.jacobian(self.at).items()
         )
 
+    @cached_property
+    def indirect(self) -> tuple[tuple[Kind, slice, np.ndarray], ...]:
+        """Kinds that answer to more than motions of links, where their numbers stand, and the (m,) rows they read."""
+        placed = ((kind, place) for kind, place in self.readings.placed if not kind.by_motion)
+        found = ((kind, place, np.flatnonzero(np.isfinite(kind.sigma).any(axis=1))) for kind, place in placed)
+        return tuple(one for one in found if len(one[2]))
+
+    def quotient(self, after: Setup, size: float) -> Array:
+        """Return (M, d) what `indirect` kinds read at another setup less at this, over a size; zero for other kinds.
+
+        Loads and frequencies follow from the equilibrium as a whole, so they are asked of the other setup.
+        """
+        found = np.zeros(self.residual.shape)
+        if not self.indirect:
+            return found
+        some = np.unique(np.concatenate([rows for *_, rows in self.indirect]))
+        driven = self.rows[some]
+        at = postures(after, solved(after.arm, self.driven, driven), self.driven, driven)
+        for kind, place, rows in self.indirect:
+            own, among = kind.some(rows), np.searchsorted(some, rows)
+            found[rows, place] = (own.predicted(at.some(among)) - (own.values - self.residual[rows, place])) / size
+        return found
+
+    def quotients(self, known: object, setups: Iterable[tuple[Setup, float]]) -> Array:
+        """Return (M, d, k) the `quotient` of every setup and size, kept for whoever asks by the same object."""
+        if id(known) not in self._quotients:
+            found = [self.quotient(*one) for one in setups]
+            self._quotients[id(known)] = known, np.stack(found, axis=2)
+        return self._quotients[id(known)][1]
+
+    @cached_property
+    def _quotients(self) -> dict[int, tuple[object, Array]]:
+        return {}
+
+    def effect_quotient(self, law: EffectLaw, location: Location, inner: Values, moved: Array) -> Array:
+        """Return (M, d, k) what `indirect` kinds change by per unit of an effect's acting amplitudes where it has none.
+
+        A twist that no load changes shifts loads and frequencies to second order only: then it is zero.
+
+        Args:
+            law, location, inner: The effect.
+            moved: (M, d, k) changes of the other readings, from which the step is chosen.
+        """
+        found = np.zeros_like(moved)
+        if not self.indirect or not (law.loaded or law.act is Act.LOAD):
+            return found
+        for column, term in enumerate(location.terms):
+            size = SMALL_STEP / max(self.rms(moved[:, :, column]), SMALL_STEP)
+            amplitudes = np.zeros(len(law.amplitudes))
+            amplitudes[term] = size
+            effect = Effect(law, location, (*amplitudes.tolist(), *inner))
+            found[:, :, column] = self.quotient(self.setup.with_effect(effect), size)
+        return found
+
     def to_twist(self, site: str) -> Array:
         """Return (M, d, 6) changes of the readings per twist added to what a site gives [m, rad]."""
         if site not in self._to_twist:
@@ -222,25 +291,41 @@ def look(
         line: The linearised arm at those rows, where it is known.
     """
     some = np.arange(len(rows)) if some is None else some
-    if line is None:
-        payloads = [rows.payload[row] for row in some]
-        known = {name: values[some] for name, values in known_rows(setup.arm, rows).items()}
-        line = respond(setup.arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some))
+    line = solved(setup.arm, rows, some) if line is None else line
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
-    read, at = readings.some(some), postures(setup, line, sessions)
+    read, at = readings.some(some), postures(setup, line, rows, some)
     return View(setup, rows, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
 
 
-def postures(setup: Setup, line: Response, sessions: Sequence[str]) -> Postures:
-    """Return what instruments look at, of an arm that is solved in rows of some sessions."""
+def solved(arm: Arm, rows: Rows, some: np.ndarray) -> Response:
+    """Return the linearised arm at (M,) of some rows, by their numbers in the order driven."""
+    payloads = [rows.payload[row] for row in some]
+    known = {name: values[some] for name, values in known_rows(arm, rows).items()}
+    return respond(arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some))
+
+
+def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Postures:
+    """Return what instruments look at, of an arm that is solved in (M,) of some rows."""
+    arm = setup.arm
 
     def pose(link: str | None) -> Array:
         return line.tip if link is None else line.links[:, line.link_names.index(link)]
 
-    arm, q = setup.arm, {joint: line.row.q[:, i] for i, joint in enumerate(setup.arm.joint_names)}
-    return Postures(pose, sessions, setup.instrument, arm.sensors, arm.robot.gravity, q)
+    def swing(row: int) -> tuple[Array, Array]:
+        found = modes_of(line.equilibrium(row), MODES, DAMPING)
+        return found.frequencies, found.shapes / np.sqrt(found.masses)[:, None]
+
+    def place(row: int) -> object:
+        return rows.places[some[row]] if rows.places else f"row {some[row]}"
+
+    q, approach = (
+        {joint: values[:, i] for i, joint in enumerate(arm.joint_names)} for values in (line.row.q, rows.approach[some])
+    )
+    sessions = tuple(rows.session[row] for row in some)
+    seen = sessions, setup.instrument, arm.sensors, arm.robot.gravity, q, approach
+    return Postures(pose, *seen, line.load_at, swing, place)
 
 
 def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:

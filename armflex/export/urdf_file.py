@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +52,8 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
             origin = _child(joints[joint.name], "origin")
             origin.set("xyz", _spaced(place.translation))
             origin.set("rpy", _spaced(pin.rpy.matrixToRpy(place.rotation)))
-    for name, extra in corrections.bodies.items():
+    weighed = {name: np.zeros(4) for name in whole.masses if name in links}
+    for name, extra in {**weighed, **corrections.bodies}.items():
         body = corrections.body(name, whole.robot.urdf.links[name].inertial)
         if body is None:
             continue
@@ -61,8 +63,12 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         origin = _child(inertial, "origin")
         nominal = whole.robot.urdf.links[name].inertial
         origin.set("xyz", _spaced(extra[1:] if nominal is None else nominal.origin + extra[1:]))
+        own = _child(inertial, "inertia")
+        if name in weighed:  # the moments of inertia with it, in their own axes
+            factor = math.exp(whole.masses[name])
+            own.attrib.update({key: repr(factor * float(value)) for key, value in own.attrib.items()})
         if new:
-            _child(inertial, "inertia").attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
+            own.attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
     told, numbers = left_out(whole, rows)
     if whole.robot.tool_joint is not None:
         told += (

@@ -28,6 +28,7 @@ from armflex.laws.law import anywhere
 from armflex.laws.learned import LearnedLaw, Seen, learned_law
 from armflex.laws.learned.correction import NEAREST
 from armflex.parameters import (
+    CARRIED,
     TARGET,
     ArmParameter,
     Certainty,
@@ -36,6 +37,7 @@ from armflex.parameters import (
     beyond_priors,
     of_compliance,
     of_law,
+    of_masses,
     of_motions,
     of_offsets,
 )
@@ -96,6 +98,8 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "compliance": {name: values.tolist() for name, values in arm.factors.items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
+    if arm.masses:
+        table["mass"] = dict(arm.masses)
     if instrument.targets:
         table["targets"] = {name: values.tolist() for name, values in instrument.targets.items()}
     found = {name: one.found for name, one in arm.sensors.items() if one.found}
@@ -117,6 +121,8 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
     laws = table.subs("law")
     known = ((table.sub("law"), places),) if laws else ()
+    mass = table.sub("mass") if table.has("mass") else None
+    known += ((mass, arm.weighing),) if mass else ()
     for part, names in (*known, (offset, joints), (geometry, joints), (compliance, places)):
         for name in part.table:
             if name not in names:
@@ -142,7 +148,11 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         if np.abs(found).max() > LARGEST_LOGARITHM:
             text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
             raise compliance.fail(name, text)
-    flexures = []
+    masses = {} if mass is None else {name: mass.number(name) for name in mass.table}
+    for name, value in masses.items():
+        if mass and abs(value) > LARGEST_LOGARITHM:
+            raise mass.fail(name, f"the logarithm of a factor, none beyond {LARGEST_LOGARITHM:g}, got {value:g}")
+    arm, flexures = arm.with_masses(masses) if masses else arm, []
     for flexure in arm.flexures:
         if flexure.name in factors:
             flexure = replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
@@ -203,6 +213,10 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
     for name, values in corrections.geometry.items():
         found.append((of_motions(ParameterKind.GEOMETRY, [name]), values.tolist(), arm.prior.geometry))
     found += [(of_compliance(name), values.tolist(), arm.prior.compliance) for name, values in arm.factors.items()]
+    for name, value in arm.masses.items():
+        found.append(
+            (of_masses([name]), [value], getattr(arm.prior, "payload_mass" if name.startswith(CARRIED) else "mass"))
+        )
     found.append((TARGET, tool.tolist(), arm.prior.tool))
     sizes = [
         (one.label, abs(value) / std) for some, own, std in found if std for one, value in zip(some, own, strict=True)

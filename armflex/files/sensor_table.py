@@ -46,8 +46,12 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
             raise table.fail(key, f"the arm has no link {value!r}{hint} (links: {listing(known)})")
         return value
 
+    own = kind.declared(table, robot)
     sockets, touching = _sockets(table) if what == "touch" else None, what == "touch"
-    if what == "encoder":
+    about = None
+    if own is not None:
+        on, about = own
+    elif what == "encoder":
         joints = {joint.name: joint for joint in robot.moving}
         joint = table.choice("joint", tuple(joints))
         declared = joints[joint]
@@ -99,7 +103,18 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
         raise table.fail("sigma", f"expected one standard deviation of a reading [{kind.unit}], got {sigma:g}")
     table.finish()
     return Sensor(
-        name, kind, on, sigma, np.concatenate(declared), np.concatenate(std), {}, seen_from, sign, shaft, sockets
+        name,
+        kind,
+        on,
+        sigma,
+        np.concatenate([np.zeros(0), *declared]),
+        np.concatenate([np.zeros(0), *std]),
+        {},
+        seen_from,
+        sign,
+        shaft,
+        sockets,
+        about,
     )
 
 

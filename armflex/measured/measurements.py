@@ -110,6 +110,8 @@ class Measurements(Rows, Result):
             read = np.where(np.isfinite(kind.sigma) & self.measured[:, None], kind.values, np.nan)
             columns |= dict(zip(names, read.T, strict=True))
             columns |= dict(zip(stds, np.where(np.isfinite(kind.sigma), kind.sigma, np.nan).T, strict=False))
+            beside = {f"{kind.name}_{key}": getattr(kind, key) for key in kind.beside}
+            columns |= {key: np.where(one > 0, one, np.nan) for key, one in beside.items() if one is not None}
         return columns | dict(self.covariates)
 
     def __repr__(self) -> str:
@@ -429,6 +431,7 @@ def _sensor_kinds(arm: Arm) -> dict[str, str]:
     found = {}
     for name, sensor in arm.sensors.items():
         found |= dict.fromkeys((*sensor.kind.columns(name), f"sigma_{name}"), sensor.kind.quantity)
+        found |= dict.fromkeys((f"{name}_{key}" for key in sensor.kind.beside), "count")
     return found
 
 
@@ -460,8 +463,27 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
         read, values = _vectors(table, columns)
         if f"sigma_{name}" in table.columns:
             sigma = _deviations(table, (f"sigma_{name}",), read, name, sensor.kind.unit, np.inf)
-        found.append(sensor.kind(values, np.where(read[:, None], np.broadcast_to(sigma, values.shape), np.inf), name))
+        low = read & ~(values > 0.0).all(axis=1)
+        if sensor.kind.positive and low.any():
+            text = f"{name} is {values[low][0, 0]:g} {sensor.kind.unit}, expected more than 0"
+            raise TableError(Place(table.path, table.lines[int(low.argmax())]), text)
+        beside = {
+            key: _counts(table, f"{name}_{key}") for key in sensor.kind.beside if f"{name}_{key}" in table.columns
+        }
+        each = np.where(read[:, None], np.broadcast_to(sigma, values.shape), np.inf)
+        found.append(sensor.kind(values, each, name, **beside))
     return tuple(found)
+
+
+def _counts(table: Table, name: str) -> np.ndarray:
+    """Return (N,) whole numbers above 0, and 0 where the cell is empty."""
+    there = np.array([bool(cell) for cell in table.texts(name)])
+    values = table.numbers_where(name, there)
+    bad = there & ((values != np.round(values)) | (values < 1.0))
+    if bad.any():
+        text = f"{name} is {values[bad][0]:g}, expected a whole number from 1 on"
+        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), text)
+    return np.where(there, values, 0.0).astype(int)
 
 
 READ_IN = tuple(unit for kind in ("length", "angle") for unit in UNITS[kind] if len(unit) > 1)

@@ -99,14 +99,10 @@ def modes_of(found: Equilibrium, count: int, damping: float | None) -> Modes:
     compliance = arm.stack.tangent(-torque[places], loaded.row(case.q, case.covariates))
     turned = mechanics.exponential_jacobian(found.rigid, found.motion)
     geometric = mechanics.stiffness(configuration, case)[mechanics.flexures] @ turned
-    whole = pin.crba(mechanics.model, mechanics.data, configuration)
-    mass = (np.triu(whole) + np.triu(whole, 1).T)[mechanics.flexures]
-    sizes, axes = np.linalg.eigh(0.5 * (compliance + compliance.T))
-    gives = sizes > NEGLIGIBLE * sizes[-1]
-    if not gives.any():
-        raise InputError("no flexure gives under these loads: the arm is rigid, and does not swing")
-    root = axes[:, gives] * np.sqrt(sizes[gives])
-    inverse, ways = _slowest(np.eye(gives.sum()) + root.T @ geometric @ root, root.T @ mass @ turned @ root, count)
+    mass = pin.crba(mechanics.model, mechanics.data, configuration)[mechanics.flexures]
+    mass = np.triu(mass) + np.triu(mass, 1).T  # Pinocchio fills the upper triangle alone
+    root, back = _root(compliance)
+    inverse, ways = _slowest(np.eye(root.shape[1]) + root.T @ geometric @ root, root.T @ mass @ turned @ root, count)
     motion = (root @ ways).T  # (m, 6 n)
     tip = motion @ turned.T @ mechanics.tip_jacobian(configuration)[:, places].T
     shift, turn = np.linalg.norm(tip[:, :3], axis=1), np.linalg.norm(tip[:, 3:], axis=1)
@@ -117,7 +113,7 @@ def modes_of(found: Equilibrium, count: int, damping: float | None) -> Modes:
     body = motion @ turned.T
     masses = np.einsum("mi,ij,mj->m", body, mass, body)
     frequencies = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
-    force = ways @ (axes[:, gives] / np.sqrt(sizes[gives])).T  # what bends the flexures
+    force = ways @ back.T  # what bends the flexures
     energies = (motion * force).reshape(len(masses), -1, 6).sum(axis=2)
     shares = energies / (masses / inverse)[:, None]
     flags = () if damping is not None else (_assumed(),)
@@ -125,6 +121,25 @@ def modes_of(found: Equilibrium, count: int, damping: float | None) -> Modes:
     ratios = np.full(len(masses), DAMPING if damping is None else damping)
     twists = motion.reshape(len(masses), -1, 6)
     return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, loaded.arm.names, flags)
+
+
+def _root(compliance: Array) -> tuple[Array, Array]:
+    """Return (6 n, r) R with R R' = C of a (6 n, 6 n) block-diagonal compliance, and the transpose of its inverse.
+
+    Raises:
+        InputError: Nothing gives.
+    """
+    blocks = compliance.reshape(len(compliance) // 6, 6, -1, 6)
+    blocks = np.einsum("kikj->kij", blocks)
+    sizes, axes = np.linalg.eigh(0.5 * (blocks + blocks.swapaxes(1, 2)))
+    roots, whole = np.sqrt(np.maximum(sizes, 0.0)), np.zeros(compliance.shape)
+    gives = (sizes > NEGLIGIBLE * sizes.max()).ravel()
+    if not gives.any():
+        raise InputError("no flexure gives under these loads: the arm is rigid, and does not swing")
+    for i, own in enumerate(axes):
+        whole[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = own
+    length = roots.ravel()[gives]
+    return whole[:, gives] * length, whole[:, gives] / length
 
 
 def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:

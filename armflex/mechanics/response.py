@@ -22,7 +22,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.chain import Chain
-from armflex.mechanics.equilibrium import MAX_ROTATION, check_small, find_equilibrium
+from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small, find_equilibrium
 from armflex.mechanics.few_rows import FewRows, linearised, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
@@ -38,7 +38,7 @@ from armflex.mechanics.many_rows import (
 )
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_pieces, in_threads
-from armflex.rows.wrench import Wrench, check_rows, wrenches_in
+from armflex.rows.wrench import Wrench, check_rows
 
 AT_ONCE = 1024
 """Rows whose tip's response to all loads is held at once."""
@@ -100,8 +100,8 @@ class Response:
         laws: (N, 6, n, 6) motion of the tip per change of a flexure's twist law.
         link_names: Links at and beyond the base.
         sites: Names of the sites in order: 'base', 'link:A2' (before A2's motion), 'A2' (after it), ..., 'tool'.
+        case: Joint positions and all that acted, in every row.
         end: The link whose origin is meant wherever a motion is of the tip, None where it is the tip; see `of`.
-        hung: What weighs beside the chain elsewhere than the model has it; see `Branch`.
     """
 
     row: Row
@@ -111,8 +111,8 @@ class Response:
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
     _parts: tuple[_Part | FewRows, ...]
+    case: LoadCase
     end: str | None = None
-    hung: tuple[Wrench, ...] = ()
 
     def of(self, link: str | None) -> Response:
         """Return the same rows with the motions of another link's origin in place of the tip's; None is the tip."""
@@ -137,8 +137,9 @@ class Response:
         every = [whole.among(number) for whole in self._parts]
         parts = tuple(part for part in every if len(part.rows)) or (every[0],)
         arrays = self.flexure_wrenches[rows], self.flexure_twists[rows], self.laws[rows]
-        hung = wrenches_in(self.hung, rows)
-        found = Response(self.row.some(rows), *arrays, self.link_names, self.sites, parts, self.end, hung)
+        found = Response(
+            self.row.some(rows), *arrays, self.link_names, self.sites, parts, self.case.some(rows), self.end
+        )
         for link, one in self._ends.items():
             found._ends[link] = replace(found, laws=one.laws[rows], end=link)
         return found
@@ -187,10 +188,19 @@ class Response:
     def gravity(self) -> Array:
         """(N, 6, 3) motion of the tip per change of gravity in base axes [per m/s^2]."""
         found = self._asked("gravity")
-        for one in self.hung:
+        for one in (one for one in self.case.wrenches if one.hangs):  # beside the chain, not in the model
             place = self.link_names.index(one.frame)
             found += self.link_loads[:, place] @ one.by_gravity(self.links[:, place])
         return found
+
+    def equilibrium(self, row: int) -> Equilibrium:
+        """Return how the arm rests in one row, as one that is asked by itself."""
+        part = next(one for one in self._parts if row in one.rows)
+        mechanics = part.loaded.mechanics
+        motion = np.zeros(mechanics.model.nv)
+        motion[mechanics.flex.flexure_v] = self.flexure_twists[row]
+        rigid = mechanics.rigid_configuration(self.row.q[row])
+        return Equilibrium(part.loaded, self.case.some(row), rigid, motion, None, "newton", ())
 
     def site(self, name: str) -> Array:
         """Return the (N, 6, 6) motion of the tip per body twist at a site."""
@@ -265,9 +275,8 @@ def respond(
     parts = tuple(in_threads(solved, pieces))
     frames = parts[0].loaded
     named = (frames.link_frames.names, frames.sites.names)
-    hung = tuple(one for one in case.wrenches if one.hangs)
     arrays = (loads, twists.reshape(len(q), 6 * n), laws)
-    return Response(Row(q, arm.joint_index, known), *arrays, *named, parts, hung=hung)
+    return Response(Row(q, arm.joint_index, known), *arrays, *named, parts, case)
 
 
 def _solved(

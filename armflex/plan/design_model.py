@@ -131,7 +131,15 @@ def noises_of(found: Fit) -> dict[str, float]:
 class CandidateBlock(EffectBlock):
     """An effect that is in question: free about its own values, whether or not the arm has it (`ordinal` NOWHERE)."""
 
-    def jacobian(self, view: View) -> Array:
+    def at_setup(self, setup: Setup) -> CandidateBlock:
+        return self
+
+    def stepped(self, setup: Setup, step: Array) -> Setup:
+        if self.ordinal != NOWHERE:
+            return super().stepped(setup, step)
+        return setup.with_effect(self.at(self.start + step))
+
+    def columns(self, view: View) -> Array:
         """Return (M, d, k) changes of the readings."""
         assert self.context is not None
         return effect_jacobian(self.effect, self.free, view, self.context)

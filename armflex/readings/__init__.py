@@ -7,8 +7,12 @@ from armflex.readings.acceleration import Acceleration as Acceleration
 from armflex.readings.distance import Distance as Distance
 from armflex.readings.encoder import Encoder as Encoder
 from armflex.readings.encoder import SlideEncoder as SlideEncoder
+from armflex.readings.frequency import Frequency as Frequency
 from armflex.readings.inclination import Inclination as Inclination
 from armflex.readings.kind import Kind as Kind
+from armflex.readings.load import Force as Force
+from armflex.readings.load import Moment as Moment
+from armflex.readings.load import Torque as Torque
 from armflex.readings.orientation import Orientation as Orientation
 from armflex.readings.position import Position as Position
 from armflex.readings.postures import Postures as Postures
@@ -30,5 +34,9 @@ SENSOR_KINDS: dict[str, type[Kind]] = {
     "acceleration": Acceleration,
     "encoder": Encoder,
     "touch": Touch,
+    "force": Force,
+    "moment": Moment,
+    "torque": Torque,
+    "frequency": Frequency,
 }
 """What [instrument.NAME] may be, as its `kind` says."""

@@ -5,15 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
+from armflex.declaration import Declaration
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import Nuisance
+from armflex.robot import Robot
 
 Own = TypeVar("Own", bound="Kind")
 
@@ -49,6 +51,15 @@ class Kind(ABC):
     framed: ClassVar[bool] = False
     """Whether it is read in the frame of the instrument that looks at the tip."""
 
+    by_motion: ClassVar[bool] = True
+    """Whether `jacobian` says all that it answers to; else a view takes difference quotients of `predicted`."""
+
+    beside: ClassVar[tuple[str, ...]] = ()
+    """Attributes that rows may give as whole numbers, in columns called after the sensor's name and theirs."""
+
+    positive: ClassVar[bool] = False
+    """Whether only numbers above zero can be read."""
+
     nuisances: ClassVar[tuple[Nuisance, ...]] = ()
     """What of a sensor of this kind may have to be found."""
 
@@ -62,6 +73,11 @@ class Kind(ABC):
     def columns(cls, name: str) -> tuple[str, ...]:
         """Return what the columns of a sensor of this kind are called."""
         return tuple(f"{name}_{channel}" if channel else name for channel in cls.channels)
+
+    @classmethod
+    def declared(cls, table: Declaration, robot: Robot) -> tuple[str, Any] | None:
+        """Return the link that a sensor is on and its `about`, from keys of this kind alone; None where it has none."""
+        return None
 
     @property
     def title(self) -> str:

@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 
 from armflex.conventions import STANDARD_GRAVITY, Array
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
+
+
+def _unasked(what: object) -> NoReturn:
+    raise AssertionError(f"{what}: only the positions of the arm are known here")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +29,11 @@ class Postures:
         sensors: What else there is, by name.
         gravity: (3,) in the base [m/s^2].
         q: (N,) controller's position of every joint [rad or m].
+        approach: (N,) direction that every joint last moved in: -1, 0 or 1.
+        load: Gives the (N, 6) load on the structure at a site, local axes [N, Nm], by its name; see `Response.sites`.
+        swing: Gives of a row the (m,) natural frequencies [Hz], the slowest first, and the (m, 6) motions of the tip in
+            base axes, for unit modal mass [m, rad].
+        place: Gives what people are shown as the place of a row.
     """
 
     pose: Callable[[str | None], Array]
@@ -32,6 +42,10 @@ class Postures:
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     gravity: Array = field(default_factory=lambda: np.array([0.0, 0.0, -STANDARD_GRAVITY]))
     q: Mapping[str, Array] = field(default_factory=dict)
+    approach: Mapping[str, Array] = field(default_factory=dict)
+    load: Callable[[str], Array] = _unasked
+    swing: Callable[[int], tuple[Array, Array]] = _unasked
+    place: Callable[[int], object] = lambda row: f"row {row}"
 
     @cached_property
     def turns(self) -> Array:
@@ -45,8 +59,17 @@ class Postures:
 
     def some(self, rows: np.ndarray) -> Postures:
         """Return the arm in (M,) of the rows."""
-        q, sessions = {joint: values[rows] for joint, values in self.q.items()}, [self.sessions[i] for i in rows]
-        return replace(self, pose=lambda link: self.pose(link)[rows], sessions=sessions, q=q)
+        q, approach = ({joint: values[rows] for joint, values in one.items()} for one in (self.q, self.approach))
+        return replace(
+            self,
+            pose=lambda link: self.pose(link)[rows],
+            sessions=[self.sessions[i] for i in rows],
+            q=q,
+            approach=approach,
+            load=lambda site: self.load(site)[rows],
+            swing=lambda row: self.swing(int(rows[row])),
+            place=lambda row: self.place(int(rows[row])),
+        )
 
     def of(self, name: str, nuisance: str) -> Array:
         """Return the (N, n) values of a sensor's nuisance in the rows, in its unit."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from armflex.readings.kind import Kind
     from armflex.readings.touch import Sockets
 
-LONGEST = {"m": 10.0, "rad": 3.2, "m/s^2": 100.0, "1": 0.5}
+LONGEST = {"m": 10.0, "rad": 3.2, "m/s^2": 100.0, "N": 1e6, "Nm": 1e6, "Hz": 100.0, "1": 0.5}
 """By unit a standard deviation beyond which a number is in another one; sensors stand in the order of these."""
 
 AXES = ("x", "y", "z")
@@ -74,6 +74,7 @@ class Sensor:
         seen_from: The link that it stands on or looks from; None is the base.
         sign: -1 for an accelerometer that reads what holds it up, not gravity.
         shaft: Of an encoder.
+        about: What its kind alone declares, see `Kind.declared`.
         sockets: Of a touching instrument; `found` is then by socket, and '' is the touching point.
     """
 
@@ -88,6 +89,7 @@ class Sensor:
     sign: float = 1.0
     shaft: Shaft | None = None
     sockets: Sockets | None = None
+    about: Any = None
 
     def keys(self, sessions: Sequence[str], touched: Sequence[str]) -> tuple[str, ...]:
         """Return what has numbers of its own that are to be found: sessions, '' where there is one, or sockets."""

@@ -238,6 +238,13 @@ class Bank:
             return Part(groups, places, np.concatenate(brought), answer)
         answer = view.per(first.law, first.location) * _scale(self.fit)[:, :, None]
         regressors = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
+        if view.indirect:
+            plain, scale = view.per(first.law, first.location), _scale(self.fit)[:, :, None]
+            columns = []
+            for one, features in zip(map(self.candidates.__getitem__, groups), brought, strict=True):
+                moved = plain @ features.transpose(0, 2, 1)
+                columns.append(view.effect_quotient(one.law, one.location, one.inner, moved) * scale)
+            regressors = regressors + np.concatenate(columns, axis=2).transpose(0, 2, 1)
         return Part(groups, places, regressors.transpose(1, 0, 2).reshape(len(places), -1), None)
 
 
@@ -248,7 +255,9 @@ def candidate_of(effect: Effect) -> Candidate:
 
 def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
-    return whiten(fit.view.jacobian(candidate.law, candidate.location, candidate.inner, context), fit)
+    view, about = fit.view, (candidate.law, candidate.location, candidate.inner)
+    moved = view.jacobian(*about, context)
+    return whiten(moved + view.effect_quotient(*about, moved), fit)
 
 
 def whiten(regressors: Array, fit: Fit) -> Array:

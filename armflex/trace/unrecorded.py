@@ -161,6 +161,10 @@ class PoseBlock(Block):
         return np.full(len(self.parameters), self.std)
 
     def jacobian(self, view: View) -> Array:
+        """Return `columns`: what loads and frequencies change by with so small a twist is beyond what is read."""
+        return self.columns(view)
+
+    def columns(self, view: View) -> Array:
         """Return (M, d, k): every pose moves its own rows."""
         answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
         own = self.groups[view.rows][:, None] == np.arange(len(self.parameters))

@@ -5,58 +5,18 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
-from scipy.linalg import eigh
-from support.mujoco_arm import Referee
+from support.mujoco_arm import Referee, Sprung
 from support.small_arms import ROBOTS, joint, link, robot
+from support.sprung_campaign import driven
 
-from armflex import Arm, Flexure, InputError, load_arm, make_arm
+from armflex import InputError, load_arm, make_arm
 from armflex.errors import ArmFileError
 from armflex.laws import LinearLaw
 
 SPRINGS = {"tarm_like": 4e6, "heavy_six": 1e5}
 """N m/rad of turning drives; of sliding ones as many N/m."""
-
-
-def driven(arm: Arm, stiffness: float) -> Arm:
-    """Return an arm whose drives give along their own axes, and nothing else."""
-    drives = []
-    for one in arm.robot.moving:
-        compliance, place = np.zeros((6, 6)), slice(0, 3) if one.kind == "prismatic" else slice(3, 6)
-        compliance[place, place] = np.outer(one.axis, one.axis) / stiffness
-        drives.append(Flexure(one.name, one.name, LinearLaw(compliance)))
-    return replace(arm, flexures=tuple(drives), damping_ratio=0.02)
-
-
-def swung(referee: Referee, arm: Arm, q: np.ndarray, payload: str, stiffness: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return MuJoCo's frequencies [Hz] and the tip's shapes (m, 6) at rest under springs in the joints."""
-    model = referee.spec(payload).compile()
-    data = mujoco.MjData(model)
-    places = [model.joint(name).qposadr[0] for name in arm.joint_names]
-    dofs = [model.joint(name).dofadr[0] for name in arm.joint_names]
-
-    def held(at: np.ndarray) -> np.ndarray:
-        data.qpos[places] = at
-        mujoco.mj_forward(model, data)
-        return data.qfrc_bias[dofs].copy()
-
-    rest = q.copy()
-    for _ in range(200):
-        rest, before = q - held(rest) / stiffness, rest
-        if np.abs(rest - before).max() < 1e-15:
-            break
-    steps = 1e-5 * np.eye(len(q))
-    springs = np.column_stack([(held(rest + step) - held(rest - step)) / 2e-5 for step in steps])
-    held(rest)
-    mass = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, mass)
-    squares, vectors = eigh(stiffness * np.eye(len(q)) + 0.5 * (springs + springs.T), mass[np.ix_(dofs, dofs)])
-    linear, turning = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-    mujoco.mj_jacBody(model, data, linear, turning, model.body(referee.toml["robot"]["tip"]).id)
-    shapes = (np.vstack([linear, turning])[:, dofs] @ vectors).T
-    return np.sqrt(squares) / (2.0 * np.pi), shapes / np.linalg.norm(shapes[:, :3], axis=1)[:, None]
 
 
 @pytest.mark.parametrize("name", SPRINGS)
@@ -67,7 +27,9 @@ def test_frequencies_and_shapes_are_those_of_mujoco(name: str) -> None:
         payload = ["none", list(referee.toml["payload"])[-1]][number % 2]
         q = rng.uniform(arm.robot.lower, arm.robot.upper)
         found = arm.modes(q, payload, count=4)
-        frequencies, shapes = swung(referee, arm, q, payload, SPRINGS[name])
+        plant = Sprung(referee, arm.joint_names, payload, np.full(len(q), SPRINGS[name]), {})
+        frequencies, shapes = plant.swings(q)
+        shapes = shapes / np.linalg.norm(shapes[:, :3], axis=1)[:, None]
         np.testing.assert_allclose(found.frequencies, frequencies[:4], rtol=1e-6)
         signs = np.sign(np.einsum("mi,mi->m", found.shapes, shapes[:4]))
         np.testing.assert_allclose(found.shapes * signs[:, None], shapes[:4], atol=1e-5 * np.abs(shapes[:4]).max())

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
+from scipy.linalg import eigh
 
 from armflex import Wrench
 from support.small_arms import ROBOTS, skew_parts
@@ -145,3 +146,72 @@ class Referee:
     def tip(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         body = data.body(self.toml["robot"]["tip"])
         return np.block([[body.xmat.reshape(3, 3), body.xpos[:, None]], [np.zeros(3), np.ones(1)]])
+
+
+class Sprung:
+    """A bundled arm whose drives are springs, as MuJoCo has it under one payload: at rest, and how it swings.
+
+    Attributes:
+        model, data: MuJoCo's.
+        stiffness: (nq,) of the springs [Nm/rad or N/m].
+        places, dofs: Of the joints among MuJoCo's positions and velocities.
+    """
+
+    def __init__(
+        self, referee: Referee, joints: Sequence[str], payload: str, stiffness: np.ndarray, masses: dict[str, float]
+    ) -> None:
+        """`masses` has factors on mass and moments of inertia by body, 'payload' for what is carried."""
+        spec = referee.spec(payload)
+        self.model = spec.compile()
+        for name, factor in masses.items():
+            number = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name)
+            if number >= 0:
+                self.model.body_mass[number] *= factor
+                self.model.body_inertia[number] *= factor
+        self.data, self.stiffness = mujoco.MjData(self.model), np.asarray(stiffness)
+        mujoco.mj_setConst(self.model, self.data)
+        self.places = [self.model.joint(name).qposadr[0] for name in joints]
+        self.dofs = [self.model.joint(name).dofadr[0] for name in joints]
+        self.tip = self.model.body(referee.toml["robot"]["tip"]).id
+
+    def held(self, at: np.ndarray) -> np.ndarray:
+        """Return (nq,) what drives must exert to hold joint positions."""
+        self.data.qpos[self.places] = at
+        mujoco.mj_forward(self.model, self.data)
+        return self.data.qfrc_bias[self.dofs].copy()
+
+    def rest(self, q: np.ndarray) -> np.ndarray:
+        """Return (nq,) where the joints come to rest when their drives are at q, and leave the arm there."""
+        rest = q.copy()
+        for _ in range(500):
+            rest, before = q - self.held(rest) / self.stiffness, rest
+            if np.abs(rest - before).max() < 1e-15:
+                break
+        self.held(rest)
+        return rest
+
+    def point(self, lever: np.ndarray) -> np.ndarray:
+        """Return (3,) a point of the tip [m] where the arm was left."""
+        return self.data.xpos[self.tip] + self.data.xmat[self.tip].reshape(3, 3) @ lever
+
+    def mass(self) -> np.ndarray:
+        """Return the (nq, nq) mass matrix where the arm was left."""
+        whole = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, whole)
+        return whole[np.ix_(self.dofs, self.dofs)]
+
+    def springs(self, rest: np.ndarray) -> np.ndarray:
+        """Return the (nq, nq) stiffness at rest, by central differences of the forces."""
+        steps = 1e-5 * np.eye(len(rest))
+        bent = np.column_stack([(self.held(rest + step) - self.held(rest - step)) / 2e-5 for step in steps])
+        return np.diag(self.stiffness) + 0.5 * (bent + bent.T)
+
+    def swings(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the frequencies [Hz] about the rest at q, and the tip's shapes (m, 6) for unit modal mass."""
+        rest = self.rest(q)
+        stiffness = self.springs(rest)
+        self.held(rest)
+        squares, vectors = eigh(stiffness, self.mass())
+        linear, turning = np.zeros((3, self.model.nv)), np.zeros((3, self.model.nv))
+        mujoco.mj_jacBody(self.model, self.data, linear, turning, self.tip)
+        return np.sqrt(squares) / (2.0 * np.pi), (np.vstack([linear, turning])[:, self.dofs] @ vectors).T
