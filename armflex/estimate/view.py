@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,6 +12,7 @@ import pinocchio as pin
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array
+from armflex.errors import ArmflexError
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
 from armflex.laws.effects.in_arm import directions
@@ -19,7 +21,7 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.modes import DAMPING, modes_of
 from armflex.mechanics.response import Response, respond
-from armflex.readings import Kind, Postures, Readings
+from armflex.readings import Kind, Position, Postures, Readings
 from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
@@ -28,8 +30,8 @@ from armflex.rows.wrench import wrenches_in
 MODES = 12
 """Modes that a frequency is matched among."""
 
-SMALL_STEP = 1e-5
-"""Motion of what is read [m] by which a candidate's loads and frequencies are tried, at most one unit of it."""
+SMALL_STEP = 1e-7
+"""Motion of the tip [m] by which a candidate's loads and frequencies are tried, at most one unit of it."""
 
 GRAVITY_STEP = 1e-3
 """Step of difference quotients by gravity [m/s^2]."""
@@ -230,24 +232,31 @@ class View:
     def _quotients(self) -> dict[int, tuple[object, Array]]:
         return {}
 
-    def effect_quotient(self, law: EffectLaw, location: Location, inner: Values, moved: Array) -> Array:
+    def effect_quotient(self, law: EffectLaw, location: Location, inner: Values, features: Array) -> Array:
         """Return (M, d, k) what `indirect` kinds change by per unit of an effect's acting amplitudes where it has none.
 
         A twist that no load changes shifts loads and frequencies to second order only: then it is zero.
 
         Args:
             law, location, inner: The effect.
-            moved: (M, d, k) changes of the other readings, from which the step is chosen.
+            features: (M, k, n) what the law adds in the rows per unit, from which the step is chosen.
         """
-        found = np.zeros_like(moved)
+        found = np.zeros((*self.residual.shape, features.shape[1]))
         if not self.indirect or not (law.loaded or law.act is Act.LOAD):
             return found
+        read = Readings(len(self.rows), (Position.unread(len(self.rows)),))
+        at_tip = replace(self, readings=read, residual=np.zeros((len(self.rows), 3)))
+        moved = at_tip.per(law, location) @ features.transpose(0, 2, 1)
         for column, term in enumerate(location.terms):
-            size = SMALL_STEP / max(self.rms(moved[:, :, column]), SMALL_STEP)
+            length = at_tip.rms(moved[:, :, column])
+            if not length > 0.0:
+                continue
+            size = SMALL_STEP / max(length, SMALL_STEP)
             amplitudes = np.zeros(len(law.amplitudes))
             amplitudes[term] = size
             effect = Effect(law, location, (*amplitudes.tolist(), *inner))
-            found[:, :, column] = self.quotient(self.setup.with_effect(effect), size)
+            with suppress(ArmflexError):  # no tangent to swing about at a kink: frequencies say nothing of it
+                found[:, :, column] = self.quotient(self.setup.with_effect(effect), size)
         return found
 
     def to_twist(self, site: str) -> Array:

@@ -239,12 +239,11 @@ class Bank:
         answer = view.per(first.law, first.location) * _scale(self.fit)[:, :, None]
         regressors = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
         if view.indirect:
-            plain, scale = view.per(first.law, first.location), _scale(self.fit)[:, :, None]
-            columns = []
-            for one, features in zip(map(self.candidates.__getitem__, groups), brought, strict=True):
-                moved = plain @ features.transpose(0, 2, 1)
-                columns.append(view.effect_quotient(one.law, one.location, one.inner, moved) * scale)
-            regressors = regressors + np.concatenate(columns, axis=2).transpose(0, 2, 1)
+            pairs = zip(map(self.candidates.__getitem__, groups), brought, strict=True)
+            columns = [view.effect_quotient(one.law, one.location, one.inner, features) for one, features in pairs]
+            regressors = regressors + (np.concatenate(columns, axis=2) * _scale(self.fit)[:, :, None]).transpose(
+                0, 2, 1
+            )
         return Part(groups, places, regressors.transpose(1, 0, 2).reshape(len(places), -1), None)
 
 
@@ -256,8 +255,8 @@ def candidate_of(effect: Effect) -> Candidate:
 def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
     view, about = fit.view, (candidate.law, candidate.location, candidate.inner)
-    moved = view.jacobian(*about, context)
-    return whiten(moved + view.effect_quotient(*about, moved), fit)
+    features = candidate.law.features(candidate.location, candidate.inner, view, context)
+    return whiten(view.jacobian(*about, context) + view.effect_quotient(*about, features), fit)
 
 
 def whiten(regressors: Array, fit: Fit) -> Array:
