@@ -104,6 +104,7 @@ def test_loads_are_those_of_the_arm(boom: Arm) -> None:
     np.testing.assert_allclose(read["platform"][0], moment, atol=1e-6 * np.linalg.norm(moment))
 
 
+@pytest.mark.slow
 def test_masses_and_compliances_are_found_from_what_is_read(boom: Arm, tmp_path: Path) -> None:
     """What was put in, within its uncertainty; the file that is written gives the same arm, and its covariance."""
     wanted = {"boom1": 0.08, "boom2": -0.06}
@@ -122,7 +123,8 @@ def test_masses_and_compliances_are_found_from_what_is_read(boom: Arm, tmp_path:
     for name in boom.sensors:
         before, after = (np.abs(one[name][0] - true[name][0]).max() for one in (declared, fitted))
         assert after < 0.5 * before or after < 2.0 * boom.sensors[name].sigma
-        assert fitted[name][1] is not None and (fitted[name][1] > 0.0).all()
+        std = fitted[name][1]
+        assert std is not None and np.isfinite(std).all() and std.max() > 0.0
 
 
 def test_a_row_may_name_its_mode(boom: Arm, tmp_path: Path) -> None:
