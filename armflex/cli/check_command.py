@@ -14,6 +14,7 @@ from armflex.errors import enough_memory
 from armflex.measured.forces import Unnamed
 from armflex.mechanics.equilibrium import METHODS
 from armflex.tasks.check import CheckReport, Point, check
+from armflex.tasks.settle import SettlingReport, settle
 from armflex.trajectory import read_trajectory
 
 
@@ -27,6 +28,8 @@ from armflex.trajectory import read_trajectory
 @click.option("--against", "desired_path", metavar="DESIRED.csv", type=options.InputPath,
               help="Hold the flexed tip against where the rigid arm has it on this path, not on TRAJ: is a compensated "
                    "path where it was meant to be?")  # fmt: skip
+@click.option("--settle", "within", type=options.Quantity("length"), metavar="1mm",
+              help="Also: how long after each via-point the tip swings by more than this, and the peak.")  # fmt: skip
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True,
               help="How the equilibrium is found.")  # fmt: skip
 @options.loads
@@ -40,6 +43,7 @@ def command(
     tolerance: float,
     angle: float | None,
     desired_path: Path | None,
+    within: float | None,
     **how: Any,
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first.
@@ -50,15 +54,20 @@ def command(
     against = None if desired_path is None else read_trajectory(desired_path, arm)
     with enough_memory(f"{len(trajectory)} rows"), progress("checking") as tick:
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
+        swing = None if within is None else settle(arm, trajectory, within, how["covariates"])
     moved = against is not None or trajectory.is_moved
     names = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst")
     told = {name: getattr(report, name) for name in names} | (
         {"against": str(desired_path or trajectory_path)} if moved else {}
     )
-    options.conclude(lambda: told, report.flags, arm)
+    flags = report.flags if swing is None else (*report.flags, *swing.flags)
+    told |= {} if swing is None else {"settle_within_m": swing.within_m, "settling": swing.via_points}
+    options.conclude(lambda: told, flags, arm)
     meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
     say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
     print_check(report, "off by" if moved else "moves")
+    if swing is not None:
+        print_settling(swing)
     return 0 if report.ok else 1
 
 
@@ -85,6 +94,17 @@ def print_check(report: CheckReport, moves: str = "moves") -> None:
     failed = report.path_worst.verdict == "fail"
     verdict = "within tolerance" if report.ok else f"NOT {'' if failed else 'certain to be '}within tolerance"
     say(f"The path is {verdict} ({report.samples} configurations evaluated).")
+
+
+def print_settling(report: SettlingReport) -> None:
+    """Print a line for every via-point: how long the tip swings there, how far, and which mode is the slowest."""
+    rows = []
+    for one in report.via_points:
+        slowest = "none" if one.frequency_hz is None else number(one.frequency_hz, 3)
+        peak, name = number(one.peak_m * 1e3, 3), one.name or "last row"
+        rows.append([name, f"{one.time:g}", number(one.settle_s, 3), peak, slowest, one.flexure or "none"])
+    columns = ["via-point", "time s", "settles in s", "peak mm", "slowest mode Hz", "flexure"]
+    print_table(f"Swing until within {report.within_m * 1e3:g} mm, if the drives stop there", columns, rows)
 
 
 def _row(point: Point, name: str) -> list[str]:

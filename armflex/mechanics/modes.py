@@ -51,6 +51,9 @@ class Modes(Result):
         masses: (m,) modal mass for these shapes [kg, or kg m^2 where the tip only turns].
         sensitivities: (m, n) relative change of a frequency per relative change of a flexure's stiffness, its loads as
             they are. Without gravity those of a mode add up to one half.
+        momenta: (m, 6 n) size of a mode per motion of the flexures [1/m, 1/rad]; None where it was not asked for.
+        drives: (m, nq) change of a mode's speed per change of a joint's speed [1/m, 1/rad], while the flexures follow
+            as loads redistribute; None likewise.
         names: Of joints and flexures, base and tip.
         flags: What is missing of the inertias, and where the damping comes from.
     """
@@ -66,6 +69,8 @@ class Modes(Result):
     sensitivities: Array
     names: Names
     flags: tuple[Flag, ...] = ()
+    momenta: Array | None = None
+    drives: Array | None = None
 
     @property
     def table(self) -> dict[str, Array]:
@@ -74,13 +79,14 @@ class Modes(Result):
         return {"frequency": self.frequencies, "damping_ratio": self.damping_ratios, "mass": self.masses, **tip}
 
 
-def modes_of(found: Equilibrium, count: int, damping: float | None) -> Modes:
+def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool = False) -> Modes:
     """Return the slowest modes about an equilibrium.
 
     Args:
         found: The equilibrium.
         count: How many modes at most.
         damping: Damping ratio; `DAMPING` where None, with a flag.
+        driven: Whether to say what motions of the drives do to them: `momenta` and `drives`.
 
     Raises:
         InputError: The arm has no flexure or no mass that moves, or `count` is below 1.
@@ -98,9 +104,11 @@ def modes_of(found: Equilibrium, count: int, damping: float | None) -> Modes:
     torque = found.torque if found.torque is not None else mechanics.load(case)(configuration)
     compliance = arm.stack.tangent(-torque[places], loaded.row(case.q, case.covariates))
     turned = mechanics.exponential_jacobian(found.rigid, found.motion)
-    geometric = mechanics.stiffness(configuration, case)[mechanics.flexures] @ turned
-    mass = pin.crba(mechanics.model, mechanics.data, configuration)[mechanics.flexures]
-    mass = np.triu(mass) + np.triu(mass, 1).T  # Pinocchio fills the upper triangle alone
+    softened = mechanics.stiffness(configuration, case)
+    geometric = softened[mechanics.flexures] @ turned
+    whole = pin.crba(mechanics.model, mechanics.data, configuration)
+    whole = np.triu(whole) + np.triu(whole, 1).T  # Pinocchio fills the upper triangle alone
+    mass = whole[mechanics.flexures]
     root, back = _root(compliance)
     inverse, ways = _slowest(np.eye(root.shape[1]) + root.T @ geometric @ root, root.T @ mass @ turned @ root, count)
     motion = (root @ ways).T  # (m, 6 n)
@@ -119,8 +127,15 @@ def modes_of(found: Equilibrium, count: int, damping: float | None) -> Modes:
     flags = () if damping is not None else (_assumed(),)
     flags += tuple(_pointlike(found, configuration, body, masses))
     ratios = np.full(len(masses), DAMPING if damping is None else damping)
-    twists = motion.reshape(len(masses), -1, 6)
-    return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, loaded.arm.names, flags)
+    twists, momenta, drives = motion.reshape(len(masses), -1, 6), None, None
+    if driven:
+        wrenches, row, joints = -torque[places], loaded.row(case.q, case.covariates), mechanics.flex.v_index
+        given = arm.stack.change_with_position(wrenches, row) - compliance @ softened[np.ix_(places, joints)]
+        following = np.linalg.solve(np.eye(len(places)) + compliance @ geometric, given)
+        momenta = body @ mass @ turned / masses[:, None]
+        drives = -(body @ whole[np.ix_(places, joints)] / masses[:, None] + momenta @ following)
+    names = loaded.arm.names
+    return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, names, flags, momenta, drives)
 
 
 def _root(compliance: Array) -> tuple[Array, Array]:

@@ -1,0 +1,194 @@
+"""How long a tip swings after each via-point, for the motion as it is planned.
+
+Drives move as the rows say, straight from row to row, so their speeds jump at rows. The arm is taken as linear about
+the poses that it passes: it is where it would rest, plus modes that swing about that. A jump of the speeds changes the
+speed of each mode. From row to row each mode decays by itself. At another pose the motion of the flexures is split into
+the modes that it has there (modal superposition: Clough and Penzien, Dynamics of Structures, 2nd ed. 1993, ch. 12).
+Loads that follow from the speed itself (centrifugal, Coriolis) are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.arguments import checked_kinds
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import Flag, InputError, naming
+from armflex.measured.table import Tabular
+from armflex.mechanics.modes import Modes, modes_of
+from armflex.result import Result
+from armflex.rows.wrench import wrenches_in
+from armflex.trajectory import Trajectory, as_trajectory
+
+MODES = 8
+"""Slowest modes that are followed; faster ones are hardly excited and decay sooner."""
+
+FURTHER = 0.05
+"""Tolerance: way of any joint [rad or m] after which the modes are computed anew."""
+
+FINE = 24
+"""Samples in a period of the fastest mode that is followed."""
+
+MOST_SAMPLES = 200_000
+"""Of a decay: what would take more is of a damping that no arm has."""
+
+EXCITED = 0.1
+"""Share of the tolerance from which on a mode counts as excited."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """The swing after one via-point, if the drives stop there.
+
+    Attributes:
+        name: The via-point's.
+        time: When it is reached [s].
+        settle_s: Time from then on until the tip stays within the tolerance of where it comes to rest [s].
+        peak_m: Largest distance of the tip from there [m].
+        frequency_hz: Of the slowest mode that is excited [Hz], None where none is.
+        flexure: The one that this mode bends most, by energy; None where none is.
+    """
+
+    name: str
+    time: float
+    settle_s: float
+    peak_m: float
+    frequency_hz: float | None
+    flexure: str | None
+
+
+@dataclass(frozen=True, repr=False)
+class SettlingReport(Result):
+    """How long a tip swings after each via-point.
+
+    Attributes:
+        within_m: The tolerance [m].
+        via_points: In order.
+        flags: Flags met on the way.
+    """
+
+    TOLD = ("within_m", "via_points", "flags")
+    ROWS = "via_points"
+
+    within_m: float
+    via_points: tuple[Settling, ...]
+    flags: tuple[Flag, ...]
+
+
+@checked_kinds
+def settle(
+    arm: Arm, trajectory: Trajectory | Tabular, within: float, covariates: Mapping[str, float] | None = None
+) -> SettlingReport:
+    """Return how long the tip swings after each via-point; all rows and the last one, where none is named.
+
+    Args:
+        arm: The arm; its `damping_ratio` is that of every mode.
+        trajectory: Rows with their times; between rows the joints go straight.
+        within: Distance from rest up to which the tip counts as settled [m].
+        covariates: What the arm's effects depend on and no column gives.
+
+    Raises:
+        InputError: `within` is not positive, a row cannot be used, or what moves has no mass.
+    """
+    if not within > 0.0:
+        raise InputError(f"within must be positive, got {within} m")
+    path = as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm)
+    met: dict[str, Flag] = {}
+    named = [bool(name) for name in path.via] if any(path.via) else [row == len(path) - 1 for row in range(len(path))]
+    steps = np.diff(path.time)[:, None]
+    speeds = np.vstack([np.zeros(path.q.shape[1]), np.diff(path.q, axis=0) / steps, np.zeros(path.q.shape[1])])
+    found, modes, at = [], None, -1
+    bent, moving = np.zeros(0), np.zeros(0)  # of the flexures, from where they would rest [m, rad], and their speed
+    for row in range(len(path)):
+        if row:
+            assert modes is not None
+            bent, moving = _decayed(modes, bent, moving, float(path.time[row] - path.time[row - 1]))
+        same = row and path.payload[row] == path.payload[at]
+        if modes is None or not same or np.abs(path.q[row] - path.q[at]).max() > FURTHER or named[row]:
+            after, twists = _modes(arm, path, row, path.payload[row])
+            if row and not same:  # what is picked up or put down leaves the arm where the other load had it
+                bent = bent + _modes(arm, path, row, path.payload[row - 1])[1] - twists
+            modes, at = after, row
+            met |= {flag.code: flag for flag in modes.flags if flag.code not in met}
+        assert modes.drives is not None and modes.momenta is not None
+        if not len(bent):
+            bent = moving = np.zeros(modes.momenta.shape[1])
+        if named[row]:
+            stopped = modes.drives @ -speeds[row] + modes.momenta @ moving
+            found.append(
+                _settling(arm, path.via[row], float(path.time[row]), modes, modes.momenta @ bent, stopped, within)
+            )
+        pushed = modes.drives @ (speeds[row + 1] - speeds[row])
+        moving = moving + pushed @ modes.twists.reshape(len(pushed), -1)
+    return SettlingReport(within, tuple(found), tuple(met.values()))
+
+
+def _modes(arm: Arm, path: Trajectory, row: int, payload: str) -> tuple[Modes, Array]:
+    """Return the modes about a row with a payload, and the (6 n,) twists at rest [m, rad]."""
+    known = {"time": path.time[row], **{name: values[row] for name, values in path.covariates.items()}}
+    with naming(path.where(row)):
+        pushed = wrenches_in(path.wrenches, row)
+        rest = arm.deflection(path.q[row], payload, covariates=known, wrenches=pushed)
+        return modes_of(rest.solved, MODES, arm.damping_ratio, driven=True), rest.twists.ravel()
+
+
+def _decayed(modes: Modes, bent: Array, moving: Array, time: float) -> tuple[Array, Array]:
+    """Return what (6 n,) deviations of the flexures and their speeds are after a time [s] of free decay."""
+    assert modes.momenta is not None
+    shapes = modes.twists.reshape(len(modes.frequencies), -1)
+    now = _swung(modes, modes.momenta @ bent, modes.momenta @ moving, np.array([time]))
+    return now[0][0] @ shapes, now[1][0] @ shapes
+
+
+def _swung(modes: Modes, size: Array, speed: Array, times: Array) -> tuple[Array, Array]:
+    """Return the (T, m) sizes of modes and their speeds at (T,) times after they had some [1, 1/s]."""
+    natural = 2.0 * np.pi * modes.frequencies
+    rate, turned = natural * modes.damping_ratios, natural * np.sqrt(1.0 - modes.damping_ratios**2)
+    first, second = size, (speed + rate * size) / turned
+    fading, phase = np.exp(-np.outer(times, rate)), np.outer(times, turned)
+    cosine, sine = np.cos(phase), np.sin(phase)
+    sizes = fading * (first * cosine + second * sine)
+    return sizes, fading * turned * (second * cosine - first * sine) - rate * sizes
+
+
+def _settling(arm: Arm, name: str, time: float, modes: Modes, size: Array, speed: Array, within: float) -> Settling:
+    """Return the swing of a tip whose modes have (m,) sizes and speeds when the drives stop."""
+    natural, shifts = 2.0 * np.pi * modes.frequencies, np.linalg.norm(modes.shapes[:, :3], axis=1)
+    reach = shifts * np.hypot(size, (speed + natural * modes.damping_ratios * size) / natural)
+    excited = reach > EXCITED * within
+    if not excited.any():
+        return Settling(name, time, 0.0, _largest(modes, size, speed, _period(modes))[1], None, None)
+    # Longer than until all envelopes together are within the tolerance nothing can be outside.
+    rates = natural * modes.damping_ratios
+    end = max(float(np.log(max(reach.sum() / within, 1.0)) / rates[excited].min()), _period(modes))
+    last, peak = _largest(modes, size, speed, end, within)
+    slowest = int(np.flatnonzero(excited)[0])
+    flexure = arm.flexure_names[int(modes.sensitivities[slowest].argmax())]
+    return Settling(name, time, last, peak, float(modes.frequencies[slowest]), flexure)
+
+
+def _period(modes: Modes) -> float:
+    return 1.0 / float(modes.frequencies[0])
+
+
+def _largest(modes: Modes, size: Array, speed: Array, end: float, within: float = np.inf) -> tuple[float, float]:
+    """Return the time after which the tip stays within a distance [s], and the largest distance [m] before an end."""
+    step = 1.0 / (FINE * float(modes.frequencies[-1]))
+    if end / step > MOST_SAMPLES:
+        raise InputError(f"the swing lasts {end:.3g} s: state [robot] damping_ratio, or a wider tolerance")
+    last, peak = 0.0, 0.0
+    for times in _pieces(np.arange(0.0, end + step, step)):
+        away = np.linalg.norm(_swung(modes, size, speed, times)[0] @ modes.shapes[:, :3], axis=1)
+        outside = np.flatnonzero(away > within)
+        last = float(times[outside[-1]]) + step if len(outside) else last
+        peak = max(peak, float(away.max()))
+    return last, peak
+
+
+def _pieces(times: Array) -> Iterator[Array]:
+    for start in range(0, len(times), 4096):
+        yield times[start : start + 4096]
