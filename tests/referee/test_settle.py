@@ -63,18 +63,18 @@ def moves(name: str, count: int):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MACHINES)
 def test_settling_and_peak_are_those_of_mujoco(name: str) -> None:
-    peaks = []
+    settling, peaks = [], []
     for arm, plant, path in moves(name, 10):
         (found,) = settle(arm, path, WITHIN).via_points
         after, away = swung(plant, path.time, path.q, 1.3 * found.settle_s + 1.0, MACHINES[name][3])
         outside = np.flatnonzero(away > WITHIN)
         seconds = float(after[outside[-1]]) if len(outside) else 0.0
         assert seconds < after[-1] - 0.3
-        # A short swing ends with one of its peaks, so it is as long as a number of half periods.
-        half = 0.0 if found.frequency_hz is None else 0.5 / found.frequency_hz
-        assert abs(found.settle_s - seconds) < max(0.15 * seconds, 1.1 * half)
+        settling.append(abs(found.settle_s - seconds) / max(seconds, 0.2))
         peaks.append(abs(found.peak_m - away.max()) / away.max())
-    assert np.median(peaks) < 0.05 and np.sum(np.array(peaks) > 0.1) <= 1
+    # One in ten may have a peak that is almost the tolerance: whether it counts is a matter of a few per cent of it.
+    assert np.median(settling) < 0.02 and np.sum(np.array(settling) > 0.15) <= 1
+    assert max(peaks) < 0.1
 
 
 def test_a_mass_on_a_spring_swings_as_the_textbook_has_it() -> None:
