@@ -120,7 +120,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
         families=tuple(_family(known, i) for i, one in enumerate(state.known) if one.family),
         unexplained=left,
         places=places,
-        undecided=None if state.effects or left is not None or withdrawn else _undecided(known),
+        undecided=None if state.effects or left is not None else _undecided(known),
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
         next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),

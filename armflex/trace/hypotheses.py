@@ -20,7 +20,7 @@ from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import EffectLaw, Solved
+from armflex.laws.effects.effect import EffectLaw, Solved, Values
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.friction_windup import FRICTION_WINDUP
@@ -40,6 +40,9 @@ FAMILIAL = 0.1
 
 PLAIN = 0.01
 """Prior: a law is less likely than the one before it in the catalogue by this share, and a link by it than a joint."""
+
+RARE = 0.05
+"""Prior: share of machines on which a value inside a law is not the usual one: parts are made to fit at 20 degC."""
 
 FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)
 """Laws that every drive of a machine may have."""
@@ -96,17 +99,24 @@ def hypotheses(context: Context) -> list[Hypothesis]:
     known = list(candidates_of((law for law in EVERY.values() if not law.sought), context))
     spots: dict[str, set] = {}
     terms: dict[tuple, set] = {}
-    values: Counter = Counter()
+    values: dict[tuple, list[Values]] = {}
     for one in known:
         spot = _spot(one)
         spots.setdefault(one.law.name, set()).add(spot)
         terms.setdefault(spot, set()).add(one.location.terms)
-        values[spot, one.location.terms] += 1
-    return [
-        Hypothesis((one,), _of_law(one.law) - _share(one, len(spots[one.law.name]))
-                   - float(np.log(len(terms[_spot(one)]) * values[_spot(one), one.location.terms])))
-        for one in known
-    ]  # fmt: skip
+        values.setdefault((spot, one.location.terms), []).append(one.inner)
+    found = []
+    for one in known:
+        beside = values[_spot(one), one.location.terms]
+        prior = _of_law(one.law) - _share(one, len(spots[one.law.name])) + float(np.log(RARE)) * _rare(one, beside)
+        found.append(Hypothesis((one,), prior - float(np.log(len(terms[_spot(one)]) * len(beside)))))
+    return found
+
+
+def _rare(one: Candidate, beside: Sequence[Values]) -> int:
+    """Return how many values inside a candidate's law are not the usual ones although candidates have those."""
+    usual = [(i, inner.usual) for i, inner in enumerate(one.law.inner) if inner.usual is not None]
+    return sum(one.inner[i] != value and any(other[i] == value for other in beside) for i, value in usual)
 
 
 def _spot(one: Candidate) -> tuple:

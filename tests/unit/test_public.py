@@ -49,12 +49,12 @@ def test_a_fit_that_does_not_settle_names_what_resists(ur5: Calibration) -> None
 def test_poses_too_few_to_tell_an_effect_from_chance_are_said_to_be(capsys: pytest.CaptureFixture) -> None:
     arm, measurements = public("ur5_tsinghua")
     stiff = replace(arm, prior=replace(arm.prior, joint_offset=1e-5, geometry=0.0))
-    found = trace(stiff, measurements.some(np.arange(0, len(measurements), 125)))
+    found = trace(stiff, measurements.some(np.arange(0, len(measurements), 150)))
     assert not found.found and found.undecided is not None
-    assert found.undecided.poses == 8 and found.undecided.rms > 3.0 * found.undecided.stated
+    assert found.undecided.poses == 7 and found.undecided.rms > 3.0 * found.undecided.stated
     print_trace(found)
     said = capsys.readouterr().out
-    assert "cannot decide what is missing: 0.688 mm RMS" in said and "No further effect" not in said
+    assert "cannot decide what is missing: 0.89 mm RMS" in said and "No further effect" not in said
 
 
 @pytest.mark.slow
@@ -72,8 +72,9 @@ def test_a_traced_ur5_predicts_poses_that_it_has_not_seen() -> None:
     rest = np.setdiff1d(np.arange(len(measurements)), learned)
     error = np.linalg.norm(predict(found.arm, measurements).position - measurements.position, axis=1)
     assert 1e3 * error[rest].mean() < 0.070
-    # What is stated of poses held out is what other poses get.
-    assert found.held_out[1] == pytest.approx(np.sqrt((error[rest] ** 2).mean()), rel=0.1)
+    # What is stated of poses held out is what other poses get, of a fit to a fifth fewer rows: 250 rows get 0.062 mm.
+    other = np.sqrt((error[rest] ** 2).mean())
+    assert other < found.held_out[1] < 1.15 * other
     assert found.families and all(len(one.members) > 1 for one in found.families)
 
 
