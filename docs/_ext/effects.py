@@ -75,8 +75,9 @@ def shown() -> tuple[dict[str, Shown], Records]:
     whole, inside = np.zeros((2, len(made.candidates)))
     for groups, squares in made.squares:
         whole[groups] = squares.sum(axis=(1, 2)) / state.quiet**2  # all amplitudes alike
-    for groups, rest in screen.insides():
-        inside[groups] = rest.sum(axis=(1, 2))
+    for groups, _, scale, rest, _ in screen.blocks[0].batches:
+        amplitude = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+        inside[groups] = np.einsum("gk,gkl,gl->g", amplitude, rest, amplitude)
     share = np.sqrt(np.clip(inside, 0.0, None) / np.where(whole > 0.0, whole, 1.0))
     names = np.array([candidate.law.name for candidate in made.candidates])
     found = {}
@@ -96,7 +97,7 @@ def _at_work(index: int, made, screen, fit, context, names: np.ndarray) -> Shown
     raw, rest = (each.reshape(scale.shape)[:, :3] * scale[:, :3] for each in (motion, left))
     size = 1.0 / np.sqrt((raw**2).sum(axis=1).mean())
     scores, gains = screen.scores_of(left[:, None])[:, 0], np.zeros(len(made.candidates))
-    for groups, places, scale, inside, _ in screen.batches:
+    for groups, places, scale, inside, _ in screen.blocks[0].batches:
         score = (scores[places] * scale)[:, None, :]
         gains[groups] = (score @ np.linalg.pinv(inside, 1e-9, hermitian=True) @ score.transpose(0, 2, 1))[:, 0, 0]
     shares = gains / float(left @ left)
