@@ -117,6 +117,20 @@ def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> 
 
 
 @pytest.mark.slow
+def test_every_named_effect_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The page of effects puts each law to work on the bundled boom, and offers what calibration leaves to the others."""
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "_ext"))
+    import effects
+
+    found, _ = effects.shown()
+    assert len(found) >= 30
+    assert all(0.0 < one.left <= 1.0 for one in found.values())
+    scale, sessions = found["tracker_scale"], found["session_frame"]
+    assert sessions.left < scale.left < 0.5  # a frame is calibrated
+    assert any("friction_windup" in name for name, _ in found["backlash"].alike)
+
+
+@pytest.mark.slow
 def test_pages_are_in_the_contents() -> None:
     listed = re.findall(r"^(?:[\w ]+ <)?([\w-]+)>?$", (ROOT / "docs" / "index.md").read_text(), re.M)
     pages = {page.stem for page in (ROOT / "docs").glob("*.md")} - {"index"}
