@@ -118,7 +118,7 @@ def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.slow
 def test_every_named_effect_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page of effects puts each law to work on the bundled boom, and offers what calibration leaves to the others."""
+    """The page of effects puts each law to work on the bundled boom, and offers the rest to the others."""
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "_ext"))
     import effects
 
