@@ -26,6 +26,7 @@ from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.friction_windup import FRICTION_WINDUP
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.location import LINK, Location, drive_axis
+from armflex.laws.effects.shapes import ABOVE
 from armflex.laws.effects.unnamed import candidate_columns, shaped_places
 from armflex.trace.candidates import Candidate, candidates_of, grid
 
@@ -108,15 +109,27 @@ def hypotheses(context: Context) -> list[Hypothesis]:
     found = []
     for one in known:
         beside = values[_spot(one), one.location.terms]
-        prior = _of_law(one.law) - _share(one, len(spots[one.law.name])) + float(np.log(RARE)) * _rare(one, beside)
+        prior = _of_law(one.law) - _share(one, len(spots[one.law.name]))
+        prior += float(np.log(RARE)) * _rare(one, beside, context)
         found.append(Hypothesis((one,), prior - float(np.log(len(terms[_spot(one)]) * len(beside)))))
     return found
 
 
-def _rare(one: Candidate, beside: Sequence[Values]) -> int:
-    """Return how many values inside a candidate's law are not the usual ones although candidates have those."""
-    usual = [(i, inner.usual) for i, inner in enumerate(one.law.inner) if inner.usual is not None]
-    return sum(one.inner[i] != value and any(other[i] == value for other in beside) for i, value in usual)
+def _rare(one: Candidate, beside: Sequence[Values], context: Context) -> int:
+    """Return how many values inside a candidate's law are not the usual ones although candidates have those.
+
+    A column that never reads 20 degC may be a difference, or have another unit: no reference is rare in it.
+    """
+    count = 0
+    for i, inner in enumerate(one.law.inner):
+        if inner.usual is None or one.inner[i] == inner.usual or all(other[i] != inner.usual for other in beside):
+            continue
+        if inner is ABOVE:
+            column = context.column(one.location.covariates[0])
+            count += bool(column.min() <= inner.usual <= column.max())
+        else:
+            count += 1
+    return count
 
 
 def _spot(one: Candidate) -> tuple:

@@ -332,7 +332,8 @@ def test_what_is_not_proven_is_left_to_newton(tmp_path):
 @pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.linear])
 def test_effects_that_are_linear_are(tmp_path, name):
     arm, law, rng = three_joints(tmp_path, laws_of("position dependent")), EVERY[name], np.random.default_rng(1)
-    location = Location("yaw", "rx", ("temperature",), tuple(range(len(law.amplitudes))), "ry")
+    partner = "out" if name.endswith("telescope") else "ry"
+    location = Location("yaw", "rx", ("temperature",), tuple(range(len(law.amplitudes))), partner)
     values = (
         *rng.uniform(1e-8, 1e-7, len(law.amplitudes)),
         *(20.0 if one.name == "reference" else 0.5 for one in law.inner),

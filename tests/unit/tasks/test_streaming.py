@@ -203,7 +203,7 @@ except OutOfMemoryError as error:
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path, calibrated: Path) -> None:
     """What the same rows in one piece take is refused here, and leaves no file."""
     (tmp_path / "few").mkdir()
-    few, many = rows_of(tmp_path / "few", 20), rows_of(tmp_path, 30_000)
+    few, many = rows_of(tmp_path / "few", 300), rows_of(tmp_path, 30_000)
     command = [sys.executable, "-c", SCARCE, str(calibrated), str(few), str(many)]
     found = subprocess.run(
         command, cwd=tmp_path, check=True, stdout=subprocess.PIPE, text=True, env=ENVIRONMENT, timeout=600
