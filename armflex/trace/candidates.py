@@ -53,10 +53,10 @@ class Candidate:
 
 
 FLUSHED, TOGETHER = 2**22, 4096
-"""Numbers of a bank's columns that are made at a time, or so many columns of a long campaign."""
+"""Tolerance: numbers of a bank's columns that are made at a time, or so many columns of a long campaign."""
 
 TOLD = 256
-"""Candidates after which it is told how far one has come."""
+"""Tolerance: candidates after which it is told how far one has come."""
 
 KEPT = 2**26
 """Tolerance: numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""

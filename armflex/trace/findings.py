@@ -34,13 +34,13 @@ from armflex.trace.state import State, lost_in, lost_of, lost_rows
 from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely
 
 ALMOST = 1e-4
-"""Share of a column's square below which what is left of it cannot be seen at any plausible size."""
+"""Tolerance: share of a column's square below which what is left of it cannot be seen at any plausible size."""
 
 UNLIKELY = 1e-4
-"""Probability below which a residual larger than the repeats' scatter is no chance."""
+"""Confidence: probability below which a residual larger than the repeats' scatter is no chance."""
 
 LARGER = 2.0
-"""Variance over that of repeats from which a residual without a place is told at all."""
+"""Confidence: variance over that of repeats from which a residual without a place is told at all."""
 
 
 @dataclass(frozen=True)

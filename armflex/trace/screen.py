@@ -13,11 +13,23 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Bank, Candidate, candidate_regressors
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
-from armflex.trace.selection import Batch, Beside, Block, Evidence, Group, Model, batch_of, prior_of, taken
+from armflex.trace.selection import (
+    Batch,
+    Beside,
+    Block,
+    Evidence,
+    Group,
+    Model,
+    batch_of,
+    batches_of,
+    joined,
+    prior_of,
+    taken,
+)
 from armflex.trace.sensible import sensible, unusual
 
 MOVED = 1e-3
-"""By how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
+"""Prior: by how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
 
 PIECE = 128
 """Tolerance: hypotheses whose columns are held at a time where the likeliest of many are sought."""
@@ -159,9 +171,9 @@ class Screen(Evidence):
             inside = self._held.gram[np.ix_(own[at - first], own[at - first])]
             batch = batch_of(groups[-1:], np.array([number - block.first]), at[None] - self._first, inside[None])
             by_size.setdefault(size, []).append(batch)
-        batches = tuple(tuple(map(np.concatenate, zip(*some, strict=True))) for some in by_size.values())
+        batches = tuple(joined(some) for some in by_size.values())
         priors = np.append(block.priors, prior_of(groups))
-        self.blocks[-1] = Block(block.first, batches, self._held.scores[self._further], priors)  # type: ignore[arg-type]
+        self.blocks[-1] = Block(block.first, batches, self._held.scores[self._further], priors)
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
         """Return the hypotheses that are most probable beside any of some models, of many that are made in pieces."""
@@ -179,13 +191,8 @@ class Screen(Evidence):
                 Group(one, np.arange(a, b), self._scaled((own**2).sum(axis=0)))
                 for (one, own), (a, b) in zip(made, pairwise(ends.tolist()), strict=True)
             ]
-            batches = []
-            for size in np.unique(np.diff(ends)).tolist():
-                numbers = np.flatnonzero(np.diff(ends) == size)
-                some = [groups[i] for i in numbers.tolist()]
-                places = np.array([one.places for one in some])
-                stacked, own_seen = columns.T[places] @ cleared.T[places].transpose(0, 2, 1), seen[places]
-                batches.append(batch_of(some, numbers, places, stacked - own_seen @ own_seen.transpose(0, 2, 1)))
+            parts = columns.T, cleared.T, seen
+            batches = batches_of(groups, lambda places, parts=parts: _products(places, *parts))
             scores, logs = columns.T @ self.projection.residual, []
             for beside, own, own_seen in known:
                 across = (columns.T @ own - seen @ own_seen.T) @ beside.inverse.T
@@ -298,6 +305,10 @@ class Screen(Evidence):
         return self._charges[key]
 
 
+def _products(places: np.ndarray, columns: Array, cleared: Array, seen: Array) -> Array:
+    return columns[places] @ cleared[places].transpose(0, 2, 1) - seen[places] @ seen[places].transpose(0, 2, 1)
+
+
 class Dense(Evidence):
     """The evidence of a few hypotheses from some of the rows: all (K, K) products of their columns are known."""
 
@@ -306,14 +317,8 @@ class Dense(Evidence):
     ) -> None:
         self.groups, self._gram, self._scores, self._charges = groups, whole, scores, charges
         self.objective, self.count = objective, count
-        sizes = np.array([len(one.places) for one in groups], dtype=int)
-        batches = []
-        for size in np.unique(sizes).tolist():
-            numbers = np.flatnonzero(sizes == size)
-            some = [groups[i] for i in numbers.tolist()]
-            places = np.array([one.places for one in some])
-            batches.append(batch_of(some, numbers, places, whole[places[:, :, None], places[:, None, :]]))
-        self.blocks = [Block(0, tuple(batches), scores, prior_of(groups))]
+        batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
+        self.blocks = [Block(0, batches, scores, prior_of(groups))]
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]

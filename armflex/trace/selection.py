@@ -35,10 +35,10 @@ SCALES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
 """Prior: standard deviations tau of an amplitude, by how far it moves the target [mm], all equally likely."""
 
 MOST = 24
-"""Hypotheses in a model at most."""
+"""Tolerance: hypotheses in a model at most."""
 
 PAIRS = 3
-"""Pairs of hypotheses, those that share most, that are taken out together once nothing else improves a model."""
+"""Tolerance: pairs of hypotheses, those that share most, that are taken out together once nothing else improves it."""
 
 KEPT = 64
 """Tolerance: models whose evidence is held at a time."""
@@ -91,6 +91,23 @@ def batch_of(groups: Sequence[Group], numbers: np.ndarray, places: np.ndarray, i
     scale = np.array([one.scale for one in groups])
     signed = np.array([one.hypothesis.positive for one in groups])
     return numbers, places, scale, inside * scale[:, :, None] * scale[:, None, :], signed
+
+
+def joined(some: Sequence[Batch]) -> Batch:
+    """Return batches of one size as one."""
+    numbers, places, scale, inside, signed = (np.concatenate(part) for part in zip(*some, strict=True))
+    return numbers, places, scale, inside, signed
+
+
+def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -> tuple[Batch, ...]:
+    """Return groups by their size; `inside` has the (g, k, k) parts of G at (g, k) columns."""
+    sizes, found = np.array([len(one.places) for one in groups], dtype=int), []
+    for size in np.unique(sizes).tolist():
+        numbers = np.flatnonzero(sizes == size)
+        some = [groups[i] for i in numbers.tolist()]
+        places = np.array([one.places for one in some])
+        found.append(batch_of(some, numbers, places, inside(places)))
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)

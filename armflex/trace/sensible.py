@@ -20,33 +20,34 @@ from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.candidates import Candidate
 
 ROWS = 15
-"""Rows looked at."""
+"""Tolerance: rows looked at."""
 
 IMPLAUSIBLE = 3.0
-"""Times what is plausible of its law beyond which an effect is not believed."""
+"""Prior: times what is plausible of its law beyond which an effect is not believed."""
 
 USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
-"""RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that machines have
-without anybody knowing."""
+"""Prior: RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that
+machines have without anybody knowing."""
 
 SOFT = 100.0
-"""Times the softest joint of steel that is believed: what would have to give more is no compliance."""
+"""Prior: times the softest joint of steel that is believed: what would have to give more is no compliance."""
 
 SLACK = 2.0
-"""Coupling over the most that two compliances allow: while it is missing, calibration bends them to make up for it."""
+"""Prior: coupling over the most that two compliances allow: while it is missing, calibration bends them to make
+up for it."""
 
 AGAINST = 0.1
-"""Part of what an axis gives over the rows that it may give against the load in some of them: a polynomial fits most of
-a joint's travel, not its end, but a joint makes no energy."""
+"""Prior: part of what an axis gives over the rows that it may give against the load in some of them: a polynomial fits
+most of a joint's travel, not its end, but a joint makes no energy."""
 
 MOST_GIVE = 10.0
-"""Times what is plausible by which an axis gives at most under the largest load on its joint, whichever way that is.
+"""Prior: times what is plausible by which an axis gives at most under the largest load on its joint, either way.
 
 More counts against a candidate, and is not believed of an axis that poses load by less than `LOADED` of that.
 """
 
 LOADED = 1e-3
-"""Share of the largest load on a joint that is more than what tilts and deflections put on any axis."""
+"""Tolerance: share of the largest load on a joint that is more than what tilts and deflections put on any axis."""
 
 
 def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Context) -> float:

@@ -26,19 +26,19 @@ from armflex.rows.rows import POSE
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
-"""Variances tried, in units of what the mean pose could tell at all."""
+"""Tolerance: variances tried, in units of what the mean pose could tell at all."""
 
 LEVEL = 1.0
-"""Log-likelihood ratio by which a link's end must be likelier than a joint."""
+"""Prior: log-likelihood ratio by which a link's end must be likelier than a joint."""
 
 NOTICED = 10.0
-"""Log-likelihood ratio from which a place counts; noise alone stays below about 3."""
+"""Confidence: log-likelihood ratio from which a place counts; noise alone stays below about 3."""
 
 LARGEST_SHIFT, LARGEST_TURN = 0.02, 0.005
-"""Standard deviation from pose to pose [m, rad] beyond which an arm is broken: nothing that large goes unrecorded."""
+"""Prior: standard deviation from pose to pose [m, rad] beyond which an arm is broken and somebody knows."""
 
 AS_LIKELY = 3.0
-"""Log-likelihood within which places are not told apart."""
+"""Confidence: log-likelihood within which places are not told apart."""
 
 RANDOM = "unexplained"
 """Name of the effect while a fit lasts."""
