@@ -40,7 +40,6 @@ class Refiner:
 
     def __init__(self, screen: Screen) -> None:
         self._screen = screen
-        self._known: dict[tuple, set[frozenset]] = {}
 
     def __call__(self, beside: Beside, rivals: Sequence[Rival]) -> None:
         """Add refined ones of some hypotheses beside a model."""
@@ -49,7 +48,7 @@ class Refiner:
         found, odds = list[Hypothesis](), beside.odds.max(axis=1)
         for place, rival in enumerate(rivals):
             hypothesis = screen.groups[rival.chosen.number].hypothesis
-            before = self._known.setdefault(hypothesis.spot, set())
+            before = screen.refined.setdefault(hypothesis.spot, set())
             if others in before or (before and place >= FIRST):
                 continue
             before.add(others)

@@ -31,7 +31,7 @@ from armflex.trace.sensible import sensible, unusual
 MOVED = 1e-3
 """Prior: by how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
 
-PIECE = 128
+PIECE = 32
 """Tolerance: hypotheses whose columns are held at a time where the likeliest of many are sought."""
 
 STILL = 1e-12
@@ -101,6 +101,7 @@ class Screen(Evidence):
         fit, context: Where columns are made.
         projection: Of what is fitted anyway.
         quiet: Standard deviation of the readings by which they are whitened, over that stated.
+        refined: Of every law and place, the sets of others beside which values inside it were refined.
     """
 
     def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection, quiet: float = 1.0) -> None:
@@ -133,6 +134,7 @@ class Screen(Evidence):
         self._held, self._place, self._rows = Held(projection), dict[int, int](), dict[int, Array]()
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
+        self.refined: dict[tuple, set[frozenset]] = {}
 
     def forget(self) -> None:
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
