@@ -39,6 +39,7 @@ from armflex.mechanics.loaded import NO_PAYLOAD, LoadedArm, Names, Payload
 from armflex.mechanics.modes import Modes, modes_of
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.query import Prepared
+from armflex.mechanics.spring import Spring
 from armflex.parameters import (
     CARRIED,
     FRAME,
@@ -158,6 +159,7 @@ class Arm:
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
         flags: Flags about the arm as declared.
         damping_ratio: Damping of its vibrations over the critical one, None when not stated.
+        springs: Between points of its links.
     """
 
     robot: Robot
@@ -175,6 +177,7 @@ class Arm:
     certainty: Certainty | None = None
     flags: tuple[Flag, ...] = ()
     damping_ratio: float | None = None
+    springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
         known = [joint.name for joint in self.robot.chain]
@@ -183,6 +186,10 @@ class Arm:
                 raise UnknownNameError("joint between base and tip", flexure.joint, known)
             if sum(other.name == flexure.name for other in self.flexures) > 1:
                 raise InputError(f"two flexures are named {flexure.name!r}")
+        for spring in self.springs:
+            for link, _ in spring.ends:
+                if link not in (links := self.robot.urdf.below(self.robot.base)):
+                    raise UnknownNameError("link", link, sorted(links))
 
     def __getstate__(self) -> dict[str, object]:
         """Return what is declared; models are made again where the arm is sent."""

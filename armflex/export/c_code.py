@@ -197,6 +197,9 @@ def _said(arm: Arm) -> list[list[tuple[str, Terms]]]:
         if pulling.law.name not in PULLS:
             other = replace(arm, effects=tuple(one for one in arm.effects if one is not effect))
             refused.append((f"effect {effect.name!r}", f"is a {pulling.law.name}, which has no form in C", other))
+    for spring in arm.springs:
+        other = replace(arm, springs=tuple(one for one in arm.springs if one is not spring))
+        refused.append((f"spring {spring.name!r}", "has no form in C", other))
     if refused:
         parts = [f"{name} {reason} ({_amount(arm, other)})" for name, reason, other in refused]
         raise UnsupportedError(f"this arm cannot be written as C: {'; '.join(parts)}")

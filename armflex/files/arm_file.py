@@ -42,6 +42,7 @@ from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.link_table import read_link
 from armflex.files.sensor_table import read_sensors
+from armflex.files.spring_table import read_spring
 from armflex.laws import read_law
 from armflex.laws.declared import law_name, soft
 from armflex.laws.effects.location import drive_axis
@@ -181,6 +182,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     if taken := [flexure.name for flexure in bent if flexure.name in tables]:
         raise tables[taken[0]].fail("joint", f"[link.{taken[0]}] is a flexure of this name: choose another one")
     flexures = (*bent, *(_read_flexure(name, table, robot) for name, table in tables.items()))
+    springs = tuple(read_spring(name, table, robot) for name, table in root.subs("spring").items())
     measurement = Measurement()
     if root.has("measurement"):
         table = root.sub("measurement")
@@ -209,6 +211,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         flags=tuple(flags),
         payload_rating=ratings[0],
         damping_ratio=ratings[1],
+        springs=springs,
     )
     if not calibrated:
         return _with_effects(arm, effects)

@@ -280,6 +280,11 @@ class Deflection(_Result[float]):
         return (Flag("beyond_effort", text),) if shares[worst] > 1.0 else ()
 
     @cached_property
+    def spring_states(self) -> Array:
+        """(n_springs, 2) length [m] and tension [N] of every spring, in the order of `Arm.springs`."""
+        return self._mechanics.spring_states(self._configuration)
+
+    @cached_property
     def tangent(self) -> Array:
         """(6 n, 6 n) tangent `I + C dτ/dtwist` at the solution, in units of the twists."""
         motion, torque = self._at_rest
@@ -646,7 +651,7 @@ def deflect_batch(
     check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, moves=False)  # raises where a link is not the arm's
-    if asked.compiled(case) and not kernel_pays(len(q)):
+    if asked.compiled(case) and (arm.springs or not kernel_pays(len(q))):
         asked = asked._replace(few=True)
     here = asked.compiled(case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)

@@ -21,6 +21,7 @@ from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
+from armflex.mechanics.spring import Spring
 from armflex.robot import Corrections, Site
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
@@ -108,6 +109,7 @@ class Structure(Manipulator, Protocol):
         flags: Flags about it as declared.
         sites: Of its flexures, in order; `stack` has their laws, with the effects at work there.
         pulls: Loads that effects put on its links.
+        springs: Between points of its links; compiled code knows none.
         names: Of joints and flexures, base and tip.
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
@@ -126,6 +128,8 @@ class Structure(Manipulator, Protocol):
     def stack(self) -> LawStack: ...
     @property
     def pulls(self) -> Sequence[Load]: ...
+    @property
+    def springs(self) -> tuple[Spring, ...]: ...
     @property
     def names(self) -> Names: ...
     @property
@@ -196,7 +200,7 @@ class LoadedArm:
         try:
             return self._local.mechanics
         except AttributeError:
-            self._local.mechanics = Mechanics(self.rigid, self.flex, self.arm.stack, self.arm.pulls)
+            self._local.mechanics = self._mechanics(self.flex)
             return self._local.mechanics
 
     @property
@@ -206,8 +210,11 @@ class LoadedArm:
             return self._local.probed
         except AttributeError:
             flex = replace(self._probed[0], flexure_v=self._probed[0].flexure_v[: 6 * len(self.arm.sites)])
-            self._local.probed = Mechanics(self.rigid, flex, self.arm.stack, self.arm.pulls)
+            self._local.probed = self._mechanics(flex)
             return self._local.probed
+
+    def _mechanics(self, flex: FlexModel) -> Mechanics:
+        return Mechanics(self.rigid, flex, self.arm.stack, self.arm.pulls, self.arm.springs)
 
     @property
     def probed_v(self) -> np.ndarray:
@@ -307,7 +314,12 @@ class LoadedArm:
 
     @cached_property
     def stability_bound(self) -> StabilityBound | None:
-        """How far weight and what pulls at it can soften the arm; None where a joint or a pull can go any way."""
+        """How far weight and what pulls at it can soften the arm; None where a joint or a pull can go any way.
+
+        A spring may soften an arm as well as its weight may: with one there is no bound, and the tangent is looked at.
+        """
+        if self.arm.springs:
+            return None
         ranges = {joint.name: (joint.lower, joint.upper) for joint in self.arm.robot.moving}
         model, flex, slides = self.flex.model, self.flex, [j for j in self.arm.robot.moving if j.kind == "prismatic"]
         travel = {model.getJointId(joint.name): max(abs(joint.lower), abs(joint.upper)) for joint in slides}

@@ -151,6 +151,8 @@ class Pushes:
     """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), sited: bool = False) -> None:
+        if loaded.arm.springs:  # whoever may ask for them answers by Pinocchio instead
+            raise UnsupportedError("compiled code knows no springs")
         self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
         self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._chain = loaded.sited_chain if sited else loaded.chain

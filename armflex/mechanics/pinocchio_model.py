@@ -22,6 +22,7 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
 from armflex.mechanics.laws import LawStack, PlacedLaws
+from armflex.mechanics.spring import PlacedSprings, Spring
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import MOVING, Joint
 from armflex.rows.wrench import Wrench, same_objects, wrenches_in
@@ -222,9 +223,18 @@ class LoadCase(NamedTuple):
 class Mechanics:
     """One thread's Pinocchio of an arm with its payload, rigid and flexible; never to be shared between threads."""
 
-    def __init__(self, rigid: FlexModel, flex: FlexModel, stack: LawStack, pulls: Sequence[Load] = ()) -> None:
+    def __init__(
+        self,
+        rigid: FlexModel,
+        flex: FlexModel,
+        stack: LawStack,
+        pulls: Sequence[Load] = (),
+        springs: Sequence[Spring] = (),
+    ) -> None:
         self.rigid, self.flex, self.pulls = rigid, flex, tuple(pulls)
         self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
+        self.springs = PlacedSprings(springs, self.model, self.data) if springs else None
+        self._pushed = bool(pulls or springs)
         self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.model.nv)
         self._frames = {link: flex.frame(link) for link in flex.links}
         self._carriers: dict[str, tuple[int, Array, Array]] = {}
@@ -253,14 +263,30 @@ class Mechanics:
         They are what parents exert on children: minus the loads that deform.
         """
         moves = case.v is not None or case.a is not None
-        if not (moves or case.wrenches or self.pulls):
+        if not (moves or case.wrenches or self._pushed):
             return self.weight
+        if self.springs is not None:
+            return partial(self._sprung, case)
         if moves:
             v, a = self._velocities(case)
             return self._loaded(case.wrenches, partial(_accelerated, v, a))
         if not same_objects(self._last[0], case.wrenches):
             self._last = case.wrenches, self._loaded(case.wrenches, static_torque)
         return self._last[1]
+
+    def _sprung(self, case: LoadCase, configuration: Array) -> Array:
+        """Return the torque that holds an arm with springs."""
+        forces = self._forces(configuration, (*case.wrenches, *self.pulls))
+        if case.moves:
+            return _accelerated(*self._velocities(case), self.model, self.data, configuration, forces)
+        return static_torque(self.model, self.data, configuration, forces)
+
+    def spring_states(self, configuration: Array) -> Array:
+        """Return (n_springs, 2) of lengths [m] and tensions [N]."""
+        if self.springs is None:
+            return np.empty((0, 2))
+        place_joints(self.model, self.data, configuration)
+        return self.springs.states()
 
     def _loaded(self, wrenches: tuple[Wrench, ...], hold: Callable[..., Array]) -> Callable[[Array], Array]:
         """Return the map for what holds the arm under forces on Pinocchio's joints, in their axes."""
@@ -316,7 +342,7 @@ class Mechanics:
     def stiffness(self, configuration: Array, case: LoadCase) -> Array:
         """Return the (nv, nv) change of the torque per body motion of joints and flexures: the geometric stiffness."""
         model, data, loads = self.model, self.data, (*case.wrenches, *self.pulls)
-        if not (loads or case.moves):
+        if not (loads or case.moves or self.springs):
             return np.array(pin.computeGeneralizedGravityDerivatives(model, data, configuration))
         forces, (v, a) = self._forces(configuration, loads), self._velocities(case)
         total = np.array(pin.computeRNEADerivatives(model, data, configuration, v, a, forces)[0])
@@ -329,6 +355,9 @@ class Mechanics:
             change = turn.T @ load.change(pose.homogeneous) @ turn
             change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
             total -= jacobian.T @ change @ jacobian
+        if self.springs is not None:
+            place_joints(model, data, configuration)
+            total += self.springs.stiffness(configuration)
         return total
 
     def exponential_jacobian(self, rigid: Array, motion: Array) -> Array:
@@ -386,6 +415,9 @@ class Mechanics:
             owner = self.model.frames[frame]
             local = _in_axes_of(self.frame_pose(configuration, frame), load)
             forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
+        if self.springs is not None:
+            place_joints(self.model, self.data, configuration)
+            self.springs.push(forces)
         return forces
 
 

@@ -259,7 +259,9 @@ def respond(
     case = LoadCase(q, wrenches=tuple(one.under(arm.robot.gravity) for one in wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
-    few = len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q))
+    # Compiled code knows no springs.
+    few = bool(arm.springs)
+    few = few or (len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q)))
     solve = _solved_alone if few else _solved
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows:

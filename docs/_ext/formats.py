@@ -46,7 +46,10 @@ def header(declaration: Declaration) -> str:
     """Return a table's name, with NAME for what the user names."""
     words = [str(key) for key in declaration.keys if isinstance(key, str)]
     for place, first in enumerate(words[:-1]):
-        if first in ("payload", "flexure", "preset", "instrument", "law") or words[: place + 1] == ["robot", "joint"]:
+        if first in ("payload", "flexure", "preset", "instrument", "law", "spring") or words[: place + 1] == [
+            "robot",
+            "joint",
+        ]:
             words[place + 1] = "NAME"
     return (
         ".".join(words).removeprefix("preset.NAME.") if words[:1] == ["preset"] and len(words) > 2 else ".".join(words)

@@ -1,0 +1,68 @@
+"""[spring.NAME]: a spring between points of two links, linear or of gas."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from armflex.declaration import Declaration
+from armflex.errors import did_you_mean, listing
+from armflex.mechanics.pinocchio_model import build_model
+from armflex.mechanics.spring import CoilSpring, GasSpring, Spring, TensionLaw
+from armflex.robot import Robot
+
+
+def read_spring(name: str, table: Declaration, robot: Robot) -> Spring:
+    """Return a spring of a robot.
+
+    Args:
+        name: The spring.
+        table: Its ends and how its tension goes with its length.
+        robot: The robot, with every link that the arm.toml makes.
+
+    Raises:
+        ArmFileError: There is no such link, no joint moves the ends against each other, an end is farther from its
+            link's origin than the robot reaches, or the numbers are no spring's.
+    """
+    rigid = build_model(robot)
+    links, ends = [], []
+    for key, where in (("link", "at"), ("to", "at_to")):
+        link, point = table.text(key), table.numbers(where, (3,))
+        if link not in rigid.links:
+            hint = did_you_mean(link, rigid.links)
+            raise table.fail(key, f"no link {link!r} at or beyond the base{hint} (known: {listing(rigid.links)})")
+        if (apart := float(np.linalg.norm(point))) > max(robot.reach, 1.0):
+            raise table.fail(where, f"is {apart:g} m from the origin of {link!r}, more than the reach: millimetres?")
+        links.append(link)
+        ends.append(point)
+    carriers = {rigid.model.frames[rigid.frame(link)].parentJoint for link in links}
+    if len(carriers) == 1:
+        raise table.fail("to", f"no joint moves {links[1]!r} against {links[0]!r}: the spring does nothing")
+    law = _read_gas(table) if table.has("pressure") else _read_coil(table)
+    table.finish()
+    return Spring(name, links[0], ends[0], links[1], ends[1], law)
+
+
+def _read_coil(table: Declaration) -> TensionLaw:
+    rate = _positive(table, "rate", "N/m")
+    if not table.has("preload"):
+        return CoilSpring(rate, _positive(table, "free_length", "m"))
+    if table.has("free_length"):
+        raise table.fail("preload", "stands beside 'free_length': give one of them")
+    return CoilSpring(rate, _positive(table, "length0", "m"), table.number("preload"))
+
+
+def _read_gas(table: Declaration) -> TensionLaw:
+    if table.has("rate"):
+        raise table.fail("pressure", "is of a gas spring, 'rate' of a linear one: give one of them")
+    pressure, area = _positive(table, "pressure", "Pa"), _positive(table, "area", "m^2")
+    length, exponent = _positive(table, "length0", "m"), table.number("exponent", 1.0)
+    if not 1.0 <= exponent <= 2.0:
+        raise table.fail("exponent", f"is {exponent:g}, expected 1 (constant temperature) to 2")
+    return GasSpring(pressure, area, length, exponent)
+
+
+def _positive(table: Declaration, key: str, unit: str) -> float:
+    value = table.number(key)
+    if value <= 0.0:
+        raise table.fail(key, f"expected more than 0 {unit}, got {value:g}")
+    return value
