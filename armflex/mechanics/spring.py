@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -20,8 +20,26 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, InputError
 
-End = tuple[int, int, Array, Array]
-"""A link's frame, its Pinocchio joint, the point (3,) in that joint's axes [m], (6, 3) wrench per force at it."""
+
+class End(NamedTuple):
+    """One end of a spring in one thread's Pinocchio.
+
+    Attributes:
+        frame, joint: Its link's frame, and the Pinocchio joint that carries it.
+        point: (3,) in the axes of that joint [m].
+        lever: (6, 3) wrench on the joint per force at the point, axes of the joint.
+        turn, place: (3, 3) and (3,) where the joint is [m]: views into Pinocchio's own memory.
+        of_joint: (6, 6) body motion of the joint per one of the link.
+    """
+
+    frame: int
+    joint: int
+    point: Array
+    lever: Array
+    turn: Array
+    place: Array
+    of_joint: Array
+
 
 SHORTEST = 1e-9
 """Length [m] below which a spring has no direction."""
@@ -125,9 +143,11 @@ class PlacedSprings:
             ends: list[End] = []
             for link, point in spring.ends:
                 frame = model.getFrameId(link, pin.FrameType.BODY)
-                placed = model.frames[frame].placement.act(np.asarray(point, dtype=float))
+                joint, placement = model.frames[frame].parentJoint, model.frames[frame].placement
+                placed, pose = placement.act(np.asarray(point, dtype=float)), data.oMi[joint]
                 lever = np.vstack([np.eye(3), pin.skew(placed)])
-                ends.append((frame, model.frames[frame].parentJoint, placed, lever))
+                here = pose.rotation, pose.translation
+                ends.append(End(frame, joint, placed, lever, *here, placement.action))
             self._ends.append(ends)
 
     def states(self) -> Array:
@@ -139,8 +159,8 @@ class PlacedSprings:
         """Add what springs do to forces on Pinocchio's joints, in their axes, where the joints are placed."""
         for spring, (way, length, ends) in self._drawn():
             pull = spring.law.tension(length) / length * way
-            for (_, joint, _, lever), force in zip(ends, (pull, -pull), strict=True):
-                forces[joint].vector[:] += lever @ (self.data.oMi[joint].rotation.T @ force)
+            for end, force in zip(ends, (pull, -pull), strict=True):
+                forces[end.joint].vector[:] += end.lever.dot(force.dot(end.turn))
 
     def stiffness(self, configuration: Array) -> Array:
         """Return the (nv, nv) change of the torque per body motion, beyond that of forces in the joints' axes."""
@@ -148,13 +168,12 @@ class PlacedSprings:
         for spring, (way, length, ends) in self._drawn():
             tension, along = spring.law.tension(length), np.outer(way, way) / length**2
             moved, pull = [], tension / length * way
-            for (frame, joint, point, _), force in zip(ends, (pull, -pull), strict=True):
-                turn, placed = data.oMi[joint].rotation.copy(), model.frames[frame].placement
-                # Body motion of the joint that carries the link; of the world itself there is none.
-                body = placed.action @ pin.computeFrameJacobian(model, data, configuration, frame, pin.LOCAL)
-                shifted = body[:3] - pin.skew(point) @ body[3:]
-                total -= shifted.T @ pin.skew(turn.T @ force) @ body[3:]
-                moved.append(turn @ shifted)
+            for end, force in zip(ends, (pull, -pull), strict=True):
+                # Of the world itself there is no motion.
+                body = end.of_joint @ pin.computeFrameJacobian(model, data, configuration, end.frame, pin.LOCAL)
+                shifted = end.lever.T @ body
+                total -= shifted.T @ pin.skew(force.dot(end.turn)) @ body[3:]
+                moved.append(end.turn @ shifted)
             apart = moved[1] - moved[0]
             total += apart.T @ (spring.law.rate(length) * along + tension / length * (np.eye(3) - along)) @ apart
         return total
@@ -162,8 +181,8 @@ class PlacedSprings:
     def _drawn(self) -> Iterator[tuple[Spring, tuple[Array, float, list[End]]]]:
         """Yield every spring with the way between its ends (3,) [m], its length [m] and the ends."""
         for spring, ends in zip(self.springs, self._ends, strict=True):
-            first, second = (self.data.oMi[joint].act(point) for _, joint, point, _ in ends)
-            way = second - first
+            first, second = ends
+            way = second.turn.dot(second.point) + second.place - first.turn.dot(first.point) - first.place
             length = math.sqrt(way.dot(way))
             if not length > SHORTEST:
                 raise ConvergenceError(f"spring {spring.name!r}: its ends meet, where it has no direction", ())
