@@ -18,13 +18,16 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import of_column, own_position
 
 WAYS = {"out": 1.0, "in": -1.0}
 SPARE = (0.1, 0.5, 1.5)
 """What is out where least is, as shares of the travel: to begin a search with."""
+
+MOST = 5.0
+"""Prior: no telescope is built of which more stays out, as a share of the travel that was measured."""
 
 
 def beam(here: Here) -> tuple[Array, Array]:
@@ -58,6 +61,18 @@ def _length0(location: Location, context: Context) -> Iterable[float]:
     return -out.min() + max(float(np.ptp(out)), 1e-3) * np.array(SPARE)
 
 
+def _is_built(effect: Effect, context: Context, arm: Manipulator) -> bool:
+    """Return whether the beam is never shorter than nothing, and no more stays out, or lies between, than a machine has.
+
+    A cubic far from its origin is a straight line: any slow drift along the travel would be a beam without this.
+    """
+    out = WAYS[effect.location.partner] * context.column(effect.location.covariates[0])
+    travel, values = float(np.ptp(out)), effect.named
+    least = values["length0"] + float(out.min())
+    declared = WAYS[effect.location.partner] * values["declared_at"]
+    return 0.0 <= least <= MOST * travel and out.min() - travel <= declared <= out.max() + travel
+
+
 TELESCOPE = TwistLaw(
     name="unnamed_telescope",
     words=Words(
@@ -74,6 +89,7 @@ TELESCOPE = TwistLaw(
     ],
     amplitudes=(Amplitude("bending", "1/(N m^2)", positive=True), Amplitude("torsion", "1/(N m^2)", positive=True)),
     basis=_basis,
+    possible=_is_built,
     inner=(
         Inner("length0", "m", _length0, positive=False),
         Inner("declared_at", "m", of_column(lambda q: (float(q.mean()),)), positive=False),
