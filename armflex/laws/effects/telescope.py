@@ -62,7 +62,7 @@ def _length0(location: Location, context: Context) -> Iterable[float]:
 
 
 def _is_built(effect: Effect, context: Context, arm: Manipulator) -> bool:
-    """Return whether the beam is never shorter than nothing, and no more stays out, or lies between, than a machine has.
+    """Return whether what stays out, and where a constant was declared, are those of a machine.
 
     A cubic far from its origin is a straight line: any slow drift along the travel would be a beam without this.
     """
