@@ -561,6 +561,21 @@ class Setup:
             arm = replace(arm, robot=replace(robot, gravity=pose.rotation.T @ level))
         return Setup(arm, replace(self.instrument, pose=pose))
 
+    def falls(self, sessions: Sequence[str]) -> Array | None:
+        """Return (N, 3, 3) turns of gravity, as the arm has it, to the base axes of each row; None where it is as that.
+
+        Between campaigns the base was moved: gravity that is known in the frame of a level instrument is then another
+        one in the base, as the frame of the row's campaign has it.
+        """
+        instrument = self.instrument
+        if self.arm.measurement.gravity_in != "measurement" or not instrument.campaigns:
+            return None
+        campaigns, here = [instrument.within(name)[0] for name in sessions], instrument.pose.rotation
+        turned = {name: here.T @ instrument.frame(name).rotation.T @ here for name in set(campaigns)}
+        if all(name == instrument.campaigns[0] for name in turned):
+            return None
+        return np.array([turned[name] for name in campaigns]).reshape(-1, 3, 3)
+
     def with_effect(self, effect: Effect) -> Setup:
         """Return the setup with one more effect in it, and with what the effect changes of the model."""
         arm = self.arm

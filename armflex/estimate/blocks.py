@@ -39,6 +39,7 @@ from armflex.parameters import (
 )
 from armflex.readings import Kind, Orientation, Position, Sensor, Touch
 from armflex.readings.instrument import twist_per_value
+from armflex.readings.kind import skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +76,8 @@ def frame_block(setup: Setup) -> Block:
 
     def changes(view: View) -> Array:
         jacobian = view.by_frame
-        if level:
-            rotation, gravity = view.setup.instrument.pose.rotation, view.setup.arm.robot.gravity
-            turned = pin.skew(gravity) @ rotation.T  # base gravity R^T g when R becomes exp(w) R
-            jacobian[:, :, 3:] += view.by_gravity @ turned
+        if level:  # base gravity R^T g when R becomes exp(w) R
+            jacobian[:, :, 3:] += _by_fall(view) @ view.setup.instrument.pose.rotation.T
         return jacobian
 
     def moved(setup: Setup, values: Array) -> Setup:
@@ -88,21 +87,34 @@ def frame_block(setup: Setup) -> Block:
     return RigidBlock(FRAME, np.full(6, np.inf), changes, moved)
 
 
+def _by_fall(view: View) -> Array:
+    """Return (M, d, 3) changes of the readings per rotation vector by which the base turns back under gravity."""
+    return view.by_gravity @ skew(view.gravity(view.arm.robot.gravity[None])[:, 0])
+
+
 def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 0.0, rotation: float = 0.0) -> Block:
     """Return the block of an instrument that was set up again: a shift and turn of it for every session.
 
-    Sessions in which it stood elsewhere have a first guess, about which nothing is known; see `placed_apart`.
+    Sessions in which it stood elsewhere have a first guess, about which nothing is known; see `placed_rigidly`. So have
+    campaigns, whose frames are among those of sessions: the gravity of a level instrument turns with them.
     """
-    guess = setup.instrument.sessions
+    guess, level = setup.instrument.sessions, setup.arm.measurement.gravity_in == "measurement"
     first = replace(setup.instrument, sessions={name: guess[name] for name in sessions if name in guess})
 
     def changes(view: View) -> Array:
         now, by_session, found = view.setup.instrument, view.by_session, []
         for name in sessions:
-            since = now.session(name) * first.session(name).inverse()
-            values = np.concatenate([since.translation, pin.log3(since.rotation)])
-            own = np.array([one == name for one in view.sessions])
-            found.append(by_session @ twist_per_value(values) * own[:, None, None])
+            since = now.frame(name) * first.frame(name).inverse()
+            twists = twist_per_value(np.concatenate([since.translation, pin.log3(since.rotation)]))
+            column = by_session
+            if name in now.campaigns:  # what its sessions add comes after it
+                after = {one: np.eye(6) if one == name else now.frame(one).action for one in set(view.sessions)}
+                column = by_session @ np.array([after[one] for one in view.sessions])
+                if level:
+                    turned = (now.frame(name).rotation @ now.pose.rotation).T
+                    column[:, :, 3:] += _by_fall(view) @ turned
+            own = np.array([name in now.within(one) for one in view.sessions])
+            found.append(column @ twists * own[:, None, None])
         return np.concatenate(found, axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
@@ -134,8 +146,9 @@ def remounted_block(setup: Setup, sessions: tuple[str, ...], std: float = 0.0, t
 
     def changes(view: View) -> Array:
         parts = [view.by_target, *([view.by_mounting] if turned else [])]
-        whole, own = np.concatenate(parts, axis=2), np.array(view.sessions)
-        return np.concatenate([whole * (own == name)[:, None, None] for name in sessions], axis=2)
+        whole, instrument = np.concatenate(parts, axis=2), view.setup.instrument
+        own = [np.array([name in instrument.within(one) for one in view.sessions]) for name in sessions]
+        return np.concatenate([whole * rows[:, None, None] for rows in own], axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:
         targets = dict(setup.instrument.targets)

@@ -76,7 +76,7 @@ class View:
         if len(self.rows) < len(self.driven):
             return look(self.setup, self.driven, readings=Readings(len(self.driven))).context
         wrenches = {site: self.line.load_at(site) for site in self.line.sites}
-        known = known_rows(self.arm, self.driven)
+        known = known_rows(self.arm, self.driven, gravity_in(self.setup, self.sessions))
         return survey(self.driven, self.arm, known, wrenches, self.line.links[:, :, :3, 3])
 
     @property
@@ -160,6 +160,16 @@ class View:
         """Return the (M, 4, 4) pose of a link in the base [m]."""
         return self.line.links[:, self.line.link_names.index(link)]
 
+    def gravity(self, own: Array) -> Array:
+        """Return (M, k, 3) what (k, 3) gravities of the arm are in the base axes of each row [m/s^2]."""
+        turns = self.falls
+        return np.broadcast_to(own, (len(self.rows), *own.shape)) if turns is None else own @ turns.swapaxes(1, 2)
+
+    @cached_property
+    def falls(self) -> Array | None:
+        """See `Setup.falls`."""
+        return self.setup.falls(self.sessions)
+
     def jacobian(self, law: EffectLaw, location: Location, inner: Values, context: Context) -> Array:
         """Return (M, d, k) changes of the readings per unit of an effect's acting amplitudes, exact where zero."""
         return self.per(law, location) @ law.features(location, inner, self, context).transpose(0, 2, 1)
@@ -215,7 +225,7 @@ class View:
             return found
         some = np.unique(np.concatenate([rows for *_, rows in self.indirect]))
         driven = self.rows[some]
-        at = postures(after, solved(after.arm, self.driven, driven), self.driven, driven)
+        at = postures(after, solved(after, self.driven, driven), self.driven, driven)
         for kind, place, rows in self.indirect:
             own, among = kind.some(rows), np.searchsorted(some, rows)
             found[rows, place] = (own.predicted(at.some(among)) - (own.values - self.residual[rows, place])) / size
@@ -300,7 +310,7 @@ def look(
         line: The linearised arm at those rows, where it is known.
     """
     some = np.arange(len(rows)) if some is None else some
-    line = solved(setup.arm, rows, some) if line is None else line
+    line = solved(setup, rows, some) if line is None else line
     sessions = tuple(rows.session[row] for row in some)
     if readings is None:
         readings = rows.readings if isinstance(rows, Measurements) else Readings(len(rows))
@@ -308,11 +318,13 @@ def look(
     return View(setup, rows, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
 
 
-def solved(arm: Arm, rows: Rows, some: np.ndarray) -> Response:
+def solved(setup: Setup, rows: Rows, some: np.ndarray) -> Response:
     """Return the linearised arm at (M,) of some rows, by their numbers in the order driven."""
+    arm, gravity = setup.arm, gravity_in(setup, rows.session)
     payloads = [rows.payload[row] for row in some]
-    known = {name: values[some] for name, values in known_rows(arm, rows).items()}
-    return respond(arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some))
+    known = {name: values[some] for name, values in known_rows(arm, rows, gravity).items()}
+    gravity = None if gravity is None else gravity[some]
+    return respond(arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some), gravity=gravity)
 
 
 def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Postures:
@@ -333,8 +345,15 @@ def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Post
         {joint: values[:, i] for i, joint in enumerate(arm.joint_names)} for values in (line.row.q, rows.approach[some])
     )
     sessions = tuple(rows.session[row] for row in some)
-    seen = sessions, setup.instrument, arm.sensors, arm.robot.gravity, q, approach
-    return Postures(pose, *seen, line.load_at, swing, place)
+    gravity = gravity_in(setup, sessions)
+    gravity = arm.robot.gravity if gravity is None else gravity
+    return Postures(pose, sessions, setup.instrument, arm.sensors, gravity, q, approach, line.load_at, swing, place)
+
+
+def gravity_in(setup: Setup, sessions: Sequence[str]) -> Array | None:
+    """Return (N, 3) gravity in the base axes of each row [m/s^2], None where it is the arm's in all; see `falls`."""
+    turns = setup.falls(sessions)
+    return None if turns is None else turns @ setup.arm.robot.gravity
 
 
 def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:

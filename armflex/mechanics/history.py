@@ -22,10 +22,11 @@ from armflex.mechanics.response import respond
 from armflex.rows import Driven
 
 
-def known_rows(arm: Structure, rows: Driven) -> dict[str, Array]:
+def known_rows(arm: Structure, rows: Driven, gravity: Array | None = None) -> dict[str, Array]:
     """Return every (N,) column of rows by name, with the states that the arm's effects remember.
 
-    A state that is among the columns already is taken as it is.
+    A state that is among the columns already is taken as it is. `gravity` is (N, 3) in base axes [m/s^2] where it is
+    not that of the arm in all rows.
 
     Raises:
         MissingCovariateError: An effect with a memory needs a column that is not there.
@@ -35,7 +36,7 @@ def known_rows(arm: Structure, rows: Driven) -> dict[str, Array]:
     if not remembering:
         return known
     row = Row(rows.q, {name: i for i, name in enumerate(rows.joint_names)}, known)
-    wrenches = _wrenches(arm, rows, known, remembering)
+    wrenches = _wrenches(arm, rows, known, remembering, gravity)
     states = {}
     for effect in remembering:
         here = resolve(effect.location, arm.robot, arm.flexures)
@@ -47,7 +48,9 @@ def known_rows(arm: Structure, rows: Driven) -> dict[str, Array]:
     return known | states
 
 
-def _wrenches(arm: Structure, rows: Driven, known: Mapping[str, Array], effects: Sequence[Effect]) -> dict[str, Array]:
+def _wrenches(
+    arm: Structure, rows: Driven, known: Mapping[str, Array], effects: Sequence[Effect], gravity: Array | None
+) -> dict[str, Array]:
     """Return (N, 6) loads at the sites of effects that remember loads, as they are without those effects."""
     found = {effect.location.site: np.zeros((len(rows.q), 6)) for effect in effects}
     loaded = [effect.location.site for effect in effects if effect.law.remembers_load(effect.location)]
@@ -58,7 +61,7 @@ def _wrenches(arm: Structure, rows: Driven, known: Mapping[str, Array], effects:
     plain = replace(as_dataclass, effects=tuple(effect for effect in arm.effects if effect not in effects))
     motion = [rows.motion(i) for i in range(len(rows.q))]
     if not any(value is not None for one in motion for value in one.values()):
-        line = respond(plain, rows.q, rows.payload, known, allow_large=True, wrenches=rows.wrenches)
+        line = respond(plain, rows.q, rows.payload, known, allow_large=True, wrenches=rows.wrenches, gravity=gravity)
         return found | {site: line.load_at(site) for site in loaded}
     v, a = (None if motion[0][name] is None else np.array([one[name] for one in motion]) for name in ("v", "a"))
     asked = Asked(enforce_limits=False, allow_large=True)

@@ -22,7 +22,7 @@ from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_fra
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
 from armflex.mechanics.spring import Spring
-from armflex.robot import Corrections, Site
+from armflex.robot import Corrections, Robot, Site
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"
@@ -184,15 +184,30 @@ class Outside:
 
 @dataclass(frozen=True, eq=False)
 class LoadedArm:
-    """What every question about an arm with a payload has in common. Shared between threads."""
+    """What every question about an arm with a payload has in common. Shared between threads.
+
+    Attributes:
+        arm, payload: What they are of.
+        gravity: (3,) in base axes [m/s^2] where it is not that of the arm's robot.
+    """
 
     arm: Structure
     payload: Payload
+    gravity: Array | None = None
     _local: threading.local = field(default_factory=threading.local, repr=False)
 
     def __reduce__(self) -> tuple:
         """Return what it is made of; a workspace belongs to its thread."""
-        return _again, (self.arm, self.payload)
+        return _again, (self.arm, self.payload, self.gravity)
+
+    def under(self, gravity: Array) -> LoadedArm:
+        """Return it under another (3,) gravity in base axes [m/s^2], as of a base that was moved."""
+        return LoadedArm(self.arm, self.payload, gravity)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm's robot under the gravity that holds here."""
+        return self.arm.robot if self.gravity is None else replace(self.arm.robot, gravity=self.gravity)
 
     @property
     def mechanics(self) -> Mechanics:
@@ -239,12 +254,12 @@ class LoadedArm:
     @cached_property
     def rigid(self) -> FlexModel:
         """The model without flexures, where the controller knows it to be."""
-        return build_model(self.arm.robot, (), self.payload.body)
+        return build_model(self.robot, (), self.payload.body)
 
     @cached_property
     def flex(self) -> FlexModel:
         """The model with flexures, corrected."""
-        return build_model(self.arm.robot, self.arm.sites, self.payload.body, self.arm.corrections)
+        return build_model(self.robot, self.arm.sites, self.payload.body, self.arm.corrections)
 
     @cached_property
     def flags(self) -> tuple[Flag, ...]:
@@ -352,7 +367,7 @@ class LoadedArm:
     def _with_tool(self) -> FlexModel:
         """The flexible model in which what is at the tool is a body of its own."""
         sites = (*self.arm.sites, Site(TOOL, self.arm.robot.chain[-1].name))
-        return build_model(self.arm.robot, sites, self.payload.body, self.arm.corrections)
+        return build_model(self.robot, sites, self.payload.body, self.arm.corrections)
 
     @cached_property
     def sited_chain(self) -> Chain:
@@ -428,5 +443,5 @@ class LoadedArm:
         return float(pin.computeTotalMass(self.rigid.model))
 
 
-def _again(arm: Structure, payload: Payload) -> LoadedArm:
-    return arm.loaded(payload)
+def _again(arm: Structure, payload: Payload, gravity: Array | None) -> LoadedArm:
+    return arm.loaded(payload) if gravity is None else LoadedArm(arm, payload, gravity)

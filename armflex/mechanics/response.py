@@ -239,6 +239,7 @@ def respond(
     covariates: Mapping[str, Array] | None = None,
     allow_large: bool = False,
     wrenches: Sequence[Wrench] = (),
+    gravity: Array | None = None,
 ) -> Response:
     """Return what the arm does at (N, nq) joint positions with a payload each.
 
@@ -249,6 +250,7 @@ def respond(
         covariates: (N,) each or numbers, by name.
         allow_large: Whether flexures may turn by more than 0.1 rad.
         wrenches: Loads from outside at named links, the same in all rows or one for each.
+        gravity: (N, 3) in base axes [m/s^2] where it is not that of the arm in all rows.
 
     Raises:
         UnknownNameError, MissingCovariateError: No such payload; an effect depends on what is not given.
@@ -256,7 +258,7 @@ def respond(
     """
     known = {name: np.asarray(values) for name, values in (covariates or {}).items()}
     q, n = np.ascontiguousarray(q), len(arm.sites)
-    case = LoadCase(q, wrenches=tuple(one.under(arm.robot.gravity) for one in wrenches), covariates=known)
+    case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
     # Compiled code knows no springs.
@@ -266,12 +268,22 @@ def respond(
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows:
         loaded, rows = asked
-        part, found = solve(loaded, rows, case.some(rows), laws, allow_large)
+        own = case.some(rows)
+        own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
+        part, found = solve(loaded, rows, own, laws, allow_large)
         loads[rows], twists[rows] = found.wrenches, found.twists
         return part
 
     check_rows(wrenches, len(q))
-    groups = by_payload(arm, payloads if len(q) else (None,), len(q))
+    groups = list(by_payload(arm, payloads if len(q) else (None,), len(q)))
+    if gravity is not None and len(q):
+        each, number = np.unique(gravity, axis=0, return_inverse=True)
+        groups = [
+            (loaded.under(one), some)
+            for loaded, own in groups
+            for i, one in enumerate(each)
+            if len(some := own[number.ravel()[own] == i])
+        ]
     # No rows are a part, too.
     pieces = [(loaded, some) for loaded, own in groups for some in in_pieces(own, AT_ONCE) or [own]]
     parts = tuple(in_threads(solved, pieces))

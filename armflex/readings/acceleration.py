@@ -29,14 +29,15 @@ class Acceleration(Kind):
         sensor = at.sensors[self.name]
         axes, changes = mounted(at, sensor.link, at.of(self.name, "mounting"))
         gain = sensor.sign * (1.0 + at.of(self.name, "scale"))
-        return gain * np.einsum("nik,i->nk", axes, at.gravity), gain[:, :, None] * axes.swapaxes(1, 2), changes
+        back = gain[:, :, None] * axes.swapaxes(1, 2)
+        return (back @ at.gravities[..., None])[..., 0], back, changes
 
     def predicted(self, at: Postures) -> Array:
         return self._felt(at)[0] + at.of(self.name, "bias")
 
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return (N, 3, 6): as the link turns, gravity turns back in its axes."""
-        turned = self._felt(at)[1] @ skew(at.gravity[None])
+        turned = self._felt(at)[1] @ skew(at.gravities)
         return {at.sensors[self.name].link: np.concatenate([np.zeros_like(turned), turned], axis=2)}
 
     def by_gravity(self, at: Postures) -> Array:

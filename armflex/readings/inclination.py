@@ -28,11 +28,12 @@ class Inclination(Kind):
     def _tilts(self, at: Postures) -> tuple[Array, Array, Array, Array]:
         """Return (N, 2) sines and cosines, (N, 3, 3) axes of the level in the base, and how they change by mounting."""
         axes, changes = mounted(at, at.sensors[self.name].link, at.of(self.name, "mounting"))
-        sine = np.clip(np.einsum("nik,i->nk", axes, self._up(at))[:, :2], -1.0, 1.0)
+        sine = np.clip((axes.swapaxes(1, 2) @ self._up(at)[..., None])[:, :2, 0], -1.0, 1.0)
         return sine, np.maximum(np.sqrt(1.0 - sine**2), 1e-6), axes, changes
 
     def _up(self, at: Postures) -> Array:
-        return -at.gravity / max(float(np.linalg.norm(at.gravity)), 1e-300)
+        """Return the (N, 3) or (1, 3) vertical in the base."""
+        return -at.gravities / np.maximum(np.linalg.norm(at.gravities, axis=1, keepdims=True), 1e-300)
 
     def predicted(self, at: Postures) -> Array:
         return np.arcsin(self._tilts(at)[0]) + at.of(self.name, "bias")
@@ -40,18 +41,18 @@ class Inclination(Kind):
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return (N, 2, 6): a turn about what is across axis and vertical tilts the axis."""
         _, cosine, axes, _ = self._tilts(at)
-        turned = np.cross(axes.swapaxes(1, 2)[:, :2], self._up(at)) / cosine[:, :, None]
+        turned = np.cross(axes.swapaxes(1, 2)[:, :2], self._up(at)[:, None]) / cosine[:, :, None]
         return {at.sensors[self.name].link: np.concatenate([np.zeros_like(turned), turned], axis=2)}
 
     def by_gravity(self, at: Postures) -> Array:
         sine, cosine, axes, _ = self._tilts(at)
-        up, size = self._up(at), max(float(np.linalg.norm(at.gravity)), 1e-300)
-        across = axes.swapaxes(1, 2)[:, :2] - sine[:, :, None] * up
-        return -across / cosine[:, :, None] / size
+        size = np.maximum(np.linalg.norm(at.gravities, axis=1), 1e-300)
+        across = axes.swapaxes(1, 2)[:, :2] - sine[:, :, None] * self._up(at)[:, None]
+        return -across / cosine[:, :, None] / size[:, None, None]
 
     def by_own(self, at: Postures) -> Array:
         _, cosine, axes, changes = self._tilts(at)
-        up = axes.swapaxes(1, 2) @ self._up(at)  # the vertical in the level's axes
+        up = (axes.swapaxes(1, 2) @ self._up(at)[..., None])[..., 0]  # the vertical in the level's axes
         mounting = (skew(up) @ changes)[:, :2] / cosine[:, :, None]
         return np.concatenate([mounting, np.broadcast_to(np.eye(2), (len(up), 2, 2))], axis=2)
 

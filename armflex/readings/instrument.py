@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -24,6 +24,9 @@ class Instrument:
         mounting: (3,) rotation vector of the axes whose orientation is read, in the tip frame [rad].
         targets: (6,) shift [m] and rotation vector [rad] of a target that was mounted anew, in each session, in tip
             axes, beyond `target` and `mounting`; a session that is not named has none.
+        campaigns: Names of campaigns that were fitted together, in each of which the instrument stood elsewhere and the
+            target was mounted anew: each has a frame among `sessions`, the first one none but zero, and may have a
+            target among `targets`. Frame and target of a session 'campaign/session' come after those.
     """
 
     pose: pin.SE3 = field(default_factory=pin.SE3.Identity)
@@ -32,16 +35,31 @@ class Instrument:
     scale: float = 0.0
     mounting: Array = field(default_factory=lambda: np.zeros(3))
     targets: Mapping[str, Array] = field(default_factory=dict)
+    campaigns: tuple[str, ...] = ()
+
+    def within(self, session: str) -> tuple[str, ...]:
+        """Return whose frames a session is read in, one after the other: its campaign's, if it has one, and its own."""
+        campaign = session.partition("/")[0]
+        return (campaign, session) if campaign in self.campaigns and campaign != session else (session,)
 
     def target_in(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) measured point in the tip frame [m] of each row's session."""
-        return self.target + _of_session(self.targets, sessions)[:, :3]
+        return self.target + _of_each(self._remounted, sessions)[:, :3]
 
     def mounting_in(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) rotation vector of the target in the tip frame [rad] of each row's session."""
         turned = pin.exp3(self.mounting)
-        found = {one: pin.log3(pin.exp3(here[3:]) @ turned) for one, here in self.targets.items()}
-        return np.array([found.get(one, self.mounting) for one in sessions]).reshape(-1, 3)
+        anew = {one: self._remounted(one)[3:] for one in set(sessions)}
+        found = {one: pin.log3(pin.exp3(turn) @ turned) if turn.any() else self.mounting for one, turn in anew.items()}
+        return np.array([found[one] for one in sessions]).reshape(-1, 3)
+
+    def _remounted(self, session: str) -> Array:
+        """Return the (6,) shift [m] and rotation vector [rad] of the target in a session, beyond what all have."""
+        found = np.zeros(6)
+        for own in (self.targets[one] for one in self.within(session) if one in self.targets):
+            turn = pin.log3(pin.exp3(own[3:]) @ pin.exp3(found[3:])) if found[3:].any() else own[3:]
+            found = np.concatenate([found[:3] + own[:3], turn])
+        return found
 
     def in_base(self, tip: Array, sessions: Sequence[str] = ()) -> Array:
         """Return the (N, 3) target in the base frame [m] for (N, 4, 4) tip poses, in each row's session where given."""
@@ -54,19 +72,25 @@ class Instrument:
 
     def in_session(self, points: Array, sessions: Sequence[str]) -> Array:
         """Return (N, 3) points of the instrument frame as each session has it [m]."""
-        return np.einsum("nij,nj->ni", self.session_turns(sessions), points) + self.session_shifts(sessions)[:, :3]
+        shifts = _of_each(lambda name: self.session(name).translation, sessions)
+        return np.einsum("nij,nj->ni", self.session_turns(sessions), points) + shifts
 
     def with_session(self, name: str, motion: Array) -> Instrument:
         """Return the instrument with a (6,) shift [m] and rotation vector [rad] after the frame that a session has.
 
         It is of the points as they are read in the session; a session that has no frame gets this.
         """
-        there = pin.SE3(pin.exp3(motion[3:]), motion[:3]) * self.session(name)
+        there = pin.SE3(pin.exp3(motion[3:]), motion[:3]) * self.frame(name)
         moved = np.concatenate([there.translation, pin.log3(there.rotation)])
         return replace(self, sessions={**self.sessions, name: moved})
 
     def session(self, name: str) -> pin.SE3:
         """Return the motion of points of the instrument frame to where a session has them [m]."""
+        first, *then = [self.frame(one) for one in self.within(name)]
+        return then[0] * first if then else first
+
+    def frame(self, name: str) -> pin.SE3:
+        """Return what a session's own frame is of that, or a campaign's."""
         here = self.sessions.get(name, np.zeros(6))
         return pin.SE3(pin.exp3(here[3:]), here[:3])
 
@@ -85,18 +109,13 @@ class Instrument:
 
     def session_turns(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 3, 3) rotations of each row's session, dimensionless."""
-        turned = {name: self.session(name).rotation for name in set(sessions)}
-        return np.array([turned[name] for name in sessions]).reshape(-1, 3, 3)
-
-    def session_shifts(self, sessions: Sequence[str]) -> Array:
-        """Return the (N, 6) shift of each row's session [m, rad]."""
-        return _of_session(self.sessions, sessions)
+        return _of_each(lambda name: self.session(name).rotation, sessions).reshape(-1, 3, 3)
 
 
-def _of_session(known: Mapping[str, Array], sessions: Sequence[str]) -> Array:
-    """Return the (N, 6) of each row's session, zero where it has none."""
+def _of_each(what: Callable[[str], Array], sessions: Sequence[str]) -> Array:
+    """Return (N, ...) what each row's session has, asked once of each."""
     number = {name: i for i, name in enumerate(dict.fromkeys(sessions))}
-    each = np.array([known.get(name, np.zeros(6)) for name in number]).reshape(-1, 6)
+    each = np.array([what(name) for name in number])
     return each[[number[name] for name in sessions]]
 
 

@@ -27,7 +27,7 @@ class Postures:
         sessions: Of the rows.
         instrument: What looks at the tip from outside.
         sensors: What else there is, by name.
-        gravity: (3,) in the base [m/s^2].
+        gravity: (3,) in the base [m/s^2], or (N, 3) where the base was moved between rows.
         q: (N,) controller's position of every joint [rad or m].
         approach: (N,) direction that every joint last moved in: -1, 0 or 1.
         load: Gives the (N, 6) load on the structure at a site, local axes [N, Nm], by its name; see `Response.sites`.
@@ -57,6 +57,11 @@ class Postures:
         """(N, 3, 3) rotations from the base to the frame in which each row is read, dimensionless."""
         return self.turns @ self.instrument.pose.rotation
 
+    @property
+    def gravities(self) -> Array:
+        """(N, 3) or (1, 3) gravity in the base [m/s^2]."""
+        return np.atleast_2d(self.gravity)
+
     def some(self, rows: np.ndarray) -> Postures:
         """Return the arm in (M,) of the rows."""
         q, approach = ({joint: values[rows] for joint, values in one.items()} for one in (self.q, self.approach))
@@ -64,6 +69,7 @@ class Postures:
             self,
             pose=lambda link: self.pose(link)[rows],
             sessions=[self.sessions[i] for i in rows],
+            gravity=self.gravity if self.gravity.ndim == 1 else self.gravity[rows],
             q=q,
             approach=approach,
             load=lambda site: self.load(site)[rows],

@@ -16,7 +16,7 @@ from armflex.estimate.block import Block, EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.outliers import lost_readings
-from armflex.estimate.view import look
+from armflex.estimate.view import gravity_in, look
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import without_direction
@@ -231,13 +231,15 @@ def lost_rows(state: State, heed: bool) -> np.ndarray:
 def context_at(fitted: Fit, measurements: Measurements) -> Context:
     """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
     arm, view = fitted.setup.arm, fitted.view
-    known = known_rows(arm, measurements) | {POSE: measurements.pose_number.astype(float)}
+    gravity = gravity_in(fitted.setup, measurements.session)
+    known = known_rows(arm, measurements, gravity) | {POSE: measurements.pose_number.astype(float)}
     wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
     lines, rest = [(view.rows, view.line)], np.setdiff1d(np.arange(len(measurements)), view.rows)
     if len(rest):
         given = {name: values[rest] for name, values in known.items()}
         some = measurements.some(rest)
-        lines.append((rest, respond(arm, some.q, some.payload, given, wrenches=some.wrenches)))
+        pull = None if gravity is None else gravity[rest]
+        lines.append((rest, respond(arm, some.q, some.payload, given, wrenches=some.wrenches, gravity=pull)))
     for rows, line in lines:
         for site in wrenches:
             wrenches[site][rows] = line.load_at(site)

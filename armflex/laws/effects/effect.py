@@ -168,6 +168,10 @@ class Solved(Protocol):
         """Return the (M, 4, 4) pose of a link in the base."""
         ...
 
+    def gravity(self, own: Array) -> Array:
+        """Return (M, k, 3) what (k, 3) gravities of the arm are in the base axes of each row [m/s^2]."""
+        ...
+
 
 @dataclass(frozen=True)
 class Model:

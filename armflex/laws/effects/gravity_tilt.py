@@ -15,8 +15,7 @@ from armflex.laws.effects.shapes import singly_and_together
 
 
 def _turned(here: Here, view: Solved, context: Context) -> Array:
-    turned = np.cross(np.eye(3)[:2], view.arm.robot.gravity)
-    return np.broadcast_to(turned, (len(view.rows), *turned.shape))
+    return view.gravity(np.cross(np.eye(3)[:2], view.arm.robot.gravity))
 
 
 def _change(effect: Effect, model: Model) -> Model:

@@ -24,8 +24,9 @@ def _weight(here: Here, view: Solved, context: Context) -> Array:
     link, rotation = robot.urdf.links[name], view.pose_of(name)[:, :3, :3]
     mass = link.inertial.mass if link.inertial else 0.0
     levers = np.vstack([middle_of(here), mass * np.eye(3)])
-    moments = np.cross(np.einsum("nij,kj->nki", rotation, levers), robot.gravity)
-    forces = np.broadcast_to(np.outer([1.0, 0.0, 0.0, 0.0], robot.gravity), moments.shape)
+    gravity = view.gravity(robot.gravity[None])
+    moments = np.cross(np.einsum("nij,kj->nki", rotation, levers), gravity)
+    forces = np.array([1.0, 0.0, 0.0, 0.0])[:, None] * gravity
     return np.concatenate([forces, moments], axis=2)
 
 

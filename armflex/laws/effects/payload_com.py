@@ -23,7 +23,7 @@ def _weight(here: Here, view: Solved, context: Context) -> Array:
     masses = {name: view.arm.payload(name).mass * (partner in ("", name)) for name in set(context.payloads)}
     mass = np.array([masses[context.payloads[row]] for row in view.rows.tolist()])
     rotation = view.pose_of(view.arm.robot.tip)[:, :3, :3].transpose(0, 2, 1)
-    moments = np.cross(rotation, view.arm.robot.gravity) * mass[:, None, None]
+    moments = np.cross(rotation, view.gravity(view.arm.robot.gravity[None])) * mass[:, None, None]
     return np.concatenate([np.zeros_like(moments), moments], axis=2)
 
 

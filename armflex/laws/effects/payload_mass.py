@@ -28,14 +28,14 @@ def _places(records: Records) -> list[Location]:
 
 def _weight(here: Here, view: Solved, context: Context) -> Array:
     """Return the (M, 1, 6) wrenches of gravity at the tip per mass."""
-    arm, gravity = view.arm, view.arm.robot.gravity
+    arm, gravity = view.arm, view.gravity(view.arm.robot.gravity[None])[:, 0]
     names = [context.payloads[row] for row in view.rows]
     shares = _shares(here.location, {name: arm.payload(name).mass for name in set(context.payloads)})
     share = np.array([shares.get(name, 0.0) for name in names])
     centres = {name: arm.payload(name).com for name in set(names)}
     lever = np.array([centres[name] for name in names])
     moment = np.cross(np.einsum("nij,nj->ni", view.pose_of(arm.robot.tip)[:, :3, :3], lever), gravity)
-    return (np.concatenate([np.broadcast_to(gravity, moment.shape), moment], axis=1) * share[:, None])[:, None]
+    return (np.concatenate([gravity, moment], axis=1) * share[:, None])[:, None]
 
 
 def _change(effect: Effect, model: Model) -> Model:
