@@ -570,10 +570,11 @@ class Setup:
         instrument = self.instrument
         if self.arm.measurement.gravity_in != "measurement" or not instrument.campaigns:
             return None
-        campaigns, here = [instrument.within(name)[0] for name in sessions], instrument.pose.rotation
-        turned = {name: here.T @ instrument.frame(name).rotation.T @ here for name in set(campaigns)}
-        if all(name == instrument.campaigns[0] for name in turned):
+        campaigns, here = [instrument.campaign(name) for name in sessions], instrument.pose.rotation
+        if all(name in ("", instrument.campaigns[0]) for name in campaigns):
             return None
+        frames = {name: instrument.frame(name).rotation if name else np.eye(3) for name in set(campaigns)}
+        turned = {name: here.T @ frame.T @ here for name, frame in frames.items()}
         return np.array([turned[name] for name in campaigns]).reshape(-1, 3, 3)
 
     def with_effect(self, effect: Effect) -> Setup:

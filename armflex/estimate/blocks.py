@@ -15,7 +15,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.arm import Setup
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.estimate.block import Block, EffectBlock, LawBlock, factor_block, learned_laws, parameters_of
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
@@ -99,7 +99,8 @@ def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 
     campaigns, whose frames are among those of sessions: the gravity of a level instrument turns with them.
     """
     guess, level = setup.instrument.sessions, setup.arm.measurement.gravity_in == "measurement"
-    first = replace(setup.instrument, sessions={name: guess[name] for name in sessions if name in guess})
+    known = (*setup.instrument.campaigns, *sessions)
+    first = replace(setup.instrument, sessions={name: guess[name] for name in known if name in guess})
 
     def changes(view: View) -> Array:
         now, by_session, found = view.setup.instrument, view.by_session, []
@@ -283,7 +284,11 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     if arm.measurement.frame == "unknown" and tracked:
         blocks.append(frame_block(setup))
     sessions, known = tuple(dict.fromkeys(measurements.session)), prior.session_translation or prior.session_rotation
-    open_ = tuple(name for name in sessions if known or name in setup.instrument.sessions)
+    campaigns = setup.instrument.campaigns
+    seen = [np.any(np.isfinite(kind.sigma), axis=1) for kind in measurements.readings.kinds if kind.framed]
+    later = [name for name in campaigns if any(one[measurements.pieces[name]].any() for one in seen)][1:]
+    open_ = [name for name in sessions if name not in campaigns and (known or name in setup.instrument.sessions)]
+    open_ = (*(later if arm.measurement.frame == "unknown" else ()), *open_)
     if len(sessions) > 1 and tracked and open_:
         blocks.append(session_block(setup, open_, prior.session_translation, prior.session_rotation))
     touching = [
@@ -295,8 +300,12 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     turned = bool(measurements.readings.of(Orientation))
     if prior.session_target and measurements.readings.of(Position):
         blocks.append(remounted_block(setup, sessions, prior.session_target, turned))
-    elif turned:
-        blocks.append(mounting_block(setup))
+    else:
+        if turned:
+            blocks.append(mounting_block(setup))
+        if later and measurements.readings.of(Position) and (prior.tool or turned):
+            # Two mountings differ by more than one is off; where it is known of one, it is of all.
+            blocks.append(remounted_block(setup, tuple(later), max(np.sqrt(2.0) * prior.tool, RESOLUTION), turned))
     for name in dict.fromkeys(kind.name for kind in measurements.readings.kinds if kind.name):
         if keys := sensor_keys(arm.sensors[name], sessions, measurements.readings.kinds):
             blocks.append(sensor_block(setup, name, keys))

@@ -14,11 +14,11 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import row_numbers, said_of
-from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing
+from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
-from armflex.estimate.held_out import FOLDS, held_out, judged_by, near, pose_folds
+from armflex.estimate.held_out import FOLDS, frames_of, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
@@ -35,17 +35,38 @@ from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import derived_directions, without_direction
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Seen
-from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.joined import as_campaign
+from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
 from armflex.parallel import Progress
-from armflex.parameters import FRAMES, ParameterKind, beyond_priors
+from armflex.parameters import FRAMES, OF_SESSION, ParameterKind, beyond_priors
 from armflex.readings import Kind
 from armflex.result import Result
+from armflex.rows.rows import numbered
 
 FEWEST_ROWS = 4
 
 MANY, SOME = 4096, 8
 """Rows beyond which a fit begins where one in so many of them leads."""
+
+
+@dataclass(frozen=True)
+class OfCampaign:
+    """Errors in one of several campaigns that were fitted together.
+
+    Attributes:
+        name: Of the campaign.
+        rows: How many of its rows were fitted.
+        declared_rms, rms: RMS of the 3-D error of the declared arm, placed, and of the calibrated one [m].
+        alone_rms: The same of the arm that the other campaigns make, only the instrument's frame and the target found
+            here; None where nothing of it counts.
+    """
+
+    name: str
+    rows: int
+    declared_rms: float
+    rms: float
+    alone_rms: float | None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -55,8 +76,8 @@ class Calibration(Result):
     Attributes:
         arm: The arm with its fitted compliances and corrections, and the instrument that saw it.
         fit: The fit itself: values, covariance, residuals.
-        placed: The rows as the declared arm explains them, only the instrument's frame fitted, and where the target is
-            on the tool if [prior] frees that.
+        placed: The rows as the declared arm explains them, only the instrument's frame fitted (of several campaigns, in
+            each), and where the target is on the tool if [prior] frees that.
         measurements: The campaign.
         flags: Flags: directions that the order of the rows stood in for, a search for learned laws that did not
             settle, an arm that predicts worse than the declared one.
@@ -84,6 +105,24 @@ class Calibration(Result):
     def judged(self) -> np.ndarray:
         """(M, d) readings that every error is over: those that the arm as declared or as calibrated comes near."""
         return near(self.placed, self.fit.view)
+
+    @cached_property
+    def campaigns(self) -> tuple[OfCampaign, ...]:
+        """Of each of several campaigns its errors, also where it has no part in the fit; none of one alone."""
+        view, fit = self.fit.view, self.fit
+        pieces = self.measurements.some(view.rows).pieces
+        if len(pieces) < 2:
+            return ()
+        folds = numbered(self.measurements.campaign[row] for row in view.rows)
+        alone, judged = held_out(fit, folds, [frames_of(fit, name) for name in pieces], self.judged), self.judged
+        found = []
+        for number, (name, own) in enumerate(pieces.items()):
+            before, after = (
+                foremost_rms(one.readings.where(judged).some(own), one.residual[own]) for one in (self.placed, view)
+            )
+            left = alone.rms_of(folds == number) if (alone.believed & (folds == number)).any() else None
+            found.append(OfCampaign(name, len(own), before, after, left))
+        return tuple(found)
 
     @property
     def left_out(self) -> int:
@@ -175,7 +214,7 @@ def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Pa
 @checked_kinds
 def calibrate(
     arm: Arm,
-    measurements: Measurements | Tabular,
+    measurements: Measurements | Tabular | Sequence[Measurements | Tabular],
     rows: np.ndarray | None = None,
     progress: Progress | None = None,
     keep: bool = False,
@@ -191,8 +230,9 @@ def calibrate(
 
     Args:
         arm: The arm as declared; its prior says what may move and how far.
-        measurements: Where the tip was seen.
-        rows: (M,) numbers of the rows to use; every measured row when not given.
+        measurements: Where the tip was seen. A list of several campaigns of this machine is fitted together, the
+            instrument and its target anew in each; see `joined`.
+        rows: (M,) numbers of the rows to use, of several campaigns among all; every measured row when not given.
         progress: Called with (steps done, steps at most).
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames, and how the
             target is turned on the tool, are fitted. The covariance of what is kept stays as it was, and the frames
@@ -208,15 +248,18 @@ def calibrate(
         UnsupportedError: The arm has effects that change how the instrument stands or reads.
         ConvergenceError: The fit did not settle.
     """
-    measurements = as_measurements(measurements, arm)
+    measurements = as_campaign(measurements, arm)
     used, _ = _usable(arm, measurements, rows)
     about: tuple[Flag, ...] = ()
-    try:
-        about = check_conventions(arm, measurements, used, keep, searched=as_stated)
-    except ConventionError as error:
-        if not anyway:
-            raise
-        about = (Flag("convention", error.problem),)
+    for name, own in measurements.pieces.items():
+        part = replace(measurements.some(own), campaign=())
+        try:
+            found = check_conventions(arm, part, np.flatnonzero(np.isin(own, used)), keep, searched=as_stated)
+        except ConventionError as error:
+            if not anyway:
+                raise
+            found = (Flag("convention", error.problem),)
+        about += tuple(replace(flag, text=f"{name}: {flag.text}") if name else flag for flag in found)
     return fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
 
 
@@ -318,9 +361,14 @@ def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool =
     declared, line = first_guess(arm, measurements, used)
     seen = measurements.positioned[used]
     if arm.measurement.frame != "base" and seen.any():
-        points = declared.instrument.seen(declared.instrument.in_base(line.tip[seen]))
-        check_enough(points, measurements.sigma[used[seen]])
+        points = declared.instrument.seen(declared.instrument.in_base(line.tip))
+        for name, own in measurements.some(used).pieces.items():
+            own = own[seen[own]]
+            with naming(name) if name else contextlib.nullcontext():
+                if len(own):
+                    check_enough(points[own], measurements.sigma[used[own]])
     placing = (ParameterKind.INSTRUMENT, ParameterKind.SENSOR, *(() if keep else (ParameterKind.TOOL,)))
+    placing += OF_SESSION if declared.instrument.campaigns else ()
     frame = [block for block in declared_blocks(declared, measurements) if block.kind in placing]
     view = look(declared, measurements, used, line=line)
     if frame:
@@ -375,7 +423,10 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
 def _apart(declared: Setup) -> Iterator[Flag]:
     """Yield flags about sessions in which the instrument stood elsewhere."""
     prior = declared.arm.prior
-    for name, frame in declared.instrument.sessions.items():
+    apart = {
+        name: one for name, one in declared.instrument.sessions.items() if name not in declared.instrument.campaigns
+    }
+    for name, frame in apart.items():
         there = f"{np.linalg.norm(frame[:3]):.3g} m and {np.linalg.norm(frame[3:]):.3g} rad"
         known = f"[prior] has {prior.session_translation:g} m and {prior.session_rotation:g} rad"
         text = f"the instrument stood elsewhere in session {name!r}, its frame {there} from that of most rows ({known})"

@@ -13,6 +13,7 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
+from armflex.parameters import OF_SESSION, Group, ParameterKind
 
 FOLDS = 5
 
@@ -24,6 +25,9 @@ SETTLED = 0.02
 
 EXACT = 1e-9
 """Share of the stated noise below which readings scatter by rounding."""
+
+FIRST = (ParameterKind.INSTRUMENT, ParameterKind.MOUNTING, ParameterKind.TOOL)
+"""What is of the first of several campaigns, and of those after it but for what is their own."""
 
 BELIEVED = 0.5
 """Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
@@ -97,6 +101,24 @@ def held_out(
     readings = fit.view.readings if judged is None else fit.view.readings.where(judged)
     rows_judged = (readings.foremost_count > 0) & (True if judged is not None else believed(fit))
     return HeldOut(readings.row_squares(errors_of(fit, left)), rows_judged)
+
+
+def frames_of(fit: Fit, name: str) -> np.ndarray:
+    """Return the places of what is of one session alone, or of a campaign: frame and target, and those of its sessions.
+
+    Of the first of several campaigns that is how the instrument stands and the target is mounted at all.
+    """
+    campaigns = fit.setup.instrument.campaigns
+
+    def own(group: Group) -> bool:
+        of = group.of or ""
+        if group.kind in OF_SESSION:
+            return of == name or (name in campaigns and of.startswith(f"{name}/"))
+        if group.kind is ParameterKind.SENSOR:
+            return name in campaigns and of.partition(" ")[2].partition("/")[0] == name
+        return name in campaigns[:1] and group.kind in FIRST
+
+    return np.array([i for i, one in enumerate(fit.parameters) if own(one.group)], dtype=int)
 
 
 def errors_of(fit: Fit, whitened: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +11,9 @@ import pinocchio as pin
 from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.errors import ConventionError, IdentifiabilityError
-from armflex.estimate.view import postures
+from armflex.estimate.view import postures, solved
 from armflex.measured.measurements import Measurements
-from armflex.mechanics.history import known_rows
-from armflex.mechanics.response import Response, respond
+from armflex.mechanics.response import Response
 from armflex.readings import Position, Touch
 from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, rigid_fit
 from armflex.readings.kind import rigid_motion
@@ -45,7 +44,8 @@ def first_guess(
 ) -> tuple[Setup, Response]:
     """Return the arm with its instrument placed by a best rigid fit where its frame is unknown, and its response.
 
-    Gravity that is known in the instrument's frame turns with that, and bends the arm otherwise: it is placed again.
+    Gravity that is known in the instrument's frame turns with that, and bends the arm otherwise: it is placed again. In
+    several campaigns it is placed in each by itself; see `Instrument.campaigns`.
 
     Args:
         arm: The arm as declared.
@@ -54,30 +54,52 @@ def first_guess(
         line: The linearised arm at those rows, where it is known.
         instrument: Where it stands, near enough; it is placed where not given.
     """
-    some, seen = measurements.some(rows), measurements.positioned[rows]
-    setup = Setup(arm, instrument or arm.instrument or Instrument())
+    some = measurements.some(rows)
+    pieces, stands = some.pieces, instrument or arm.instrument or Instrument()
+    several = len(pieces) > 1
+    if instrument is None:  # what an arm knows of campaigns before is not of these
+        stands = replace(stands, campaigns=tuple(pieces) if several else ())
+        stands = replace(stands, sessions=dict.fromkeys(pieces, np.zeros(6))) if several else stands
+    setup = Setup(arm, stands)
 
-    def rested(arm: Arm) -> Response:
-        known = {name: values[rows] for name, values in known_rows(arm, measurements).items()}
-        return respond(arm, some.q, some.payload, known, wrenches=some.wrenches)
-
-    line = rested(arm) if line is None else line
+    line = solved(setup, measurements, rows) if line is None else line
     turns, open_ = arm.measurement.gravity_in == "measurement", arm.measurement.frame != "base" and instrument is None
-    targets = [kind for kind in some.readings.kinds if kind.name and isinstance(kind, Position)]
     for _ in range((PLACED if turns else 1) if open_ else 0):
-        if seen.any():
-            points = setup.instrument.in_base(line.tip, some.session)[seen]
-            setup = placed_rigidly(setup, points, measurements, rows[seen], line.tip[seen, :3, :3])
-        elif targets:  # further ones are all there is to see where it stands
-            at, read = (
-                postures(setup, line, measurements, rows),
-                [np.isfinite(kind.sigma).all(axis=1) for kind in targets],
-            )
-            points = np.concatenate([kind.predicted(at)[own] for kind, own in zip(targets, read, strict=True)])
-            there = np.concatenate([kind.values[own] for kind, own in zip(targets, read, strict=True)])
-            setup = setup.placed(fit_frame(points, there) * setup.instrument.pose)
-        line = rested(setup.arm) if turns else line
+        if several:
+            alone = replace(setup, instrument=replace(setup.instrument, sessions={}, campaigns=()))
+            each = {name: _stood(alone, line.some(own), measurements, rows[own]) for name, own in pieces.items()}
+            setup = _together(each)
+        else:
+            setup = _stood(setup, line, measurements, rows)
+        line = solved(setup, measurements, rows) if turns else line
     return replace(setup, instrument=_mounted(setup, line.tip, measurements, rows)), line
+
+
+def _stood(setup: Setup, line: Response, measurements: Measurements, rows: np.ndarray) -> Setup:
+    """Return the setup with its instrument placed by a best rigid fit to (M,) rows in which it was not moved."""
+    some, seen = measurements.some(rows), measurements.positioned[rows]
+    targets = [kind for kind in some.readings.kinds if kind.name and isinstance(kind, Position)]
+    if seen.any():
+        points = setup.instrument.in_base(line.tip, some.session)[seen]
+        return placed_rigidly(setup, points, measurements, rows[seen], line.tip[seen, :3, :3])
+    if not targets:
+        return setup
+    # Further ones are all there is to see where it stands.
+    at = postures(setup, line, measurements, rows)
+    read = [np.isfinite(kind.sigma).all(axis=1) for kind in targets]
+    points = np.concatenate([kind.predicted(at)[own] for kind, own in zip(targets, read, strict=True)])
+    there = np.concatenate([kind.values[own] for kind, own in zip(targets, read, strict=True)])
+    return setup.placed(fit_frame(points, there) * setup.instrument.pose)
+
+
+def _together(each: Mapping[str, Setup]) -> Setup:
+    """Return the setup of the first of several campaigns, which knows where the instrument stood in all of them."""
+    setup, frames = next(iter(each.values())), dict[str, Array]()
+    for name, one in each.items():
+        there = one.instrument.pose * setup.instrument.pose.inverse()
+        frames[name] = np.concatenate([there.translation, pin.log3(there.rotation)])
+        frames |= one.instrument.sessions
+    return replace(setup, instrument=replace(setup.instrument, sessions=frames, campaigns=tuple(each)))
 
 
 def _mounted(setup: Setup, tip: Array, measurements: Measurements, rows: np.ndarray) -> Instrument:
@@ -92,10 +114,14 @@ def _mounted(setup: Setup, tip: Array, measurements: Measurements, rows: np.ndar
         return instrument
     sessions, turned = np.array([measurements.session[row] for row in rows[read]]), measurements.rotation[rows[read]]
     axes = instrument.session_turns(sessions.tolist()) @ instrument.axes(tip[read])
-    found = replace(instrument, mounting=fit_mounting(axes, turned))
-    if not setup.arm.prior.session_target:
+    several = bool(instrument.campaigns) and not setup.arm.prior.session_target
+    names = [instrument.campaign(name) if several else name for name in sessions.tolist()]
+    own = {name: np.array(names) == name for name in dict.fromkeys(names)}
+    here = next(iter(own.values())) if several else np.ones(len(names), dtype=bool)  # about the first of them
+    found = replace(instrument, mounting=fit_mounting(axes[here], turned[here]))
+    if not several and not setup.arm.prior.session_target:
         return found
-    back, own = pin.exp3(found.mounting).T, {name: sessions == name for name in dict.fromkeys(sessions.tolist())}
+    back = pin.exp3(found.mounting).T
     each = {name: pin.exp3(fit_mounting(axes[some], turned[some])) @ back for name, some in own.items()}
     return replace(found, targets={name: np.array([0.0, 0.0, 0.0, *pin.log3(turn)]) for name, turn in each.items()})
 

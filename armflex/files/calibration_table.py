@@ -102,6 +102,8 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         table["mass"] = dict(arm.masses)
     if instrument.targets:
         table["targets"] = {name: values.tolist() for name, values in instrument.targets.items()}
+    if instrument.campaigns:
+        table["campaigns"] = list(instrument.campaigns)
     found = {name: one.found for name, one in arm.sensors.items() if one.found}
     if found:
         table["sensors"] = {
@@ -177,6 +179,10 @@ def _read_instrument(table: Declaration) -> Instrument:
     scale = table.number("scale", 0.0)
     if abs(scale) >= 1.0:
         raise table.fail("scale", f"a relative error of the instrument's lengths, got {scale:g}")
+    campaigns = table.texts("campaigns") if table.has("campaigns") else ()
+    for name in campaigns:
+        if name not in sessions.table:
+            raise table.fail("campaigns", f"[calibration.sessions] has no {name!r}{did_you_mean(name, sessions.table)}")
     return Instrument(
         pin.SE3(pin.exp3(pose[3:]), pose[:3]),
         {name: sessions.numbers(name, (6,)) for name in sessions.table},
@@ -184,6 +190,7 @@ def _read_instrument(table: Declaration) -> Instrument:
         scale,
         table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
         {} if targets is None else {name: targets.numbers(name, (6,)) for name in targets.table},
+        campaigns,
     )
 
 

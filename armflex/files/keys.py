@@ -219,6 +219,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "mass": Key("logarithms of the factors on masses and moments of inertia, by link or `payload NAME`", "1"),
         "sessions": Key("shift and rotation vector of the instrument's frame, by session", "m, rad"),
         "targets": Key("shift and rotation vector of the target on the tool, by session", "m, rad"),
+        "campaigns": Key("names of campaigns that were fitted together; their frames are among those of sessions"),
         "sensors": Key("fitted parameters of the instruments other than the tracker, by instrument", "each its own"),
         "law": Key("learned laws, by flexure"),
         "misfit_m": Key("scatter of the readings beyond their stated noise", "m"),

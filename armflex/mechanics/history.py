@@ -19,7 +19,7 @@ from armflex.mechanics.deflection import Asked, Deflection, deflect_batch
 from armflex.mechanics.loaded import Structure
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.mechanics.response import respond
-from armflex.rows import Driven
+from armflex.rows import Driven, Rows
 
 
 def known_rows(arm: Structure, rows: Driven, gravity: Array | None = None) -> dict[str, Array]:
@@ -37,12 +37,13 @@ def known_rows(arm: Structure, rows: Driven, gravity: Array | None = None) -> di
         return known
     row = Row(rows.q, {name: i for i, name in enumerate(rows.joint_names)}, known)
     wrenches = _wrenches(arm, rows, known, remembering, gravity)
-    states = {}
+    states, pieces = {}, tuple(rows.pieces.values()) if isinstance(rows, Rows) else ()
     for effect in remembering:
         here = resolve(effect.location, arm.robot, arm.flexures)
         try:
             assert effect.law.memory is not None
-            states[effect.state] = effect.law.memory.remember(here, wrenches[effect.location.site], row, effect.inner)
+            load = wrenches[effect.location.site]
+            states[effect.state] = effect.law.memory.over(pieces, here, load, row, effect.inner)
         except MissingCovariateError as error:
             raise MissingCovariateError(error.name, error.given, effect.name) from None
     return known | states

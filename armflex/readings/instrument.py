@@ -37,10 +37,15 @@ class Instrument:
     targets: Mapping[str, Array] = field(default_factory=dict)
     campaigns: tuple[str, ...] = ()
 
+    def campaign(self, session: str) -> str:
+        """Return the campaign that a session is of, '' where it is of none."""
+        name = session.partition("/")[0]
+        return name if name in self.campaigns else ""
+
     def within(self, session: str) -> tuple[str, ...]:
         """Return whose frames a session is read in, one after the other: its campaign's, if it has one, and its own."""
-        campaign = session.partition("/")[0]
-        return (campaign, session) if campaign in self.campaigns and campaign != session else (session,)
+        campaign = self.campaign(session)
+        return (session,) if campaign in ("", session) else (campaign, session)
 
     def target_in(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) measured point in the tip frame [m] of each row's session."""

@@ -84,6 +84,7 @@ class Rows:
         places: File and line of each row, none where rows are not those of a file.
         derived: Columns that were not given but follow from the order of the rows: `time`, `approach_<joint>`.
         wrenches: Known loads from outside, the same in all rows or one for each of the N.
+        campaign: Name of each row's where several were joined, else none; no memory goes from one to the next.
     """
 
     joint_names: tuple[str, ...]
@@ -99,6 +100,7 @@ class Rows:
     places: tuple[Place, ...] = ()
     derived: tuple[str, ...] = ()
     wrenches: tuple[Wrench, ...] = ()
+    campaign: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -177,6 +179,12 @@ class Rows:
         pulled = np.hstack([np.zeros((len(self), 0)), *parts])
         return numbered(zip(self.payload, map(tuple, pulled.tolist()), strict=True))
 
+    @cached_property
+    def pieces(self) -> dict[str, np.ndarray]:
+        """Numbers of the rows of every campaign, '' where there is one."""
+        names = np.array(self.campaign or ("",) * len(self))
+        return {name: np.flatnonzero(names == name) for name in dict.fromkeys(names.tolist())}
+
     def motion(self, i: int) -> dict[str, Array | None]:
         """Return no (nq,) velocities [rad/s or m/s] and accelerations [rad/s^2 or m/s^2]: rows stand still."""
         return {}
@@ -197,6 +205,7 @@ class Rows:
             "covariates": {name: taken(values) for name, values in self.covariates.items()},
             "places": taken(self.places) if self.places else (),
             "wrenches": wrenches_in(self.wrenches, rows),
+            "campaign": taken(self.campaign) if self.campaign else (),
         }
 
 

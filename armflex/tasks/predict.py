@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
-from armflex.estimate.view import look, untold_shifts
+from armflex.estimate.view import gravity_in, look, untold_shifts
 from armflex.laws.effects.in_arm import (
     check_approaches,
     check_covariates,
@@ -32,6 +32,7 @@ from armflex.parallel import in_threads
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
+from armflex.rows.rows import numbered
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Trajectory
 
@@ -111,7 +112,7 @@ def predict(
         levelled, cuts = rows.levelled(), range(TOGETHER, len(rows), TOGETHER)
         pieces = (levelled.some(some) for some in np.split(np.arange(len(rows)), cuts))
     certain = without_declared_uncertainty(arm)
-    for piece in pieces:
+    for piece in (run for every in pieces for run in _in_one_base(arm, every)):
         one, batch, fitted = _predicted(arm, certain, _with_constants(arm, piece, covariates or {}))
         met.add(one, batch, fitted)
         found.append(one)
@@ -181,7 +182,7 @@ def predict_file(
     def predicted(rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
         return _predicted(arm, certain, _with_constants(arm, rows, covariates or {}))
 
-    answers = in_threads(predicted, pieces)
+    answers = in_threads(predicted, (run for piece in pieces for run in _in_one_base(arm, piece)))
     with writing_table(output) as write, closing(answers):
         while True:
             with enough_memory(f"rows from {met.rows} on"):
@@ -195,16 +196,29 @@ def predict_file(
                 progress(met.rows, None)
 
 
+def _in_one_base(arm: Arm, rows: Measurements) -> Iterator[Measurements]:
+    """Yield rows in their order as far as their sessions are of one campaign, between which the base was moved."""
+    if arm.instrument is None or gravity_in(Setup(arm, arm.instrument), rows.session) is None:
+        yield rows
+        return
+    campaigns = numbered(map(arm.instrument.campaign, rows.session))
+    for some in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(campaigns)) + 1):
+        yield rows.some(some)
+
+
 def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
     """Return what is predicted of some rows, how the arm stands in them, and flags about what was fitted.
 
-    `certain` is the arm `without_declared_uncertainty`.
+    `certain` is the arm `without_declared_uncertainty`; the rows are `_in_one_base`.
     """
     every = np.arange(len(rows))
     derived_directions(arm, rows, every)  # raises where one is needed that is not told
-    with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
-        known = known_rows(arm, rows)
     instrument = arm.instrument or Instrument()
+    gravity = gravity_in(Setup(arm, instrument), rows.session)
+    with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
+        known = known_rows(arm, rows, gravity)
+    if gravity is not None:
+        certain = replace(certain, robot=replace(certain.robot, gravity=gravity[0]))
     try:
         found = certain.deflection(rows.q, rows.payload, covariates=known, wrenches=rows.wrenches)
     except ArmflexError:

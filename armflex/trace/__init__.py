@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.joined import as_campaign
+from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 @checked_kinds
 def trace(
     arm: Arm,
-    measurements: Measurements | Tabular,
+    measurements: Measurements | Tabular | Sequence[Measurements | Tabular],
     rows: np.ndarray | None = None,
     report: Callable[[str], None] | None = None,
     keep: bool = False,
@@ -34,7 +35,8 @@ def trace(
 
     Args:
         arm: The arm as declared; its prior says what calibration may move.
-        measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory.
+        measurements: The campaign, rows in the order driven; unmeasured rows count for effects with a memory. A list of
+            several campaigns of this machine is traced together, the instrument and its target anew in each.
         rows: (M,) numbers of the measured rows to use; all when not given.
         report: Called with what is being done, in words, once for every stage.
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted;
@@ -52,4 +54,4 @@ def trace(
     """
     from armflex.trace.run import trace as run
 
-    return run(arm, as_measurements(measurements, arm), rows, report, keep, account, progress, anyway)
+    return run(arm, as_campaign(measurements, arm), rows, report, keep, account, progress, anyway)

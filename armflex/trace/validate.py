@@ -11,9 +11,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
-from armflex.estimate.held_out import errors_of, held_out, judged_by, pose_folds, told_by_others
+from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, pose_folds, told_by_others
 from armflex.linear_gaussian import LinearGaussian
-from armflex.parameters import OF_SESSION
 from armflex.readings import Readings
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
@@ -187,8 +186,7 @@ def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[n
     """Return (M,) the session of every row as a number, and for each session its frame's parameters."""
     names = list(dict.fromkeys(sessions))
     folds = np.array([names.index(session) for session in sessions])
-    owners = [one.group.of if one.group.kind in OF_SESSION else None for one in fit.parameters]
-    return folds, [np.array([i for i, of in enumerate(owners) if of == name], dtype=int) for name in names]
+    return folds, [frames_of(fit, name) for name in names]
 
 
 def sessions_held_out(

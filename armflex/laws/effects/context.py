@@ -78,6 +78,7 @@ class Context:
         sessions: Name of each row's session.
         wrenches: (N, 6) load on the structure at every site, local axes.
         box: (2, 3) lowest and highest coordinates that any link was at [m], base axes.
+        pieces: Numbers of the rows of every campaign, between which nothing is remembered.
     """
 
     robot: Robot
@@ -87,6 +88,7 @@ class Context:
     sessions: tuple[str, ...]
     wrenches: Mapping[str, Array]
     box: Array
+    pieces: tuple[np.ndarray, ...] = ()
 
     @cached_property
     def records(self) -> Records:
@@ -148,10 +150,10 @@ class Context:
         """Return the (N,) state of a memory at a location; one of a column is the same at every location, and kept."""
         here = self.here(location, view.arm)
         if not location.covariates:
-            return memory.remember(here, self.wrench(view, location.site), self.row, inner)
+            return memory.over(self.pieces, here, self.wrench(view, location.site), self.row, inner)
         key = (memory, location.covariates, inner)
         if key not in self._states:
-            self._states[key] = memory.remember(here, self.wrenches[location.site], self.row, inner)
+            self._states[key] = memory.over(self.pieces, here, self.wrenches[location.site], self.row, inner)
         return self._states[key]
 
     @cached_property
@@ -191,7 +193,8 @@ def survey(
     box = np.array([places.min(axis=0), places.max(axis=0)])
     index = {name: i for i, name in enumerate(rows.joint_names)}
     row = Row(rows.q, index, dict(known))
-    return Context(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box)
+    pieces = tuple(rows.pieces.values())
+    return Context(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box, pieces)
 
 
 def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:

@@ -429,6 +429,23 @@ class Memory:
     unit: str
     lag: str | None = None
 
+    def over(self, pieces: Sequence[np.ndarray], here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+        """Return the (N,) state in all rows, in each piece of them as if nothing had gone before.
+
+        Args:
+            pieces: Numbers of the rows of each; without any all rows are one.
+            here: The location.
+            wrench: (N, 6) load there, local axes [N, Nm].
+            row: What is known of the rows.
+            inner: Of the law.
+        """
+        if len(pieces) < 2:
+            return self.remember(here, wrench, row, inner)
+        found = np.zeros(len(row.q))
+        for own in pieces:
+            found[own] = self.remember(here, wrench[own], row.some(own), inner)
+        return found
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwistLaw(EffectLaw):

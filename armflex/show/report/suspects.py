@@ -167,7 +167,7 @@ def _suspect(trace: Trace, effect: Effect, axis: Array | None) -> tuple[Array, s
     rows, context = state.rows, state.context
     if law.memory:
         here, wrench = context.here(location, state.fit.setup.arm), context.wrench(state.fit.view, location.site)
-        values = law.memory.remember(here, wrench, context.row, effect.inner)[rows]
+        values = law.memory.over(context.pieces, here, wrench, context.row, effect.inner)[rows]
         if not location.covariates:
             return _loads(values, "m" if location.turns else "f", f"load {location.axis} that play passes on")
         name, lag = location.covariates[0], effect.named.get(LAG, 0.0)

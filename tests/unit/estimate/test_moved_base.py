@@ -1,4 +1,4 @@
-"""Several campaigns of one machine: gravity of a base that was moved, and what all of them tell together."""
+"""Gravity of a base that was moved between campaigns: what rows, readings, effects and columns make of it."""
 
 from __future__ import annotations
 

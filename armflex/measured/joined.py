@@ -1,0 +1,213 @@
+"""Several campaigns of one machine as one: its rows one after the other, and nothing known between their instruments.
+
+Each campaign goes by the name of its file. Its sessions are called 'campaign/session', or as the campaign where there
+is only one; its poses likewise, but for those that several campaigns were driven to by one name.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import Flag, InputError, MissingCovariateError, UnsupportedError, listing, naming
+from armflex.measured.measurements import Measurements, as_measurements
+from armflex.measured.table import Tabular
+from armflex.readings import Kind, Readings, Touch
+from armflex.rows.branch import Branch
+from armflex.rows.rows import LEVEL_OF
+from armflex.rows.wrench import Wrench
+
+CAMPAIGN = "campaign"
+"""Column of a joined campaign with the name of each row's, a text: what is of one of them alone depends on it."""
+
+COMMANDED = 0.02
+"""Joint positions nearer than this [rad or m] are one commanded pose where campaigns call them by one name: the
+controller of a machine that was moved reports them otherwise, and a split for validation must not part them."""
+
+
+def as_campaign(found: Measurements | Tabular | Sequence[Measurements | Tabular], arm: Arm) -> Measurements:
+    """Return one campaign as it is or as `as_measurements` reads it, and several `joined`."""
+    if isinstance(found, list | tuple):
+        return joined([as_measurements(one, arm) for one in found], arm)
+    return as_measurements(found, arm)  # pyright: ignore[reportArgumentType] - no other sequence is one
+
+
+def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
+    """Return campaigns of one machine as one.
+
+    A column that one of them lacks is left out, with a flag. Times go on where a campaign begins before the one before
+    it ended.
+
+    Args:
+        campaigns: In the order in which they were taken; the frame of the first is that of the result.
+        arm: The machine.
+
+    Raises:
+        InputError: There is none, or one is given twice.
+        UnsupportedError: Several of them touch sockets.
+        MissingCovariateError: An effect of the arm depends on a column that one of them lacks.
+    """
+    if not campaigns:
+        raise InputError("no campaign is given, expected one or more")
+    if len(campaigns) == 1:
+        return campaigns[0]
+    given = dict(zip(_names(campaigns), campaigns, strict=True))
+    for (name, one), (again, other) in combinations(given.items(), 2):
+        if one.sha256 == other.sha256 and set(one.places) & set(other.places):
+            raise InputError(f"campaigns {name!r} and {again!r} have the same rows: each counts once")
+    if sum(any(isinstance(kind, Touch) for kind in one.readings.kinds) for one in campaigns) > 1:
+        text = "several campaigns touch sockets, which cannot be fitted together: the machine may have been moved"
+        raise UnsupportedError(f"{text}; calibrate with one of them")
+
+    def whole(part: Callable[[Measurements], Any]) -> Array:
+        return np.concatenate([part(one) for one in campaigns])
+
+    def texts(part: Callable[[str, Measurements], Sequence[str]]) -> tuple[str, ...]:
+        return tuple(cell for name, one in given.items() for cell in part(name, one))
+
+    def sessions(name: str, one: Measurements) -> list[str]:
+        return [name if len(set(one.session)) == 1 else f"{name}/{session}" for session in one.session]
+
+    first = campaigns[0]
+    covariates, flags = _columns(given, arm)
+    if any(one.hold is None for one in campaigns) and any(one.hold is not None for one in campaigns):
+        flags.append(_lacking("hold", [name for name, one in given.items() if one.hold is None]))
+    return Measurements(
+        joint_names=first.joint_names,
+        pose=_poses(given),
+        session=texts(sessions),
+        payload=texts(lambda _, one: one.payload),
+        time=_times(campaigns),
+        q=whole(lambda one: one.q),
+        approach=whole(lambda one: one.approach),
+        measured=whole(lambda one: one.measured),
+        hold=None if any(one.hold is None for one in campaigns) else whole(lambda one: one.hold),
+        covariates=covariates,
+        places=sum((one.places for one in campaigns), ()) if all(one.places for one in campaigns) else (),
+        derived=tuple(dict.fromkeys(name for one in campaigns for name in one.derived)),
+        wrenches=_loads(campaigns),
+        campaign=texts(lambda name, one: [name] * len(one)),
+        readings=_readings(campaigns),
+        sha256=hashlib.sha256("".join(one.sha256 for one in campaigns).encode()).hexdigest(),
+        flags=tuple(
+            [replace(flag, text=f"{name}: {flag.text}") for name, one in given.items() for flag in one.flags] + flags
+        ),
+        frame=first.frame if all(one.frame == first.frame for one in campaigns) else "",
+        units={
+            name: unit for name, unit in first.units.items() if all(one.units.get(name) == unit for one in campaigns)
+        },
+    )
+
+
+def _names(campaigns: Sequence[Measurements]) -> list[str]:
+    """Return a name for each campaign, that of its file; a further one of that name has its number."""
+    found: list[str] = []
+    for number, one in enumerate(campaigns, 1):
+        file = one.places[0].file if one.places else None
+        name = file.stem if isinstance(file, Path) else f"campaign {number}"
+        found.append(f"{name} {number}" if name in found else name)
+    return found
+
+
+def _poses(given: Mapping[str, Measurements]) -> tuple[str, ...]:
+    """Return the name of each row's pose among those of all campaigns; see `COMMANDED`."""
+    found: list[str] = []
+    first: dict[str, Array] = {}
+    for name, one in given.items():
+        for pose, q in zip(one.pose, one.q, strict=True):
+            same = np.abs(first.setdefault(pose, q) - q).max() < COMMANDED
+            found.append(pose if same else f"{name}/{pose}")
+    return tuple(found)
+
+
+def _times(campaigns: Sequence[Measurements]) -> Array:
+    """Return (N,) times [s], none earlier than any of the campaign before; row numbers where one has none."""
+    if any("time" in one.derived for one in campaigns):
+        return np.arange(sum(map(len, campaigns)), dtype=float)
+    found = [campaigns[0].time]
+    for one in campaigns[1:]:
+        found.append(one.time + max(found[-1].max() - one.time.min(), 0.0))
+    return np.concatenate(found)
+
+
+def _columns(given: Mapping[str, Measurements], arm: Arm) -> tuple[dict[str, Array | tuple[str, ...]], list[Flag]]:
+    """Return the columns that all campaigns have, and flags about the others; a text among numbers makes them texts."""
+    needed = {one.partition(LEVEL_OF)[0]: effect.name for effect in arm.effects for one in effect.location.covariates}
+    found: dict[str, Array | tuple[str, ...]] = {}
+    flags: list[Flag] = []
+    for column in dict.fromkeys(name for one in given.values() for name in one.covariates):
+        without = [name for name, one in given.items() if column not in one.covariates]
+        if without:
+            if column in needed:
+                one = given[without[0]]
+                with naming(one.places[0].file if one.places else without[0]):
+                    raise MissingCovariateError(column, one.covariates, needed[column])
+            flags.append(_lacking(column, without))
+            continue
+        parts = [one.covariates[column] for one in given.values()]
+        if all(isinstance(part, np.ndarray) for part in parts):
+            found[column] = np.concatenate(parts)
+        else:
+            found[column] = tuple(cell if isinstance(cell, str) else f"{cell:g}" for part in parts for cell in part)
+    if CAMPAIGN not in found:
+        found[CAMPAIGN] = tuple(name for name, one in given.items() for _ in range(len(one)))
+    return found, flags
+
+
+def _lacking(column: str, without: Sequence[str]) -> Flag:
+    return Flag("column_left_out", f"column {column!r} is left out: {listing(without)} has none", about=column)
+
+
+def _pieces(campaigns: Sequence[Measurements]) -> Iterator[tuple[Measurements, slice]]:
+    """Yield each campaign with the place of its rows among all."""
+    start = 0
+    for one in campaigns:
+        yield one, slice(start, start + len(one))
+        start += len(one)
+
+
+def _readings(campaigns: Sequence[Measurements]) -> Readings:
+    """Return what was read in all rows: what a campaign has no column of was not read there."""
+    count, kinds = sum(map(len, campaigns)), dict[tuple[type[Kind], str], Kind]()
+    for one, place in _pieces(campaigns):
+        for kind in one.readings.kinds:
+            key = type(kind), kind.name
+            before = kinds.get(
+                key, replace(kind, values=_filled(kind.values, count), sigma=_filled(kind.sigma, count, np.inf))
+            )
+            before.values[place], before.sigma[place] = kind.values, kind.sigma
+            kinds[key] = before
+    # Those of the tip stand first; see `Readings.foremost`.
+    return Readings(count, tuple(sorted(kinds.values(), key=lambda kind: bool(kind.name))))
+
+
+def _filled(like: Array, count: int, value: float = 0.0) -> Array:
+    return np.full((count, *like.shape[1:]), value)
+
+
+def _loads(campaigns: Sequence[Measurements]) -> tuple[Wrench, ...]:
+    """Return the loads from outside on all rows, those of other campaigns zero: one for each link and axes."""
+    count = sum(map(len, campaigns))
+    forces: dict[tuple[str, str], Array] = {}
+    hung: list[Wrench] = []
+    for one, place in _pieces(campaigns):
+        for load in one.wrenches:
+            if isinstance(load, Branch):
+                moment = np.zeros((count, 3))
+                moment[place] = load.moment
+                held = {name: np.full(count, load.robot.locked.get(name, 0.0)) for name in load.positions}
+                for name, at in load.positions.items():
+                    held[name][place] = at
+                hung.append(replace(load, force=np.zeros((count, 3)), moment=moment, positions=held))
+                continue
+            both = forces.setdefault((load.frame, load.axes), np.zeros((count, 6)))
+            both[place] += np.hstack([load.force, load.moment])
+    return (*(Wrench(frame, own[:, :3], own[:, 3:], axes) for (frame, axes), own in forces.items()), *hung)
