@@ -17,14 +17,13 @@ from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.block import learned_laws
 from armflex.estimate.calibrate import write_calibrated
+from armflex.estimate.held_out import OfCampaign
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.misread import check_scatter
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
-from armflex.measured.forces import Unnamed
-from armflex.measured.measurements import read_measurements
-from armflex.measured.points import PointExport
+from armflex.measured.measurements import Measurements
 from armflex.parameters import ParameterKind
 from armflex.readings import Kind, Position
 from armflex.result import plain
@@ -45,24 +44,25 @@ SCATTERED = 1.5
 @options.campaign
 def command(
     arm_path: Path,
-    measurements_path: Path,
     output: Path,
     report_path: Path | None,
     sample: int | None,
     show_all: bool,
     keep: bool,
     anyway: bool,
-    points: PointExport | None,
-    unnamed: Callable[[Arm], Unnamed],
+    measured: Callable[[Arm], Measurements],
     lax: bool,
 ) -> None:
-    """Fit what [prior] frees, on the deflected arm, and report what the data do not determine."""
+    """Fit what [prior] frees, on the deflected arm, and report what the data do not determine.
+
+    Several campaigns of one machine are fitted together, instrument and target anew in each.
+    """
     arm = options.declared_arm(arm_path, "calibrate", keep, lax)
     if sample and keep:
         raise InputError("--keep keeps laws as an earlier campaign taught them: leave out --sample, or --keep")
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
-    measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
+    measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
         found = calibrate(arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway)
     if not anyway:
@@ -101,6 +101,7 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     what = found.fit.view.readings.error_title
     what = what[0].upper() + what[1:]
     print_table(f"{what} over {len(found.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells)
+    print_campaigns(found.campaigns, ("declared", "calibrated"), found.fit.view.readings.unit)
     if len(found.by_kind) > 1 or not found.fit.view.readings.of(Position):
         rows = []
         for kind, *sizes in found.by_kind:
@@ -140,6 +141,17 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
         by = f" by {outlier.instrument}" if outlier.instrument else ""
         other = f": exchanged with the reading of {outlier.fellow}" if outlier.fellow else ""
         say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}{other}")
+
+
+def print_campaigns(campaigns: Sequence[OfCampaign], stages: tuple[str, str], unit: str) -> None:
+    """Print the errors of each of several campaigns."""
+    if campaigns:
+        rows, (unit, factor) = [], SHOWN[unit]
+        for one in campaigns:
+            sizes = ("-" if rms is None else number(rms * factor) for rms in (one.before, one.after, one.from_others))
+            rows.append([one.name, str(one.rows), *sizes])
+        columns = ["", "rows", stages[0], stages[1], f"from the others {unit}"]
+        print_table("By campaign, RMS; from the others: of the arm fitted without it, placed in it", columns, rows)
 
 
 def _cells(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -> list[str]:
@@ -189,6 +201,22 @@ def _by_kind(sizes: tuple[Kind, float, float, float]) -> dict[str, Any]:
     }
 
 
+def campaigns_json(campaigns: Sequence[OfCampaign], stages: tuple[str, str]) -> dict[str, Any]:
+    """Return the errors of each of several campaigns for programs, in mm, or thousandths of the unit that was read."""
+    if not campaigns:
+        return {}
+    found = [
+        {
+            "name": one.name,
+            "rows": one.rows,
+            "rms_mm": {stages[0]: one.before * 1e3, stages[1]: one.after * 1e3},
+            "from_others_rms_mm": None if one.from_others is None else one.from_others * 1e3,
+        }
+        for one in campaigns
+    ]
+    return {"campaigns": found}
+
+
 def as_json(found: Calibration) -> dict[str, Any]:
     """Return a calibration for programs; RMS in mm like that of trace.
 
@@ -212,6 +240,7 @@ def as_json(found: Calibration) -> dict[str, Any]:
         and found.held_out
         and dict(zip(stages, (per * rms for rms in found.held_out), strict=True)),
         **({} if per else in_unit),
+        **campaigns_json(found.campaigns, stages),
         **({"instruments": [*map(_by_kind, found.by_kind)]} if found.arm.sensors else {}),
         "parameters": [
             {

@@ -21,7 +21,9 @@ from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
-from armflex.measured.points import read_points
+from armflex.measured.joined import joined
+from armflex.measured.measurements import Measurements, read_measurements
+from armflex.measured.points import PointExport, read_points
 from armflex.result import plain
 from armflex.robot.robot import lock_side_joints
 from armflex.rows.wrench import Wrench
@@ -113,7 +115,7 @@ class Command(click.Command):
 
     def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """Write what the files are that the command reads."""
-        known = [(one.metavar, FILES[one.metavar]) for one in self.params if one.metavar in FILES]
+        known = [(meant, FILES[meant]) for one in self.params if (meant := _file(one)) in FILES]
         if known:
             with formatter.section("Files, in SI unless a column says its unit: q_A1_deg, x_mm, force_fz_kN"):
                 formatter.write_dl(known)
@@ -137,23 +139,26 @@ class Command(click.Command):
             if same_file(first, second):
                 raise InputError(f"{one} and {other} are the same file {second}; name another one")
         context.meta[__name__] = context.params.pop("json_path")
-        self._check_kinds({one.metavar: path for one, path in given.items() if one.metavar in FILES})
+        each = [(one, path) for one, some in paths.items() for path in (some if isinstance(some, tuple) else (some,))]
+        self._check_kinds([(_file(one), path) for one, path in each if path is not None and _file(one) in FILES])
         with telling("reading"):
             return super().invoke(context)
 
-    def _check_kinds(self, given: dict[str | None, Path]) -> None:
+    def _check_kinds(self, given: Sequence[tuple[str, Path]]) -> None:
         """Raise `InputError` where a table is given as the arm, or an arm as a table, as when they are exchanged."""
-        wrong = {
-            name: path
-            for name, path in given.items()
-            if path.suffix.lower() in (TABLES if name == "ARM" else (".toml", *ROBOTS))
-        }
+        suffixes = {name: TABLES if name == "ARM" else (".toml", *ROBOTS) for name, _ in given}
+        wrong = [(name, path) for name, path in given if path.suffix.lower() in suffixes[name]]
         if not wrong:
             return
-        said = ", ".join(f"{path} is no {'arm' if name == 'ARM' else 'table'} ({name})" for name, path in wrong.items())
+        said = ", ".join(f"{path} is no {'arm' if name == 'ARM' else 'table'} ({name})" for name, path in wrong)
         order = " ".join(str(one.metavar) for one in self.params if isinstance(one, click.Argument))
         hint = "are they exchanged" if len(wrong) > 1 else "is another file meant"
         raise InputError(f"{said}: {hint}? armflex {click.get_current_context().info_name} {order}")
+
+
+def _file(parameter: click.Parameter) -> str:
+    """Return which of `FILES` a parameter is, one of them or several."""
+    return (parameter.metavar or "").removesuffix(" ...")
 
 
 def json_path() -> Path | None:
@@ -248,17 +253,26 @@ anyway = click.option(
 
 
 def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command an arm and its campaign, and how both are taken: `keep`, `anyway`, `points`, `lax`.
+    """Give a command an arm and its campaigns, and how both are taken: `keep`, `anyway`, `lax`.
 
-    `unnamed` returns for the arm what loads rows that name none.
+    `measured` returns the campaigns for the arm, as one; see `joined`.
     """
 
     @functools.wraps(function)
-    def with_loads(payload: str, force_text: str | None, **rest: Any) -> Any:
-        return function(unnamed=lambda arm: unnamed_loads(arm, payload, force_text), **rest)
+    def with_rows(
+        payload: str, force_text: str | None, points: PointExport | None, paths: tuple[Path, ...], **rest: Any
+    ) -> Any:
+        if points is not None and len(paths) > 1:
+            raise InputError(f"--points has the positions of one campaign, and {len(paths)} are given")
 
-    found = force_option(payload_option(with_loads))
-    measured = click.argument("measurements_path", metavar="MEAS.csv", type=InputPath)
+        def measured(arm: Arm) -> Measurements:
+            unnamed = unnamed_loads(arm, payload, force_text)
+            return joined([read_measurements(path, arm, points=points, unnamed=unnamed) for path in paths], arm)
+
+        return function(measured=measured, **rest)
+
+    found = force_option(payload_option(with_rows))
+    measured = click.argument("paths", metavar="MEAS.csv ...", type=InputPath, nargs=-1, required=True)
     for given in (points, lax, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
         found = given(found)
     return found

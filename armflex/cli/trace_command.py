@@ -12,6 +12,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
+from armflex.cli.calibrate_command import campaigns_json, print_campaigns
 from armflex.cli.terminal import doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
 from armflex.errors import enough_memory, listing
@@ -19,9 +20,7 @@ from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import LINK
-from armflex.measured.forces import Unnamed
-from armflex.measured.measurements import read_measurements
-from armflex.measured.points import PointExport
+from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
 from armflex.result import plain
 from armflex.show.report import write_report
@@ -42,24 +41,24 @@ MOST_ADVICE = 3
 @options.campaign
 def command(
     arm_path: Path,
-    measurements_path: Path,
     output: Path,
     report_path: Path | None,
     keep: bool,
     anyway: bool,
-    points: PointExport | None,
-    unnamed: Callable[[Arm], Unnamed],
+    measured: Callable[[Arm], Measurements],
     lax: bool,
 ) -> None:
     """Calibrate, find the effects that explain the residual, add them, and report the errors before and after.
 
     Effects are selected by their posterior probability, and each is listed with its own and with what else it may be.
+    Several campaigns of one machine are traced together: what they have in common is named once, and what is of one of
+    them depends on the column `campaign`.
     After every state that the search accepts the outputs are written, marked unfinished. Effects with which held-out
     poses are predicted worse than by the calibrated arm are withdrawn.
     """
     outputs = Outputs(arm_path, output, report_path, options.json_path())
     arm = options.declared_arm(arm_path, "trace", keep, lax)
-    measurements = read_measurements(measurements_path, arm, points=points, unnamed=unnamed(arm))
+    measurements = measured(arm)
     finished: list[Trace] = []
     try:
         with enough_memory(f"{len(measurements)} rows"):
@@ -126,6 +125,7 @@ def print_trace(found: Trace) -> None:
     title = f"RMS of the {readings.error_title} over {len(found.rows) + len(found.unjudged)} rows"
     unit = SHOWN[readings.unit][0]
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
+    print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
     if found.found:
         columns = [
             "added",
@@ -237,6 +237,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         **({} if found.nothing is None else {"nothing": found.nothing}),
         **({"unfinished": True} if found.unfinished else {}),
         "rows": len(found.rows) + len(found.unjudged),
+        **campaigns_json(found.campaigns, ("calibrated", "after")),
         "noise_rms_mm": found.noise_rms * 1e3,
         "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
         "held_out_rms_mm": {stage: 1e3 * rms for stage, rms in held_out.items()},

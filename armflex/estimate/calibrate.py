@@ -18,7 +18,7 @@ from armflex.errors import ArmflexError, ConventionError, Flag, InputError, Unsu
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
-from armflex.estimate.held_out import FOLDS, frames_of, held_out, judged_by, near, pose_folds
+from armflex.estimate.held_out import FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
@@ -42,31 +42,11 @@ from armflex.parallel import Progress
 from armflex.parameters import FRAMES, OF_SESSION, ParameterKind, beyond_priors
 from armflex.readings import Kind
 from armflex.result import Result
-from armflex.rows.rows import numbered
 
 FEWEST_ROWS = 4
 
 MANY, SOME = 4096, 8
 """Rows beyond which a fit begins where one in so many of them leads."""
-
-
-@dataclass(frozen=True)
-class OfCampaign:
-    """Errors in one of several campaigns that were fitted together.
-
-    Attributes:
-        name: Of the campaign.
-        rows: How many of its rows were fitted.
-        declared_rms, rms: RMS of the 3-D error of the declared arm, placed, and of the calibrated one [m].
-        alone_rms: The same of the arm that the other campaigns make, only the instrument's frame and the target found
-            here; None where nothing of it counts.
-    """
-
-    name: str
-    rows: int
-    declared_rms: float
-    rms: float
-    alone_rms: float | None
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -108,21 +88,8 @@ class Calibration(Result):
 
     @cached_property
     def campaigns(self) -> tuple[OfCampaign, ...]:
-        """Of each of several campaigns its errors, also where it has no part in the fit; none of one alone."""
-        view, fit = self.fit.view, self.fit
-        pieces = self.measurements.some(view.rows).pieces
-        if len(pieces) < 2:
-            return ()
-        folds = numbered(self.measurements.campaign[row] for row in view.rows)
-        alone, judged = held_out(fit, folds, [frames_of(fit, name) for name in pieces], self.judged), self.judged
-        found = []
-        for number, (name, own) in enumerate(pieces.items()):
-            before, after = (
-                foremost_rms(one.readings.where(judged).some(own), one.residual[own]) for one in (self.placed, view)
-            )
-            left = alone.rms_of(folds == number) if (alone.believed & (folds == number)).any() else None
-            found.append(OfCampaign(name, len(own), before, after, left))
-        return tuple(found)
+        """Errors of each of several campaigns, of the declared arm, placed, and of the calibrated one."""
+        return by_campaign(self.placed, self.fit, self.judged)
 
     @property
     def left_out(self) -> int:

@@ -11,9 +11,10 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.estimate.robust import huber_weights, robust_limit
-from armflex.estimate.view import View
+from armflex.estimate.view import View, foremost_rms
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
 from armflex.parameters import OF_SESSION, Group, ParameterKind
+from armflex.rows.rows import numbered
 
 FOLDS = 5
 
@@ -119,6 +120,49 @@ def frames_of(fit: Fit, name: str) -> np.ndarray:
         return name in campaigns[:1] and group.kind in FIRST
 
     return np.array([i for i, one in enumerate(fit.parameters) if own(one.group)], dtype=int)
+
+
+@dataclass(frozen=True)
+class OfCampaign:
+    """RMS of the 3-D error in one of several campaigns that were fitted together.
+
+    Attributes:
+        name: Of the campaign.
+        rows: How many of its rows were fitted.
+        before, after: Before the fit, and after it [m].
+        from_others: Of the arm that the other campaigns make, only the instrument's frame and the target found here
+            [m]; None where nothing of it counts.
+    """
+
+    name: str
+    rows: int
+    before: float
+    after: float
+    from_others: float | None
+
+
+def by_campaign(before: View, fit: Fit, judged: np.ndarray, residual: Array | None = None) -> tuple[OfCampaign, ...]:
+    """Return the errors in each of several campaigns, also without its part in the fit; none of one alone.
+
+    Args:
+        before: The rows before the fit.
+        fit: The fit to them.
+        judged: (M, d) readings that count; see `judged_by`.
+        residual: (M, d) of the fit, where it is not all that its view leaves.
+    """
+    residual = fit.view.residual if residual is None else residual
+    campaigns = [fit.view.driven.campaign[row] for row in fit.view.rows] if fit.view.driven.campaign else []
+    names, folds, found = list(dict.fromkeys(campaigns)), numbered(campaigns), []
+    if len(names) < 2:
+        return ()
+    alone = held_out(fit, folds, [frames_of(fit, name) for name in names], judged)
+    for number, name in enumerate(names):
+        own = np.flatnonzero(folds == number)
+        readings = fit.view.readings.where(judged).some(own)
+        first, then = (foremost_rms(readings, left[own]) for left in (before.residual, residual))
+        left = alone.rms_of(folds == number) if alone.believed[own].any() else None
+        found.append(OfCampaign(name, len(own), first, then, left))
+    return tuple(found)
 
 
 def errors_of(fit: Fit, whitened: Array) -> Array:

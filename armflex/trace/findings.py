@@ -18,7 +18,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import Fit, realise
-from armflex.estimate.held_out import judged_by
+from armflex.estimate.held_out import OfCampaign, by_campaign, judged_by
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.outliers import Outlier, exchanged, outliers_of
 from armflex.estimate.view import View, foremost_rms, look
@@ -373,6 +373,11 @@ class Trace(Result):
             squares += rest.readings.row_squares(rest.residual).sum()
             count += np.count_nonzero(rest.readings.foremost_count)
         return float(np.sqrt(squares / max(count, 1)))
+
+    @cached_property
+    def campaigns(self) -> tuple[OfCampaign, ...]:
+        """Errors of each of several campaigns, of the calibrated arm and with what was found."""
+        return by_campaign(self.before.view, self.state.fit, self.judged, self.residual)
 
     @property
     def declared_rms(self) -> float:

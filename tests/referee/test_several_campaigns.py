@@ -42,7 +42,7 @@ def test_sites_tell_more_together_than_either(tmp_path: Path) -> None:
     assert both.rms == pytest.approx(NOISE, rel=0.15) and not both.flags
     assert [one.name for one in both.campaigns] == ["flat", "hill"]
     for one in both.campaigns:
-        assert one.rows == 40 and one.rms <= one.alone_rms < 1.2 * NOISE < one.declared_rms
+        assert one.rows == 40 and one.after <= one.from_others < 1.2 * NOISE < one.before
 
 
 def test_gravity_follows_the_level_instrument_to_every_site(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_an_arm_of_several_campaigns_is_written_and_read(tmp_path: Path) -> None
         rows = replace(rows, session=(name,) * len(rows))
         predicted = predict(again, rows)
         off = np.sqrt(((predicted.position - rows.position) ** 2).sum(axis=1).mean())
-        assert off == pytest.approx(found.campaigns[number].rms, rel=1e-3)
+        assert off == pytest.approx(found.campaigns[number].after, rel=1e-3)
         assert not [flag for flag in predicted.flags if flag.code == "new_session"]
 
 
