@@ -238,7 +238,7 @@ class LoadedArm:
 
     @cached_property
     def _probed(self) -> tuple[FlexModel, np.ndarray]:
-        robot, own = self.arm.robot, list(self.arm.sites)
+        robot, own = self.robot, list(self.arm.sites)
         end, places = robot.chain[-1].name, [Site("base", None)]
         for joint in robot.moving:
             places += [Site(f"link:{joint.name}", joint.name, True), Site(joint.name, joint.name)]

@@ -196,11 +196,12 @@ class Response:
     def equilibrium(self, row: int) -> Equilibrium:
         """Return how the arm rests in one row, as one that is asked by itself."""
         part = next(one for one in self._parts if row in one.rows)
-        mechanics = part.loaded.mechanics
+        mechanics, case = part.loaded.mechanics, self.case.some(row)
+        case = case._replace(wrenches=tuple(one.under(part.loaded.robot.gravity) for one in case.wrenches))
         motion = np.zeros(mechanics.model.nv)
         motion[mechanics.flex.flexure_v] = self.flexure_twists[row]
         rigid = mechanics.rigid_configuration(self.row.q[row])
-        return Equilibrium(part.loaded, self.case.some(row), rigid, motion, None, "newton", ())
+        return Equilibrium(part.loaded, case, rigid, motion, None, "newton", ())
 
     def site(self, name: str) -> Array:
         """Return the (N, 6, 6) motion of the tip per body twist at a site."""
