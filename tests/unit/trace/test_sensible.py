@@ -278,7 +278,8 @@ def test_a_factor_moves_in_a_straight_line_and_never_below_nothing(before):
 
 
 def test_a_session_whose_name_begins_with_another_has_its_own_frame():
-    fit = SimpleNamespace(parameters=of_motions(ParameterKind.SESSION, ("a", "a b")))
+    setup = SimpleNamespace(instrument=SimpleNamespace(campaigns=()))
+    fit = SimpleNamespace(parameters=of_motions(ParameterKind.SESSION, ("a", "a b")), setup=setup)
     folds, frames = session_folds(fit, ["a b", "a", "a b"])
     assert folds.tolist() == [0, 1, 0]
     assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]
