@@ -11,14 +11,14 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
+from typing import Any, TypedDict, Unpack, overload
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_init, checked_kinds
-from armflex.conventions import LARGEST_POSITION, Array, covariate_array, real_array
+from armflex.conventions import LARGEST_POSITION, Array, cached_property, covariate_array, real_array
 from armflex.errors import (
     ArmflexWarning,
     ArrayTypeError,
@@ -64,11 +64,6 @@ from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
 from armflex.rows.wrench import Wrench
-
-if TYPE_CHECKING:
-    cached_property = property  # which a protocol may ask for; pyright takes the other for something that can be set
-else:
-    from functools import cached_property
 
 SOME_NEAR = (Flag("near_buckling", f"in some rows {NEAR:g} times the loads would make the arm buckle; see `flags`"),)
 

@@ -18,13 +18,18 @@ from __future__ import annotations
 
 import re
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
 from armflex.errors import ArrayTypeError, NotFiniteError, PoseError, ShapeError, UnitError, did_you_mean, shown
+
+if TYPE_CHECKING:
+    cached_property = property  # which meets a protocol; type checkers take the other for something that can be set
+else:
+    from functools import cached_property as cached_property
 
 Array = NDArray[np.float64]
 

@@ -6,18 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from operator import is_
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from armflex.arguments import checked_init
-from armflex.conventions import Array, finite_array, real_array
+from armflex.conventions import Array, cached_property, finite_array, real_array
 from armflex.errors import InputError, ShapeError
-
-if TYPE_CHECKING:
-    cached_property = property  # as in `armflex.arm`
-else:
-    from functools import cached_property
 
 
 @checked_init

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[2] / "armflex"
@@ -60,6 +61,19 @@ def test_every_room_has_its_place() -> None:
 def test_imports_point_down() -> None:
     up = {f"{room}->{other}" for room, other in imports() if ROOMS.index(other) > ROOMS.index(room)}
     assert up == set(UPWARD)
+
+
+def test_the_table_of_rooms_is_the_tree() -> None:
+    """CONTRIBUTING names every room and every module beside them once, in the order in which they may be imported."""
+    text = (TESTS.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[1] for line in text.splitlines() if line.startswith("| `")]
+    named = [name.strip("/").replace("/", ".") for row in rows for name in re.findall(r"`([^`]+)`", row)]
+    tree = {path.stem for path in PACKAGE.iterdir() if path.is_dir() or path.suffix == ".py"}
+    missing = {name for name in named if not (PACKAGE / name.replace(".", "/")).with_suffix(".py").exists()}
+    assert {name for name in missing if not (PACKAGE / name.replace(".", "/")).is_dir()} == set()
+    assert tree - {"__init__", "__main__", "__pycache__"} == {name.partition(".")[0] for name in named}
+    places = [next(i for i, room in enumerate(ROOMS) if f"{room}.".startswith(f"{name}.")) for name in named]
+    assert places == sorted(places)
 
 
 def test_no_test_imports_a_test() -> None:
