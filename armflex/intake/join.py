@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
-from armflex.errors import InputError, Place, TableError, listing
+from armflex.errors import InputError, Place, TableError, did_you_mean, listing
 from armflex.intake.meanings import Meaning, meanings
-from armflex.intake.sources import Source, read_source, said
+from armflex.intake.recordings import read_sources
+from armflex.intake.sources import Cells, Source, numbers, said
+from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
 from armflex.measured.points import LENGTHS
 
 TARGET = re.compile(r"(.+?)[ _\-.:]*(?:T|SMR|TGT|TARGET|PRISM|REFL\w*)[ _\-]?(\d)", re.IGNORECASE)
@@ -38,7 +40,7 @@ class Intake:
         taken: (file, column, what it is, unit, why) of every column.
         joined: How rows were brought together, in words.
         declare: What the arm file needs for it: a further target's [instrument.NAME].
-        notes: What was left out, and why.
+        notes: What was left out, and why; what was found of clocks.
     """
 
     columns: Mapping[str, Sequence[Any]]
@@ -49,21 +51,34 @@ class Intake:
 
 
 def intake(
-    paths: Sequence[str | Path], sigma: float, taken: Mapping[str, str] | None = None, ask: Ask | None = None
+    paths: Sequence[str | Path],
+    sigma: float,
+    taken: Mapping[str, str] | None = None,
+    ask: Ask | None = None,
+    targets: Sequence[str] = (),
 ) -> Intake:
     """Return the campaign that a controller's log and a tracker's export are together, or one file with both.
+
+    A recording counts where the arm stands: a row for each dwell, with the means of what was recorded in it.
 
     Args:
         paths: The files, in any order.
         sigma: One standard deviation of a measured coordinate [m].
         taken: What columns are where their names do not say it, by name: `q_J1_deg`, `x_mm`, `pose`, `time`.
         ask: Asks where a guess is open; a file is refused there when not given.
+        targets: Which topics, bodies or markers of recordings are the targets.
 
     Raises:
         InputError: With everything that is wrong or open in the files, each with what to do.
         TableError: A file is no table.
+        UnsupportedError: The package that reads a recording is not installed.
     """
-    sources, known, wrong = [read_source(path) for path in paths], dict(taken or {}), list[str]()
+    sources, known, wrong = list[Source](), dict(taken or {}), list[str]()
+    for path in paths:
+        try:
+            sources += read_sources(path)
+        except TableError as error:
+            wrong.append(str(error))
     every = {name for one in sources for name in one.header}
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
@@ -71,7 +86,9 @@ def intake(
     understood = [meanings(source, known) for source in sources]
     logs = [i for i, own in enumerate(understood) if any(one.kind == "joint" for one in own)]
     points = [i for i, own in enumerate(understood) if any(one.kind == "coordinate" for one in own)]
-    if len(points) > 1 and len(set(points) - set(logs)) == 1:  # a log has where its controller holds the tool to be
+    points, about = _chosen(sources, points, targets, ask)
+    wrong += about
+    if points and set(points) - set(logs):  # a log has where its controller holds the tool to be
         for i in set(points) & set(logs):
             why = "the controller's own, computed from its joints"
             understood[i] = tuple(
@@ -82,58 +99,136 @@ def intake(
             )
         points = [i for i in points if i not in logs]
     for i, source in enumerate(sources):
-        understood[i], about = _settled(source, understood[i], ask)
-        wrong += about
-    for i, source in enumerate(sources):
-        if i not in (*logs, *points):
+        if i in (*logs, *points):
+            understood[i], about = _settled(source, understood[i], ask)
+            wrong += about
+        elif not source.part:
             named = listing(source.header)
             wrong.append(f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg")
-    if len(logs) != 1 or len(points) != 1:
+    if not wrong and (len(logs) != 1 or not points):
         text = f"{len(logs)} files have joints and {len(points)} have x y z"
         wrong.append(f"{text}: give one log and one export, or one file of both")
     if wrong:
         raise InputError("\n".join(wrong))
-    log, export = sources[logs[0]], sources[points[0]]
-    if log is not export:  # what an instrument's program adds is no cause of the arm's errors
-        understood[points[0]] = tuple(
-            replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[points[0]]
+    log, exports = logs[0], [i for i in points if i not in logs]
+    for i in exports:  # what an instrument's program adds is no cause of the arm's errors
+        understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
+    sources, notes = _standing(sources, understood, log, exports)
+    return _campaign(sources, understood, log, exports, sigma, notes)
+
+
+def _chosen(
+    sources: Sequence[Source], points: Sequence[int], targets: Sequence[str], ask: Ask | None
+) -> tuple[list[int], list[str]]:
+    """Return which sources with places count: all files, and of the parts of a recording those that are targets."""
+    parts = {sources[i].part: i for i in points if sources[i].part}
+    whole = [i for i in points if not sources[i].part]
+    if unknown := [name for name in targets if name not in parts]:
+        hint = did_you_mean(unknown[0], parts)
+        return whole, [f"--target {unknown[0]}: no recording has it{hint} (they have: {listing(parts)})"]
+    if targets:
+        return whole + [parts[name] for name in targets], []
+    stamped = [name for name in parts if "->" not in name] or list(parts)
+    if len(stamped) > 1 and ask is not None:
+        stamped = [ask("Which of these is the target?", stamped)]
+    if len(stamped) > 1:
+        return whole, [f"several could be the target: {listing(stamped)}: --target '{stamped[0]}', one or more times"]
+    return whole + [parts[name] for name in stamped], []
+
+
+def _standing(
+    sources: list[Source], understood: list[tuple[Meaning, ...]], log: int, exports: Sequence[int]
+) -> tuple[list[Source], list[str]]:
+    """Return sources with recordings reduced to where the arm stood, all at once, and what was found of their clocks.
+
+    Raises:
+        InputError: The arm never stands, or two recordings do not match.
+    """
+    clocks = {i: _time(sources[i], understood[i]) for i in (log, *exports)}
+    clocks = {i: time for i, time in clocks.items() if time is not None and is_dense(time)}
+    if not clocks:
+        return sources, []
+    moved = {
+        i: np.column_stack([*_numbers(sources[i], understood[i], ("joint" if i == log else "coordinate",)).values()])
+        for i in clocks
+    }
+    first = log if log in clocks else exports[0]
+    spans = dwells(clocks[first], moved[first], "rad" if first == log else "m")
+    if not len(spans):
+        text = f"nothing stands still for {STANDS:g} s in it: a campaign stops for a second at each pose"
+        raise InputError(f"{sources[first].path}: {text}")
+    notes, shifts = [f"the arm stands {len(spans)} times in {sources[first].title}"], dict[Path, float]()
+    for i in clocks:
+        shift = 0.0
+        if i != first and first == log:
+            path = sources[i].path
+            if path not in shifts:
+                shifts[path] = offset(clocks[log], moved[log], clocks[i], moved[i])
+                notes.append(f"the clock of {sources[i].title} is {shifts[path]:+.3f} s off, as the motions say")
+            shift = shifts[path]
+        sources[i] = reduced(sources[i], clocks[i], spans, shift)
+        understood[i] = tuple(
+            replace(one, kind="unused", why="a signal of a recording")
+            if one.kind == "covariate" and "temp" not in one.name.lower()
+            else one
+            for one in understood[i]
         )
-    of_log, of_export = understood[logs[0]], understood[points[0]]
-    rows = _numbers(log, of_log, ("joint",))
-    places = _numbers(export, of_export, ("coordinate",))
-    if log is export:
-        names = list(_cells(log, of_log, "name") or map(str, range(1, len(log.lines) + 1)))
-        pairs, targets, joined, notes = {"": np.arange(len(names))}, [""], "one file: row by row", ()
-    else:
-        pairs, targets, names, joined, notes = _joined(log, of_log, export, of_export)
+    return sources, notes
+
+
+def _campaign(
+    sources: Sequence[Source],
+    understood: Sequence[Sequence[Meaning]],
+    log_at: int,
+    exports: Sequence[int],
+    sigma: float,
+    notes: Sequence[str],
+) -> Intake:
+    """Return the rows of the log with the places that belong to them."""
+    log, of_log = sources[log_at], understood[log_at]
+    rows, notes, hows = _numbers(log, of_log, ("joint",)), list(notes), list[str]()
+    names = list(map(str, _cells(log, of_log, "name") or range(1, len(log.lines) + 1)))
+    placed: dict[str, Array] = {}
+    for i in exports or (log_at,):
+        xyz = np.column_stack([_numbers(sources[i], understood[i], ("coordinate",))[axis] for axis in "xyz"])
+        if not exports:
+            pairs, how, about = {"": np.arange(len(names))}, "one file: row by row", []
+        else:
+            pairs, names, how, about = _joined(log, of_log, names, sources[i], understood[i])
+        hows, notes = [*hows, how], [*notes, *about]
+        for target, own in pairs.items():
+            label = target if len(exports) < 2 else str(len(placed) + 1)
+            placed[label] = np.where((own >= 0)[:, None], xyz[own], np.nan)
     columns: dict[str, Sequence[Any]] = {"pose": names}
-    columns |= {one.name: _cells(log, (one,), "kept") or () for one in of_log if one.kind == "kept"}
-    if (times := _cells(log, of_log, "time")) and (seconds := _seconds(times)) is not None:
+    for one in of_log:
+        if one.kind == "kept":
+            columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
+    if (seconds := _time(log, of_log)) is not None:
         columns["time"] = (seconds - seconds.min()).tolist()
     for name, values in rows.items():
         columns[f"q_{name}"] = values.tolist()
-    xyz = np.column_stack([places[axis] for axis in "xyz"])
-    for number, target in enumerate(targets):
+    for number, (target, xyz) in enumerate(placed.items()):
         head = ("x", "y", "z") if number == 0 else tuple(f"target{target}_{axis}" for axis in "xyz")
-        own = pairs[target]
+        known = np.isfinite(xyz).all(axis=1)
         for i, axis in enumerate(head):
-            columns[axis] = ["" if row < 0 else float(xyz[row, i]) for row in own]
+            columns[axis] = [float(at) if own else "" for at, own in zip(xyz[:, i], np.atleast_1d(known), strict=True)]
         if number == 0:
             columns["sigma"] = [sigma] * len(names)
     for one, cells in zip(of_log, log.columns, strict=True):
-        if one.kind == "covariate" and one.name not in columns and all(map(NUMBER.fullmatch, cells)):
-            columns[one.name] = list(map(float, cells))
+        if one.kind == "covariate" and one.name not in columns and np.isfinite(values := numbers(cells)).all():
+            columns[one.name] = values.tolist()
     table = tuple(
-        (source.path.name, one.column, _words(one), one.unit or "", one.why)
-        for source, own in zip(sources, understood, strict=True)
+        (source.title, one.column, _words(one), one.unit or "", one.why)
+        for i, (source, own) in enumerate(zip(sources, understood, strict=True))
+        if i in (log_at, *exports) or not source.part
         for one in own
     )
     declare = "\n".join(
         f'[instrument.target{target}]\nkind = "position"\nlink = "TIP"          # the link that it is on\n'
         f"point = [0.0, 0.0, 0.0]\npoint_std = 0.3       # its place is found\nsigma = {sigma:g}"
-        for target in targets[1:]
+        for target in list(placed)[1:]
     )
-    return Intake(columns, table, joined, declare, notes)
+    return Intake(columns, table, listing(dict.fromkeys(hows)), declare, tuple(notes))
 
 
 def _words(one: Meaning) -> str:
@@ -173,7 +268,7 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
                     f"{source.path}: columns {listing(map(repr, twice))} are all {_words(named[0])}: --take one"
                 )
     for one, cells in zip(found, source.columns, strict=True):
-        if one.kind in ("joint", "coordinate"):
+        if one.kind in ("joint", "coordinate") and not isinstance(cells, np.ndarray):
             bad = next((i for i, cell in enumerate(cells) if not NUMBER.fullmatch(cell)), None)
             if bad is not None and not (one.kind == "coordinate" and not cells[bad]):
                 place = Place(source.path, source.lines[bad])
@@ -184,25 +279,27 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
 def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
     """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""
     return {
-        one.name: np.array([float(cell) if cell else np.nan for cell in cells])
-        * (UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
+        one.name: numbers(cells) * (LENGTHS | UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
         for one, cells in zip(own, source.columns, strict=True)
         if one.kind in kinds
     }
 
 
-def _cells(source: Source, own: Sequence[Meaning], kind: str) -> tuple[str, ...] | None:
+def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
     every = dict(zip(source.header, source.columns, strict=True))
     return next((every[one.column] for one in own if one.kind == kind), None)
 
 
-def _seconds(cells: Sequence[str]) -> Array | None:
-    """Return times [s]: numbers, ISO 8601 stamps, or a clock's; None where they are something else."""
+def _time(source: Source, own: Sequence[Meaning]) -> Array | None:
+    """Return times [s]: numbers, ISO 8601 stamps, or a clock's; None where there are none that can be read."""
+    cells = _cells(source, own, "time")
+    if cells is None:
+        return None
+    unit = next(one.unit for one in own if one.kind == "time")
+    if np.isfinite(values := numbers(cells)).any():
+        return values * {"us": 1e-6, "ns": 1e-9, "": 1.0, **UNITS["time"]}[unit or ""]
     found = []
-    for cell in cells:
-        if NUMBER.fullmatch(cell):
-            found.append(float(cell))
-            continue
+    for cell in map(str, cells):
         try:
             found.append(datetime.fromisoformat(cell).replace(tzinfo=None).timestamp())
         except ValueError:
@@ -214,54 +311,76 @@ def _seconds(cells: Sequence[str]) -> Array | None:
 
 
 def _joined(
-    log: Source, of_log: Sequence[Meaning], export: Source, of_export: Sequence[Meaning]
-) -> tuple[dict[str, np.ndarray], list[str], list[str], str, tuple[str, ...]]:
-    """Return by target the (N,) row of the export for each of the log, -1 where there is none; targets, names, how.
+    log: Source, of_log: Sequence[Meaning], names: list[str], export: Source, of_export: Sequence[Meaning]
+) -> tuple[dict[str, np.ndarray], list[str], str, list[str]]:
+    """Return by target the (N,) row of the export for each of the log, -1 for none; names of rows, how, and notes.
 
-    By name where the files share any, else row by row where they are as long, else by time.
+    By name where the files share any; by time where both have a clock and one is a recording; else row by row where
+    they are as long, else by time.
     """
     wanted, given = _cells(log, of_log, "name"), _cells(export, of_export, "name")
     count = len(log.lines)
-    names = list(wanted or map(str, range(1, count + 1)))
-    split = [(match[1], match[2]) if (match := TARGET.fullmatch(one)) else (one, "") for one in given or ()]
-    split = [(base.split("::")[-1].strip(), target) for base, target in split]
+    labels = [str(one).split("::")[-1].strip() for one in given or [""] * len(export.lines)]
+    split = [(match[1], match[2]) if (match := TARGET.fullmatch(one)) else (one, "") for one in labels]
     targets = sorted({target for _, target in split})
-    several = len(targets) > 1
-    if given and not several:
-        split, targets = [(one.split("::")[-1].strip(), "") for one in given], [""]
-    if wanted and given and set(wanted) & {base for base, _ in split}:
-        found = {target: np.full(count, -1) for target in targets}
-        for target in targets:
-            rows: dict[str, list[int]] = {}
-            for i, (base, own) in enumerate(split):
-                if own == target:
-                    rows.setdefault(base, []).append(i)
-            for row, name in enumerate(wanted):
-                if rows.get(name):
-                    found[target][row] = rows[name].pop(0)
-            spare = [export.lines[i] for left in rows.values() for i in left]
-            if spare:
-                text = (
-                    f"{len(spare)} points of {export.path.name} belong to no row (lines {listing(map(str, spare), 5)})"
-                )
-                return found, targets, names, "by name", (text,)
+    if len(targets) < 2:
+        split, targets = [(one, "") for one in labels], [""]
+    several = f", targets {listing(targets)}" if len(targets) > 1 else ""
+    rows_of = {one: np.array([i for i, (_, own) in enumerate(split) if own == one]) for one in targets}
+    if wanted is not None and given is not None and set(wanted) & {base for base, _ in split}:
+        found, spare = {}, list[int]()
+        for target, own in rows_of.items():
+            left: dict[str, list[int]] = {}
+            for i in own.tolist():
+                left.setdefault(split[i][0], []).append(i)
+            found[target] = np.array([left[str(name)].pop(0) if left.get(str(name)) else -1 for name in wanted])
+            spare += [export.lines[i] for some in left.values() for i in some]
+        notes = []
+        if spare:
+            at = listing(map(str, sorted(spare)), 5)
+            notes.append(f"{len(spare)} points of {export.path.name} belong to no row (lines {at})")
         empty = [names[i] for i in range(count) if all(found[target][i] < 0 for target in targets)]
-        notes = (f"no point of {len(empty)} rows: {listing(empty, 5)}; their x y z are empty",) if empty else ()
-        return found, targets, names, f"by name{f', targets {listing(targets)}' if several else ''}", notes
-    per = len(export.lines) // max(len(targets), 1)
-    if per == count and (not several or all(sum(own == one for _, own in split) == count for one in targets)):
-        found = {one: np.array([i for i, (_, own) in enumerate(split) if own == one] if several else np.arange(count))
-                 for one in targets or [""]}  # fmt: skip
-        return found, targets or [""], names, "row by row: no name is in both files", ()
-    here, there = (_cells(one, own, "time") for one, own in ((log, of_log), (export, of_export)))
-    at, of = (None if cells is None else _seconds(cells) for cells in (here, there))
-    if at is not None and of is not None and not several:
-        near = np.abs(of[None] - at[:, None]).argmin(axis=1)
-        apart = np.abs(of[near] - at)
-        step = float(np.median(np.diff(np.sort(of)))) if len(of) > 1 else 1.0
-        row = np.where(apart <= 0.5 * step, near, -1)
-        if (row >= 0).any():
-            notes = (f"{int((row < 0).sum())} rows have no point within {0.5 * step:.3g} s",) if (row < 0).any() else ()
-            return {"": row}, [""], names, f"by time, {float(np.median(apart)):.3g} s apart", notes
-    problem = f"{count} rows of {log.path.name} and {per} points of {export.path.name} share no name and no time"
-    raise TableError(Place(export.path), f"{problem}: add a column 'point' to the log, or the same names to both")
+        if empty:
+            notes.append(f"no point of {len(empty)} rows: {listing(empty, 5)}; their x y z are empty")
+        return found, names, f"by name{several}", notes
+    if log.spans is not None and export.spans is log.spans:
+        empty = sum(not line for line in export.lines)
+        notes = [f"{empty} of them have no reading of {export.title}"] if empty else []
+        return {"": np.arange(count)}, names, "by time", notes
+    at, of = _time(log, of_log), _time(export, of_export)
+    timed = at is not None and of is not None and not (np.isnan(at).any() or np.isnan(of).any())
+    equal = all(len(own) == count for own in rows_of.values())
+    recorded = log.spans is not None or export.spans is not None
+    if timed and at is not None and of is not None and (recorded or not equal):
+        found, shifts, apart = {}, [], []
+        for target, own in rows_of.items():
+            base, times = (log.spans, of[own]) if export.spans is None else (export.spans, at)
+            if base is None:
+                step = [float(np.median(np.diff(np.sort(one)))) if len(one) > 1 else 1.0 for one in (at, of[own])]
+                base = np.sort(at)[:, None] + 0.5 * min(step) * np.array([-1.0, 1.0])
+            order = np.arange(count) if log.spans is not None or export.spans is not None else np.argsort(at)
+            spans, shift = paired(base, times)
+            shifts.append(shift)
+            if export.spans is not None:
+                found[target] = spans
+                continue
+            row = np.full(count, -1)
+            for i, span in zip(own, spans, strict=True):
+                if span >= 0 and row[order[span]] < 0:
+                    row[order[span]] = i
+            found[target] = row
+            apart += np.abs(of[row[row >= 0]] - shift - at[row >= 0]).tolist()
+        if any((row >= 0).any() for row in found.values()):
+            off = max(shifts, key=abs)
+            notes = [f"the clocks are {off:+.2f} s apart, as most points then fall on a row"] if off else []
+            empty = sum(all(row[i] < 0 for row in found.values()) for i in range(count))
+            notes += [f"{empty} rows have no point at their time"] if empty else []
+            how = f"by time{several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
+            return found, names, how, notes
+    if equal:
+        called = [split[i][0] for i in rows_of[targets[0]]] if given is not None and wanted is None else names
+        return rows_of, called, f"row by row: no name is in both files{several}", []
+    per = {len(own) for own in rows_of.values()}
+    problem = f"{count} rows of {log.path.name} and {listing(map(str, per))} points of {export.path.name}"
+    text = f"{problem} share no name and no time: add a column 'point' to the log, or the same names to both"
+    raise TableError(Place(export.path), text)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.conventions import NUMBER, UNITS
-from armflex.intake.sources import Source
+from armflex.conventions import UNITS
+from armflex.intake.sources import Cells, Source, numbers
 from armflex.measured.points import LENGTHS
 
 TURN = 2.2 * np.pi
@@ -22,13 +22,29 @@ JOINTS: tuple[tuple[str, str], ...] = (
     (r"(?:actual|target)_q_(?P<ur>[0-5])", "rad"),
     (r"\$?axis_act(?:_meas)?[._ ]?(?P<name>[ae][1-6])", "deg"),
     (r"(?:/?joint_states?[./])?position[._\[](?P<name>\w+?)\]?", "rad"),
+    (r"(?:.*/)?joint_states?/(?P<name>\w+)/position", "rad"),
+    (r"axispos_(?:act|cmd)_?(?P<kuka>[1-6])", ""),
+    (r"(?P<name>rax_[1-6])", "deg"),
     (r"(?P<name>(?:j|a|axis|joint|achse|gelenk)[ _.]?[1-9])(?:[ _.](?:act|actual|pos|ist))?", ""),
 )
 """Patterns of a joint's column, and the unit that their controller writes; '' where people write either."""
 
-NAMES = r"(?:point ?name|point|name|punkt(?:name)?|pose|pt|id|target ?name|feature)"
-TIMES = r"(?:time(?: ?stamp)?|zeit(?:stempel)?|uhrzeit|date(?: ?time)?|datum)"
-COORDINATE = r"(?:(?:pos(?:ition)?|actual|meas(?:ured)?|ist)[ _.])?(?P<axis>[xyz])(?:[ _.](?:act\w*|meas\w*|ist))?"
+COMMANDED = re.compile(r"target|command|cmd|set ?point|soll|desired", re.IGNORECASE)
+"""In the name of a column beside one of the same joint that says where it is."""
+
+NAMES = (
+    r"(?:(?:point|target|object|feature|element)?[ _]?(?:name|id)|point|punkt(?:name)?|pose|pt|feature|merkmal|element)"
+)
+TIMES = r"(?:_*time(?:[ _]?stamp)?|zeit(?:stempel)?|uhrzeit|date(?: ?time)?|datum|heure|t)"
+COORDINATE = (
+    r"(?:(?:pos(?:ition)?|actual|meas(?:ured)?|ist|mess\w*|mesur\w*)[ _.-])?(?P<axis>[xyz])"
+    r"(?:[ _.-]?(?:coord\w*|act\w*|meas\w*|mess\w*|mesur\w*|ist|wert))?"
+)
+OF_MESSAGE = r".*(?:position|translation|point)[./](?P<axis>[xyz])"
+"""Coordinate in a column of a tool for bags: messages of ROS are in m."""
+
+STAMPS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+"""Times beyond these are since 1970, in this unit."""
 KEPT = ("payload", "session")
 BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 
@@ -41,7 +57,7 @@ class Meaning:
         column: Its name in the file.
         kind: "joint", "coordinate", "name", "time", "kept", "covariate" or "unused".
         name: Of the joint or the axis, or the column of a campaign.
-        unit: As in a header's suffix; '' for texts, None where it is open.
+        unit: As in a header's suffix; '' for texts and clocks, None where it is open.
         why: Where that is known from.
     """
 
@@ -68,11 +84,15 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
     if axes != {"x", "y", "z"}:  # an X of something else
         found = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one
                  for one in found]  # fmt: skip
+    for i, one in enumerate(found):  # where a joint is, beside where it was to be
+        twin = [other for other in found if (other.kind, other.name) == ("joint", one.name) and other is not one]
+        if one.kind == "joint" and COMMANDED.search(one.column) and any(not COMMANDED.search(o.column) for o in twin):
+            found[i] = replace(one, kind="unused", unit="", why="commanded, and the position is there as well")
     # One joint beyond a turn shows the unit of all.
     sizes = [
-        np.abs([float(cell) for cell in cells if NUMBER.fullmatch(cell)] or [0.0]).max()
+        float(np.nanmax(np.abs(values)))
         for one, cells in zip(found, source.columns, strict=True)
-        if one.kind == "joint" and one.unit is None
+        if one.kind == "joint" and one.unit is None and np.isfinite(values := numbers(cells)).any()
     ]
     if sizes and max(sizes) > TURN:
         why = f"a value of {max(sizes):.4g} is no angle in rad"
@@ -83,11 +103,11 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
     return tuple(found)
 
 
-def _meaning(text: str, header: str, cells: tuple[str, ...], comment: str | None, asked: bool) -> Meaning:
+def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool) -> Meaning:
     text, unit = text.strip(), None
     if match := BRACKETS.fullmatch(text):
         text, unit = match[1], match[2].lower().replace("°", "deg")
-    elif "_" in text and text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"]}:
+    elif "_" in text and text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"], *UNITS["time"]}:
         base, _, last = text.rpartition("_")
         text, unit = (base, last.lower()) if len(base) > 0 else (text, None)
     word, why = text.strip().lower(), "as asked" if asked else "its name"
@@ -95,19 +115,28 @@ def _meaning(text: str, header: str, cells: tuple[str, ...], comment: str | None
     for pattern, usual in JOINTS:
         if match := re.fullmatch(pattern, word):
             parts = match.groupdict()
-            name = f"{UR[int(parts['ur'])]}_joint" if parts.get("ur") else text[match.start("name") : match.end("name")]
+            if parts.get("ur"):
+                name = f"{UR[int(parts['ur'])]}_joint"
+            else:
+                name = f"A{parts['kuka']}" if parts.get("kuka") else text[match.start("name") : match.end("name")]
             if unit in {"degree", "degrees", "grad"}:
                 unit = "deg"
-            known = unit if unit in UNITS["angle"] else usual or None
-            reason = in_header if unit in UNITS["angle"] else "as this controller writes it" if usual else why
+            given = unit in UNITS["angle"] or unit in LENGTHS
+            known = unit if given else usual or None
+            reason = in_header if given else "as this controller writes it" if usual else why
             return Meaning(header, "joint", name.replace(" ", "_").replace(".", "_"), known, reason)
     if match := re.fullmatch(COORDINATE, word):
         known = unit if unit in LENGTHS else comment
         return Meaning(header, "coordinate", match["axis"], known, in_header if unit in LENGTHS else "a comment")
+    if match := re.fullmatch(OF_MESSAGE, word):
+        return Meaning(header, "coordinate", match["axis"], "m", "as ROS has it")
     if re.fullmatch(NAMES, word):
         return Meaning(header, "name", "pose", "", why)
     if re.fullmatch(TIMES, word):
-        return Meaning(header, "time", "time", "", why)
+        largest = np.nanmax(values) if np.isfinite(values := numbers(cells)).any() else 0.0
+        stamp = next((name for least, name in STAMPS if largest > least), "")
+        known = unit if unit in {*UNITS["time"], "us", "ns"} else stamp
+        return Meaning(header, "time", "time", known, in_header if unit else "its size" if stamp else why)
     if word in KEPT:
         return Meaning(header, "kept", word, "", why)
     return Meaning(header, "covariate", re.sub(r"\W+", "_", header).strip("_") or "column", "", "nothing else")

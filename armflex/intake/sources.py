@@ -1,4 +1,7 @@
-"""A file of rows into columns of text: separators, decimal commas, comments, titles and missing headers."""
+"""A file of rows into columns: separators, decimal commas, comments, titles, missing headers, one axis a line.
+
+What a program recorded by itself (a bag, a motion capture, a controller's trace) is read by `recordings`.
+"""
 
 from __future__ import annotations
 
@@ -6,11 +9,15 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
-from armflex.conventions import NUMBER
+import numpy as np
+
+from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import Place, TableError, shown
+from armflex.measured.points import LENGTHS
 from armflex.measured.spreadsheet import SUFFIXES, sheet_rows
 from armflex.measured.table import text_lines
 
@@ -18,10 +25,20 @@ COMMENT = re.compile(r"\s*(?://|#|%|!)\s*(.*)")
 COMMA = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+(?:[eE][+-]?\d+)?")
 """A number with a decimal comma, points between its thousands or none."""
 
+AXIS = re.compile(r"(?:.*[ ._\-])?([xyz])", re.IGNORECASE)
+MEASURED = re.compile(r"(?:.*\W)?(?:meas|act|ist|mess|mesur|value|wert)\w*.*", re.IGNORECASE)
+"""Header of the column with what was measured, where a line has one coordinate: beside nominal and deviation."""
+
+LISTED = re.compile(r"[\[(]\s*(.*?)\s*,?\s*[\])]")
+"""A cell that holds a list."""
+
+Cells: TypeAlias = Sequence[str] | Array
+"""(N,) cells of a column as text, or the numbers of a recording."""
+
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """One file, nothing of it understood yet.
+    """One file, or a part of one, nothing of it understood yet.
 
     Attributes:
         path: The file.
@@ -29,26 +46,42 @@ class Source:
         lines: (N,) line of each row.
         columns: (N,) cells of each column, stripped, numbers with decimal points.
         comments: Texts of comment lines, and of titles before the header.
-        headed: Whether the file has a header.
+        part: Topic, body or marker that a recording has this of.
+        spans: (N, 2) first and last time [s] of each row that is the mean over a dwell, None where rows are as read.
     """
 
     path: Path
     header: tuple[str, ...]
     lines: tuple[int, ...]
-    columns: tuple[tuple[str, ...], ...]
-    comments: tuple[str, ...]
-    headed: bool
+    columns: tuple[Cells, ...]
+    comments: tuple[str, ...] = ()
+    part: str = ""
+    spans: Array | None = None
+
+    @property
+    def title(self) -> str:
+        """The file's name and the part of it."""
+        return f"{self.path.name} {self.part}".strip()
 
 
-def read_source(path: str | Path) -> Source:
+def numbers(cells: Cells) -> Array:
+    """Return (N,) numbers of a column, nan where a cell is none."""
+    if isinstance(cells, np.ndarray):
+        return cells
+    return np.array([float(cell) if NUMBER.fullmatch(cell) else np.nan for cell in cells])
+
+
+def read_table_source(path: Path) -> Source:
     """Read a text file (UTF-8, UTF-16, Windows-1252) or a workbook of one sheet.
 
-    The separator is the one of semicolon, tab, comma and blanks that parts most lines into the same number of cells.
+    The separator is the one of semicolon, tab, comma and blanks that parts most lines into the same number of cells. A
+    header may be a comment, and may have its units in a line of their own. Where each line has one coordinate of a
+    point, as programs for inspection report them, the lines of a point become a row.
 
     Raises:
         TableError: The file cannot be read, holds no rows of numbers, or a row has another number of cells.
     """
-    path, comments = Path(path), list[str]()
+    comments, mark = list[str](), ""
     if path.suffix.lower() in SUFFIXES:
         rows = [(line, [cell.strip() for cell in cells]) for line, cells in sheet_rows(path) if any(cells)]
     else:
@@ -59,21 +92,29 @@ def read_source(path: str | Path) -> Source:
                 comments.append(match[1])
             elif line.strip() and not line.lower().startswith("sep="):
                 kept.append((number, line.rstrip("\r\n")))
-        rows = _split(kept)
+        rows, mark = _split(kept)
     numeric = [2 * sum(map(_number, cells)) >= max(len(cells), 2) for _, cells in rows]
     widths = Counter(len(cells) for (_, cells), full in zip(rows, numeric, strict=True) if full and len(cells) > 1)
     if not widths:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
     width = widths.most_common(1)[0][0]
     first = next(i for i, (_, cells) in enumerate(rows) if numeric[i] and len(cells) == width)
-    head = next((cells for _, cells in reversed(rows[:first]) if len(cells) == width), None)
-    comments += [" ".join(cells) for _, cells in rows[:first] if cells is not head]
+    heads = [cells for _, cells in reversed(rows[:first]) if len(cells) == width]
+    if mark and not heads:
+        said = [_parted([text], mark)[0] for text in comments]
+        heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
+    head = heads[0] if heads else None
+    known = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", ""}
+    if len(heads) > 1 and head and {cell.strip("[]() ").lower() for cell in head} <= known:  # units below the names
+        units = (cell.strip("[]() ") for cell in head)
+        head = [f"{name} [{unit}]" if unit else name for name, unit in zip(heads[1], units, strict=True)]
+    comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is one for one in heads)]
     body = rows[first:]
     for line, cells in body:
         if len(cells) != width:
             raise TableError(Place(path, line), f"has {len(cells)} cells where most rows have {width}")
     columns = [tuple(column) for column in zip(*(cells for _, cells in body), strict=True)]
-    return Source(
+    found = Source(
         path,
         tuple(head or _names(columns)),
         tuple(line for line, _ in body),
@@ -82,32 +123,85 @@ def read_source(path: str | Path) -> Source:
             for one in columns
         ),
         tuple(comments),
-        head is not None,
     )
+    return _named_joints(_by_point(found))
 
 
-def _split(lines: Sequence[tuple[int, str]]) -> list[tuple[int, list[str]]]:
-    """Return the cells of every line, by the separator that parts most lines alike."""
+def _parted(texts: Sequence[str], mark: str) -> list[list[str]]:
+    if mark == " ":
+        return [line.split() for line in texts]
+    return [[cell.strip() for cell in cells] for cells in csv.reader(texts, delimiter=mark)]
 
-    def parted(mark: str) -> list[list[str]]:
-        texts = [line for _, line in lines]
-        if mark == " ":
-            return [line.split() for line in texts]
-        return [[cell.strip() for cell in cells] for cells in csv.reader(texts, delimiter=mark)]
 
-    best, most = [[line] for _, line in lines], 0.0
+def _split(lines: Sequence[tuple[int, str]]) -> tuple[list[tuple[int, list[str]]], str]:
+    """Return the cells of every line by the separator that parts most lines alike, and that separator."""
+    best, most, by = [[line] for _, line in lines], 0.0, ""
     for mark in (";", "\t", ",", " "):
-        cells = parted(mark)
+        cells = _parted([line for _, line in lines], mark)
         width, count = Counter(map(len, cells)).most_common(1)[0] if cells else (1, 0)
         if width > 1 and count > 1.2 * most and len(cells) == len(lines):
-            best, most = cells, float(count)
-    numbers = (number for number, _ in lines)
-    return [
-        (number, one[:-1] if len(one) > 1 and not one[-1] else one) for number, one in zip(numbers, best, strict=True)
+            best, most, by = cells, float(count), mark
+    numbered = zip((number for number, _ in lines), best, strict=True)
+    return [(number, one[:-1] if len(one) > 1 and not one[-1] else one) for number, one in numbered], by
+
+
+def _by_point(source: Source) -> Source:
+    """Return a table with a row for each point, where lines have one coordinate each: name, axis, nominal, measured."""
+    of_column = [
+        [match[1].lower() if (match := AXIS.fullmatch(str(cell))) else "" for cell in cells] for cells in source.columns
     ]
+    lines = [i for i, own in enumerate(of_column) if 0 < own.count("x") == own.count("y") == own.count("z")]
+    value = next((i for i, name in enumerate(source.header) if i not in lines and MEASURED.fullmatch(name)), None)
+    texts = [i for i, cells in enumerate(source.columns) if not all(_number(str(cell)) for cell in cells if cell)]
+    named = next((i for i in texts if i not in lines), None)
+    if not lines or value is None or named is None:
+        return source
+    axes = of_column[lines[0]]
+    points: list[tuple[int, str, dict[str, str]]] = []
+    name = ""
+    for line, axis, cell, label in zip(source.lines, axes, source.columns[value], source.columns[named], strict=True):
+        new = bool(label) and label != name
+        name = str(label or name)
+        if axis:
+            if new or not points or axis in points[-1][2]:
+                points.append((line, name, {}))
+            points[-1][2][axis] = str(cell)
+    unit = source.header[value].partition("[")[2].strip("] ")
+    head = ("name", *(f"{axis} [{unit}]" if unit else axis for axis in "xyz"))
+    columns = ([label for _, label, _ in points], *([own.get(axis, "") for _, _, own in points] for axis in "xyz"))
+    return replace(source, header=head, lines=tuple(line for line, *_ in points), columns=tuple(map(tuple, columns)))
+
+
+def _named_joints(source: Source) -> Source:
+    """Return a table whose columns say which joint they are of where a message of joint states has that in its cells.
+
+    Tools for bags write `name_0 .. position_0 ..`, `field.name0 .. field.position0 ..`, or the lists as they are:
+    `['a', 'b']`, `(0.1, 0.2)`.
+    """
+    header, columns = list(source.header), list(source.columns)
+    for base in ("name", "position"):
+        at = next((i for i, one in enumerate(header) if re.fullmatch(rf"(?:\w+\.)*{base}", one)), None)
+        matches = [LISTED.fullmatch(str(cell)) for cell in columns[at]] if at is not None else []
+        if at is not None and matches and all(matches):
+            rows = [[part.strip("'\" ") for part in match[1].split(",")] for match in matches if match]
+            if len({len(one) for one in rows}) == 1:
+                header[at : at + 1] = [f"{base}_{i}" for i in range(len(rows[0]))]
+                columns[at : at + 1] = list(zip(*rows, strict=True))
+    named = {
+        match[1]: columns[i][0]
+        for i, one in enumerate(header)
+        if (match := re.fullmatch(r"(?:\w+\.)*name_?(\d+)", one)) and len(set(columns[i])) == 1
+    }
+    for i, one in enumerate(header):
+        if (match := re.fullmatch(r"(?:\w+\.)*position_?(\d+)", one)) and match[1] in named:
+            header[i] = f"position.{named[match[1]]}"
+    return replace(source, header=tuple(header), columns=tuple(columns))
 
 
 def _number(cell: str) -> bool:
+    """Return whether a cell is a number, or a list of them."""
+    if match := LISTED.fullmatch(cell):
+        return all(NUMBER.fullmatch(part.strip()) for part in match[1].split(","))
     return bool(NUMBER.fullmatch(cell) or COMMA.fullmatch(cell))
 
 

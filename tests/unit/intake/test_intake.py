@@ -41,6 +41,16 @@ EXPORTS = {
     + "\n".join(f"A::Robot::{n}, {x}, {y}, {z}" for n, (x, y, z) in zip(NAMES, XYZ, strict=True)),
     "polyworks": "Messbericht\nName;X [mm];Y [mm];Z [mm];Zeit\n"
     + "\n".join(f"{n};{';'.join(map(comma, XYZ[i]))};10:00:{9 * i:02d}" for i, n in enumerate(NAMES)),
+    "a line for each coordinate": "Name;Control;Nom;Meas [mm];Dev\n"
+    + "\n".join(
+        f"{n if axis == 'X' else ''};{axis};{comma(value + 1)};{comma(value)};-1,000"
+        for n, p in zip(NAMES, XYZ, strict=True)
+        for axis, value in zip("XYZ", p, strict=True)
+    ),
+    "units below the names": "Metrolog\nFeature;X;Y;Z\n;mm;mm;mm\n"
+    + "\n".join(f"{n};{';'.join(map(comma, p))}" for n, p in zip(NAMES, XYZ, strict=True)),
+    "header in a comment": "# name x_mm y_mm z_mm\n"
+    + "\n".join(f"{n} {x} {y} {z}" for n, (x, y, z) in zip(NAMES, XYZ, strict=True)),
     "leica": "Point Name\tX_mm\tY_mm\tZ_mm\n"
     + "\n".join("\t".join([n, *map(str, p)]) for n, p in reversed(list(zip(NAMES, XYZ, strict=True)))),
 }  # fmt: skip

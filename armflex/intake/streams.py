@@ -1,0 +1,163 @@
+"""Where an arm stood still in a recording, what was read there, and how far apart two clocks are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
+from scipy.signal import correlate
+
+from armflex.conventions import Array
+from armflex.errors import InputError
+from armflex.intake.sources import Cells, Source, numbers
+
+DENSE = 0.25
+"""Median step [s] up to which rows are samples of a recording, and not one row for each pose."""
+
+STEP = 0.02
+"""Of the grid [s] on which motion is looked at: an arm does not start and stop within it."""
+
+STILL = {"rad": 3e-3, "m": 1e-3}
+"""What changes by no more within `STANDS` stands: twice the step of a 12-bit encoder, thrice the noise of a motion
+capture, and half of what an arm does in that time that moves at one degree, or 2 mm, a second."""
+
+STANDS = 0.5
+"""An arm that stands does so for this long [s]."""
+
+SETTLES = 0.2
+"""What is read within this time [s] after a motion is left out where the arm stands twice as long: it still swings."""
+
+ALIKE = 0.5
+"""Correlation of two motions from which they are of one arm."""
+
+
+def is_dense(time: Array) -> bool:
+    """Return whether rows at these times [s] are samples of a recording."""
+    return len(time) >= 20 and bool(0.0 < np.median(np.abs(np.diff(time))) <= DENSE)
+
+
+def dwells(time: Array, values: Array, unit: str) -> Array:
+    """Return (K, 2) first and last time [s] of each stretch in which nothing moves.
+
+    Args:
+        time: (N,) [s], in any order.
+        values: (N, d) joint positions, or a place, in `unit`.
+        unit: "rad" or "m", see `STILL`.
+    """
+    grid, moved = _gridded(time, values)
+    size = max(round(STANDS / STEP), 1)
+    span = maximum_filter1d(moved, size, axis=0) - minimum_filter1d(moved, size, axis=0)
+    still = np.concatenate([[False], (span <= STILL[unit]).all(axis=1), [False]])
+    edges = np.flatnonzero(np.diff(still.astype(int))).reshape(-1, 2)
+    found = []
+    for first, last in edges:
+        first, last = max(first - size // 2, 0), min(last - 1 + size // 2, len(grid) - 1)
+        start, end = grid[first], grid[last]
+        creeps = np.ptp(moved[first : last + 1], axis=0).max() > 3.0 * STILL[unit]
+        if end - start >= STANDS and not creeps:
+            found.append((start + (SETTLES if end - start >= 2.0 * SETTLES + STANDS else 0.0), end - 0.5 * SETTLES))
+    return np.array(found).reshape(-1, 2)
+
+
+def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
+    """Return a recording as one row for each span: means of numbers, the first of texts; spans without samples empty.
+
+    `shift` is how much its clock is ahead of that of the spans [s].
+
+    Raises:
+        InputError: The recording has no sample in any span.
+    """
+    order = np.argsort(time, kind="stable")
+    sorted_time = time[order]
+    ends = [(np.searchsorted(sorted_time, a), np.searchsorted(sorted_time, b, "right")) for a, b in spans + shift]
+    own = [order[a:b] for a, b in ends]
+    if not any(len(rows) for rows in own):
+        raise InputError(f"{source.path}: nothing was recorded while the arm stood: were both recorded at once?")
+    columns: list[Cells] = []
+    for cells in source.columns:
+        values = numbers(cells)
+        if np.isfinite(values).any():
+            means = [values[rows][np.isfinite(values[rows])] for rows in own]
+            columns.append(np.array([some.mean() if len(some) else np.nan for some in means]))
+        else:
+            columns.append(tuple(str(cells[rows[0]]) if len(rows) else "" for rows in own))
+    lines = tuple(source.lines[rows[0]] if len(rows) else 0 for rows in own)
+    return replace(source, lines=lines, columns=tuple(columns), spans=spans)
+
+
+def offset(time: Array, values: Array, other: Array, place: Array) -> float:
+    """Return how much [s] the clock of a tracker is ahead of that of the joints: the lag at which both move alike.
+
+    Speeds, and not positions, are correlated: their roots, so that a fast motion does not outweigh the others.
+
+    Args:
+        time: (N,) of joint positions (N, n) `values`.
+        other: (M,) of places (M, 3).
+
+    Raises:
+        InputError: They move alike at no lag, or at several.
+    """
+    grids = [_gridded(time, values), _gridded(other, place)]
+    speeds = []
+    for _, moved in grids:
+        size = max(round(0.1 / STEP), 1)
+        slow = np.linalg.norm(moved[size:] - moved[:-size], axis=1)
+        root = np.sqrt(slow / max(np.quantile(slow, 0.95), 1e-12))
+        speeds.append(np.minimum(root, 2.0) - np.minimum(root, 2.0).mean())
+    match = correlate(speeds[1], speeds[0], method="fft")
+    match /= max(float(np.sqrt((speeds[0] ** 2).sum() * (speeds[1] ** 2).sum())), 1e-12)
+    best = int(match.argmax())
+    if match[best] < ALIKE * np.sqrt(min(map(len, speeds)) / max(map(len, speeds))):
+        text = "do not move alike at any difference of their clocks"
+        raise InputError(f"joints and target {text} (correlation {match[best]:.2f}): is it the target of this arm?")
+    apart = np.abs(np.arange(len(match)) - best) > STANDS / STEP
+    if apart.any() and match[apart].max() > 0.95 * match[best]:
+        raise InputError("joints and target move alike at several differences of their clocks: record uneven pauses")
+    before, at, after = (float(match[min(max(best + i, 0), len(match) - 1)]) for i in (-1, 0, 1))
+    bend = before - 2.0 * at + after
+    fine = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
+    lag = (best + fine - (len(speeds[0]) - 1)) * STEP
+    return float(grids[1][0][0] - grids[0][0][0] + lag)
+
+
+def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:
+    """Return (M,) which span each time is in, -1 for none, and the difference of their clocks [s] that was found.
+
+    Clocks as they are, where that puts most times into spans of their own; else the difference that puts most there.
+
+    Args:
+        spans: (K, 2) first and last time of each row [s], apart and ascending.
+        times: (M,) of single readings [s].
+    """
+
+    def placed(shift: float) -> np.ndarray:
+        at = times - shift
+        near = np.clip(np.searchsorted(spans[:, 0], at, "right") - 1, 0, len(spans) - 1)
+        return np.where((at >= spans[near, 0]) & (at <= spans[near, 1]), near, -1)
+
+    def score(shift: float) -> int:
+        own = placed(shift)
+        return len(set(own[own >= 0].tolist()))
+
+    most = min(len(times), len(spans))
+    if score(0.0) > 0.9 * most:
+        return placed(0.0), 0.0
+    tried = np.unique((times[:, None] - spans.mean(axis=1)).ravel().round(2))
+    scores = np.array([score(shift) for shift in tried])
+    good = tried[scores == scores.max()]
+    apart = any(b - a > float(np.median(spans[:, 1] - spans[:, 0])) for a, b in pairwise(good))
+    if scores.max() <= 0.9 * most or apart:
+        return placed(0.0), 0.0
+    shift = float(np.median(good))
+    return placed(shift), shift
+
+
+def _gridded(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return times [s] in steps of `STEP` and values (M, d) there, linear between samples."""
+    order = np.argsort(time, kind="stable")
+    time, values = time[order], values[order]
+    known = np.isfinite(values).all(axis=1) & np.isfinite(time)
+    grid = np.arange(time[known][0], time[known][-1] + STEP, STEP)
+    return grid, np.column_stack([np.interp(grid, time[known], one[known]) for one in values.T])
