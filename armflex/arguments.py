@@ -1,6 +1,6 @@
 """Public functions say which argument is of the wrong kind, instead of failing somewhere inside.
 
-What a parameter's annotation says is held against what was given, by the names of classes: no module is imported to
+What a parameter's annotation says is compared with what was given, by the names of classes: no module is imported to
 check what it declares, and names that are imported for type checkers alone mean the same. Arrays are not looked into;
 `conventions.real_array` does that where they are used.
 """

@@ -69,7 +69,7 @@ SOME_NEAR = (Flag("near_buckling", f"in some rows {NEAR:g} times the loads would
 
 OneRow = Sequence[float] | np.ndarray[tuple[int], np.dtype[Any]]
 ManyRows = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[Any]]
-"""Joint positions as a type checker tells them apart; an array of unknown shape it takes for one row."""
+"""Joint positions as a type checker distinguishes them; an array of unknown shape counts as one row."""
 
 
 class DeflectionOptions(TypedDict, total=False):
@@ -250,7 +250,7 @@ class Arm:
     def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
         """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
 
-        In files from before effects of one name were numbered, those of the second go by the name of the first.
+        In files from before effects of one name were numbered, those of the second have the name of the first.
         """
         sessions = self.instrument.sessions if self.instrument else ()
         known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]

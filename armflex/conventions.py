@@ -11,7 +11,7 @@
    rotation vector of `R_flexed R_rigid^T` in base axes [rad].
 7. `q` is what the controller reports. The arm gives after it: a flexure sits just outboard of its joint's motion.
 8. The order of joints is that of `arm.joint_names`, the order of flexures that of `arm.flexure_names`.
-9. A covariance is symmetric and positive semidefinite, as far as its digits tell; what has no variance is exact.
+9. A covariance is symmetric and positive semidefinite, as far as its digits go; what has no variance is exact.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ SMALLEST_STD = 1e-15
 """No standard deviation is below this in SI units: a proton is wider [m]. The inverse of its square is within reach."""
 
 RESOLUTION = 1e-12
-"""Metres and radians below this are rounding: an arm's are of the order of one, told to 2e-16 of it, and a solution is
-some hundreds of operations away from them."""
+"""Metres and radians below this are rounding: an arm's are of the order of one, represented to 2e-16 of it, and a
+solution is some hundreds of operations away from them."""
 
 MILLI = 1e3 * RESOLUTION
 """The same in mm and mrad."""
 
 LARGEST_POSITION = 1e3
-"""Joint positions beyond this [rad or m] are taken for a mistake (1e300 would give finite nonsense)."""
+"""Joint positions beyond this [rad or m] count as a mistake (1e300 would give finite nonsense)."""
 
 UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "cm": 1e-2},

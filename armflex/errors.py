@@ -122,7 +122,7 @@ class ArrayTypeError(InputError, TypeError):
 
 
 class DigestError(InputError, TypeError):
-    """Nothing tells whether two objects of a class say the same."""
+    """It is unknown whether two objects of a class say the same."""
 
 
 class NotFiniteError(InputError):
@@ -162,7 +162,7 @@ class ConventionError(InputError):
 
 
 class IdentifiabilityError(InputError):
-    """Measurements cannot tell what a fit needs; `rank`, `condition` and the `names` of what they leave free."""
+    """Measurements do not determine what a fit needs; `rank`, `condition` and the `names` of what they leave free."""
 
     def __init__(self, problem: str, rank: int, condition: float, names: Sequence[str]) -> None:
         super().__init__(f"{problem} (rank {rank}, condition {condition:.1e}; left free: {listing(names)})")
@@ -243,7 +243,7 @@ class ArmflexWarning(UserWarning):
 class Flag:
     """A flag that travels with a result: `code` for programs, `text` for people.
 
-    `about` names what one flag is about in many rows, and `size` tells which of them is the worst.
+    `about` names what one flag is about in many rows, and `size` says which of them is the worst.
     """
 
     code: str

@@ -67,7 +67,7 @@ PART = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class LinearGaussian:
-    """What readings and priors together tell of P parameters; see the head of this module.
+    """Information of readings and priors on P parameters; see the head of this module.
 
     Attributes:
         information: (P, P) N = J'J + diag(p), in one over the units of both its parameters.
@@ -87,7 +87,7 @@ class LinearGaussian:
 
     @staticmethod
     def of(jacobian: Array, precision: Array) -> LinearGaussian:
-        """Return what (n, P) whitened regressors and (P,) prior precisions tell, 0 where nothing was known."""
+        """Return the information of (n, P) whitened regressors and (P,) prior precisions, 0 where nothing was known."""
         return LinearGaussian(squared(jacobian) + np.diag(precision))
 
     @cached_property
@@ -188,7 +188,7 @@ CANCELLED = 1e-5
 
 
 def depend_on(jacobian: Array, directions: Array) -> np.ndarray:
-    """Return (N, d) which of (N, d, P) changes per unit of a parameter go with one of (k, P) directions."""
+    """Return (N, d) which of (N, d, P) changes per unit of a parameter depend on one of (k, P) directions."""
     # What parameters do against each other cancels but for rounding, which is by the largest of the d numbers.
     size = (np.abs(jacobian) @ np.abs(directions.T)).max(axis=1, keepdims=True)
     return (np.abs(jacobian @ directions.T) > CANCELLED * size).any(axis=-1)

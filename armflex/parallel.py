@@ -23,7 +23,7 @@ Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
 Progress = Callable[[int, int], None]
-"""Told how many pieces of work are done, and of how many."""
+"""Called with how many pieces of work are done, and of how many."""
 
 MANY = 6
 """Pieces from which threads are worth what it takes to begin them; fewer are done one after the other."""

@@ -1,4 +1,4 @@
-"""What of an arm can be uncertain: parameters that are told apart as objects, not by what they are called.
+"""What of an arm can be uncertain: parameters that are distinct as objects, not by what they are called.
 
 A label such as 'compliance A4 ry' is made where a file or a report is written. Where a file is read it is looked up
 among those of the arm, see `named`; no label is taken apart. A `Certainty` says how well the fitted ones are known.
@@ -182,7 +182,7 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
 def numbers_of(effects: Sequence[Effect]) -> tuple[int, ...]:
     """Return for each of an arm's effects which of its name (law, site and axis) it is, in their order, from 1 on.
 
-    A joint may have several harmonics, and a name tells them apart by nothing else.
+    A joint may have several harmonics, and a name has nothing else to distinguish them.
     """
     names = [effect.name for effect in effects]
     return tuple(names[: i + 1].count(name) for i, name in enumerate(names))
@@ -198,7 +198,7 @@ def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> t
 
     Args:
         labels: As files have them.
-        known: Parameters with what they may be called. Where several go by one name the label means one of the group
+        known: Parameters with what they may be called. Where several have one name the label means one of the group
             that was named last, else the first that was not named yet.
     """
     called: dict[str, list[ArmParameter]] = {}
@@ -251,8 +251,8 @@ class Certainty:
             where there are none.
         misfit: Standard deviation of each coordinate [m] by which readings scattered beyond what they stated: what the
             arm lacks moves the tip so much.
-        design_effect: How many readings told as much of the parameters as one that is independent of the others would;
-            the covariance has it in it. See `held_out.design_effect`.
+        design_effect: How many readings informed on the parameters as much as one that is independent of the others
+            would; the covariance has it in it. See `held_out.design_effect`.
 
     Raises:
         InputError: Two parameters have the same label.
@@ -288,7 +288,7 @@ class Certainty:
         return tuple(self.labels[i] for i in np.flatnonzero(self.directions.any(axis=0)))
 
     def leaves_open(self, jacobian: Array) -> Array:
-        """Return (N, d) which of (N, d, P) changes per unit of a parameter go with an undetermined direction."""
+        """Return (N, d) which of (N, d, P) changes per unit of a parameter depend on an undetermined direction."""
         if self.directions is None:
             return np.zeros(jacobian.shape[:-1], dtype=bool)
         return depend_on(jacobian, self.directions)

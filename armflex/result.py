@@ -22,7 +22,7 @@ LEFT_OUT = object()
 
 
 class Result:
-    """A result that shows itself; a class says what of it is told.
+    """A result that shows itself; a class says what of it is shown.
 
     Attributes:
         TOLD: Names of the fields and properties that `to_dict` has.
@@ -33,7 +33,7 @@ class Result:
     ROWS: ClassVar[str] = ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what is told in plain values, as strict JSON takes them: SI units, None for what is not finite."""
+        """Return the result in plain values, as strict JSON takes them: SI units, None for what is not finite."""
         found = {name: plain(getattr(self, name)) for name in self.TOLD}
         return {name: value for name, value in found.items() if value is not LEFT_OUT}
 

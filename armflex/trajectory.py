@@ -455,7 +455,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
 
 
 def misspelt(name: str, known: Iterable[str]) -> bool:
-    """Return whether a column's name is so near to one with a meaning that it is taken for a mistake."""
+    """Return whether a column's name is so near to one with a meaning that it counts as a mistake."""
     return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
 
 

@@ -1,4 +1,4 @@
-"""Errors on rows that a learner has not seen, and the choice among models by them.
+"""Errors on rows held out from a learner, and the choice among models by them.
 
 All are compared on the same held-out rows, and the plainest within one standard error is taken. The choice itself is
 part of what is held out: `assess` chooses anew inside every fold, so that the error it reports is that of "let armflex
@@ -23,7 +23,7 @@ BAND = 1.96
 """Standard deviations each side of a 95 % band."""
 
 NEGLIGIBLE = 1e-6
-"""Part of what a deflection moves that no bench can tell from nothing."""
+"""Part of what a deflection moves that no bench distinguishes from zero."""
 
 FOLDS, REPEATS = 10, 2
 OUTER = 10
@@ -99,7 +99,7 @@ def hold_out(learner: Learner, data: JointData, fold: np.ndarray, seed: int = 0,
 
 @dataclass(frozen=True)
 class Candidate:
-    """A model that may be chosen, by a `name` that tells its options; candidates are listed the plainest first."""
+    """A model that may be chosen, by a `name` that states its options; candidates are listed the plainest first."""
 
     name: str
     model: str

@@ -70,7 +70,7 @@ FLOOR = 0.5
 
 @dataclass(frozen=True)
 class Prior:
-    """What is believed before any data, in scaled units.
+    """The prior of the parameters, in scaled units.
 
     Attributes:
         precisions: (4,) of the Gaussian prior of each of `GROUPS`, all with mean zero.

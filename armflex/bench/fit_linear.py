@@ -199,7 +199,7 @@ class _Bench:
 def fit_terms(loads: Array, deflections: Array, seed: int) -> Fitted:
     """Return a polynomial law of the terms that (N, k) loads and deflections show, and how they were found.
 
-    Each term that joined is told by its name, the evidence it had, and the evidence that the best of all candidates
+    Each term that joined is reported by its name, the evidence it had, and the evidence that the best of all candidates
     reaches by chance, once in twenty.
 
     Raises:

@@ -1,7 +1,7 @@
 """A composed joint fitted to what its tip node did: the compliances of its sub-joints, beams taken as declared.
 
 Every diagonal compliance that a sub-joint holds is multiplied by a factor of its own; logarithms keep factors positive.
-Sub-joints of the same starting compliance at mirrored places may be told apart by the tip only through the lever arms,
+Sub-joints of the same starting compliance at mirrored places may differ for the tip only through the lever arms,
 so factors have a wide prior about one, and its share shows in their uncertainty.
 """
 
@@ -52,7 +52,7 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
         raise InputError(f"{deflections.size} readings do not determine {len(free)} compliances of sub-joints")
 
     def laws(logs: Array) -> list[LinearLaw]:
-        """Return the sub-joints' laws with factors on their compliances; couplings go by the root of both."""
+        """Return the sub-joints' laws with factors on their compliances; couplings have the root of both's product."""
         roots = np.ones((len(declared), 6))
         for (i, axis), value in zip(free, logs, strict=True):
             roots[i, axis] = np.exp(0.5 * value)

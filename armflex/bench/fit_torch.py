@@ -2,7 +2,7 @@
 
 Nothing is known of the weights, so none of them has a prior. What keeps a module from following the noise is that it
 ends early (Morgan and Bourlard 1990): every start is trained on three quarters of the rows by L-BFGS, the other quarter
-tells how long that helps, and the best start is then trained on all rows for as many steps.
+determines how long that helps, and the best start is then trained on all rows for as many steps.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ def seen_loads(loads: Array) -> Array:
 
 
 def check_span(loads: Array) -> None:
-    """Raise `IdentifiabilityError` where (N, k) loads [N, Nm] do not tell their k components apart."""
+    """Raise `IdentifiabilityError` where (N, k) loads [N, Nm] do not determine their k components."""
     size = loads.shape[1]
     check_determined(loads, WRENCH_NAMES[:size], f"loads do not span their {size} components")
 

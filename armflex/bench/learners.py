@@ -85,7 +85,7 @@ def learner(model: str, options: Options) -> Learner:
 
     Raises:
         UnknownNameError: No such model.
-        InputError: The options do not go with it.
+        InputError: It has no such options.
     """
     allow = options.allow_unconverged
     match model:

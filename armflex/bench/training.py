@@ -1,4 +1,4 @@
-"""`train`: a joint's table into a law, with its error on rows it has not seen, and what is doubtful about both."""
+"""`train`: a joint's table into a law, with its error on held-out rows, and what is doubtful about both."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ CHAIN_FOLDS = 5
 CHOICE = "the choice anew in every fold"
 
 AGAINST = -0.5
-"""Correlation of a deflection with its own load from which a sign is believed to be turned."""
+"""Correlation of a deflection with its own load from which a sign counts as turned."""
 
 ASYMMETRY = 3.0
 """Standard deviations that two entries of a compliance may differ by."""
@@ -197,7 +197,7 @@ def train(
 
 
 def _counting(progress: Progress | None, total: int) -> Callable[..., None]:
-    """Return what tells the progress of one more step each time that it is called."""
+    """Return what reports the progress of one more step each time that it is called."""
     done = count(1)
 
     def step(*seen: object) -> None:

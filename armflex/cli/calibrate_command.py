@@ -90,7 +90,7 @@ def command(
 
 
 def print_calibration(found: Calibration, show_all: bool = False) -> None:
-    """Print the error before and after, what was found, and what the data cannot tell."""
+    """Print the error before and after, what was found, and what the data do not determine."""
     held_out, (unit, factor) = found.held_out or (None, None), SHOWN[found.fit.view.readings.unit]
     figures = [
         [f"declared, {found.placing}", found.declared_rms, held_out[0]],
@@ -171,7 +171,7 @@ def _cells(parameter: FittedParameter, words: Mapping[str, tuple[str, float]]) -
 
 
 def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
-    """Print a line for every axis that the readings told something about, and name the others."""
+    """Print a line for every axis that the readings inform on, and name the others."""
     rows = []
     for axis in axes:
         if axis.told:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from armflex.cli import options
-from armflex.cli.terminal import say
+from armflex.cli.terminal import doing, say
 from armflex.mechanics.many_rows import kernel
 
 
@@ -15,6 +15,7 @@ def command() -> None:
 
     Small jobs are answered without it.
     """
+    doing("compiling")
     kernel()
     options.conclude(lambda: {"compiled": True}, ())
     say("The engine is compiled, and its code is kept.")

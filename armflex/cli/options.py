@@ -43,7 +43,7 @@ FORCE_HELP = "at the tip in axes of the base, or with frame=LINK,axes=link elsew
 
 
 class Choice(click.Choice):
-    """One of some names; another one is told the nearest."""
+    """One of some names; for another the error names the nearest."""
 
     def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Any:
         """Return the name; fail where it is not one of them."""

@@ -143,7 +143,7 @@ def _levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
 
 
 def print_plan(found: Plan) -> None:
-    """Print what will be reached, against poses at random, which parameters gain most, and what cannot be told."""
+    """Print what will be reached, against poses at random, which parameters gain most, and what stays undetermined."""
     count, stops = len(found.worth), len(found.rows)
     before, after = (found.figure(value) for value in found.reached[[0, -1]])
     run_ups = f", and {stops - count} stops to come from the right side" if stops > count else ""

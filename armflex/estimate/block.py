@@ -40,7 +40,7 @@ class Block(ABC):
     """Whether a parameter is the logarithm of a factor: its column then changes as fast as what it stands for."""
 
     curved: bool = False
-    """Whether readings change otherwise than in a straight line where a value moves by a tenth."""
+    """Whether readings are nonlinear in a value where a value moves by a tenth."""
 
     by_row: bool = True
     """Whether the columns of a row depend on that row alone."""
@@ -219,7 +219,7 @@ class EffectBlock(Block):
         return replace(self, context=context)
 
     def stepped(self, setup: Setup, step: Array) -> Setup:
-        """Return the setup with the effect a step away, but for that by which it remembers: its state tells."""
+        """Return the setup with the effect a step away, but for that by which it remembers: its state says that."""
         law, values = self.effect.law, self.start + step
         if law.memory:
             values = np.append(values[: len(self.effect.location.terms)], np.zeros(len(self.free)))

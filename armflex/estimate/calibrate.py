@@ -193,7 +193,7 @@ def calibrate(
 
     Readings that scatter more than they state, because the arm lacks something, are weighed by their scatter: else what
     is free would be driven far beyond its prior to make up for it. An arm that was calibrated before is fitted about
-    what it was calibrated to. Rows that do not tell a direction which an effect derives from their order are left out.
+    what it was calibrated to. Rows that do not show a direction which an effect derives from their order are left out.
 
     Args:
         arm: The arm as declared; its prior says what may move and how far.

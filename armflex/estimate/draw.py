@@ -29,7 +29,7 @@ def draw_arms(arm: Arm, draws: int, seed: int = 0) -> tuple[Arm, ...]:
     On an arm that was calibrated or traced the fitted parameters are drawn together, effects included, by the
     covariance that the fit left; declared uncertainties of fitted laws are contained in it. All other laws are drawn by
     `Law.draw`. Where the instrument stands is no part of the arm. What nothing determines stays as it is, as does what
-    remained without a cause, and that by which an effect remembers: the state that is given to it is told by it.
+    remained without a cause, and that by which an effect remembers: the state that is given to it follows from it.
 
     Args:
         arm: The arm.

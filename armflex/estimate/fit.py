@@ -82,7 +82,7 @@ class Effort:
 
 THOROUGH = Effort(200, 8, FLAT, content=False)
 ROUGH = Effort(10, 4, 0.3, content=True)
-"""To compare candidates: a fall of 0.3 is a tenth of what tells two apart, and some laws have kinks."""
+"""To compare candidates: a fall of 0.3 is a tenth of what distinguishes two, and some laws have kinks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +147,7 @@ class Fit:
 
     @cached_property
     def told(self) -> Array:
-        """(P, P) what the readings alone tell of the values, in their units: products of the columns."""
+        """(P, P) information of the readings alone on the values, in their units: products of the columns."""
         return squared(self.regressors)
 
     @cached_property
@@ -177,7 +177,7 @@ class Fit:
         """(G, 2) of each instrument: `noise` of what it read alone, and its share of `freedom`.
 
         What is fitted to it is the trace of its part of the hat matrix. Where so much of it is far off that `noise`
-        would be of that, it is told by the median.
+        would be of that, the median determines it.
         """
         groups = self.view.readings.groups
         if len(groups) == 1:
@@ -398,7 +398,7 @@ class _Problem:
     """The linear problem about an iterate.
 
     Attributes:
-        known: What rows and priors tell there.
+        known: Information of rows and priors there.
         gradient: (P,) minus half the gradient of the cost.
         bend: (P,) what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
         turning: (P,) precision of a step, 0 but of angles that no prior holds; see `TURN`. Readings that hardly depend
@@ -423,7 +423,7 @@ class _Problem:
         return self._damped(damping).solve(self.gradient)
 
     def bent(self, step: Array, damping: float, after: View) -> Array:
-        """Return a step that follows how readings bend along it, told by where it led: one more with the same columns.
+        """Return a step that follows how readings bend along it, measured where it led: one more with the same columns.
 
         Where valleys of the cost are narrow and bend, straight steps must be short (Transtrum and Sethna 2012).
         """

@@ -1,4 +1,4 @@
-"""Errors on rows that a fit has not seen, in the linear problem about it."""
+"""Errors on rows held out from a fit, in the linear problem about it."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def judged_by(*fits: Fit) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Errors on rows that a fit has not seen.
+    """Errors on rows held out from a fit.
 
     Attributes:
         squares: (M,) squared error of every row [m^2, rad^2]; see `Readings.row_squares`.
@@ -69,11 +69,11 @@ class HeldOut:
 
     @property
     def rms(self) -> float:
-        """RMS of the 3-D error over believed rows [m]."""
+        """RMS of the 3-D error over rows that count [m]."""
         return self.rms_of(self.believed)
 
     def rms_of(self, rows: np.ndarray) -> float:
-        """Return the RMS of the 3-D error over the believed among (M,) rows [m]."""
+        """Return the RMS of the 3-D error over those that count among (M,) rows [m]."""
         return float(np.sqrt(self.squares[self.believed & rows].mean()))
 
 
@@ -174,7 +174,7 @@ def errors_of(fit: Fit, whitened: Array) -> Array:
 
 
 def told_by_others(fit: Fit, folds: np.ndarray) -> list[LinearGaussian]:
-    """Return for every fold what the rows of all others tell of a fit's values, from the (M,) fold of every row."""
+    """Return the information of all other folds' rows on a fit's values, for every fold, from (M,) folds."""
     own = [squared(fit.regressors[rows]) for rows in _readings_of(fit, folds)]
     return [LinearGaussian(told).with_precision(fit.precision) for told in _of_others(own)]
 
@@ -193,7 +193,7 @@ def _of_others(parts: Sequence[Array]) -> list[Array]:
 
 
 def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
-    """Return how many readings tell as much of a fit's parameters as one that is independent of the others would.
+    """Return how many readings inform on a fit's parameters as much as one that is independent of the others would.
 
     What an arm lacks is alike at neighbouring poses, so that many readings repeat one another: parameters are off by
     more than readings with independent noise would leave. The design effect (Kish 1965, "Survey Sampling") divides the
@@ -202,7 +202,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
 
         e ~ N(0, s^2 + J N_k^-1 J'),    s the scatter about the fit.
 
-    Rows that the fit does not believe, and readings that depend on what the other parts leave open, do not count. From
+    Rows that the fit excludes, and readings that depend on what the other parts leave open, do not count. From
     fewer poses than `FOLDS` nothing is concluded.
 
     Args:

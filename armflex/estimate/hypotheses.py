@@ -38,7 +38,7 @@ WRITTEN_IN = {
     "rad": {"rad": 1.0, "degrees": np.pi / 180.0, "mm/m": 1e-3},
     "m/s^2": {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mm/s^2": 1e-3, "mg": 1e-3 * STANDARD_GRAVITY},
 }
-"""Tolerance: SI unit -> unit that numbers may have been written in, or taken for -> factor to SI."""
+"""Tolerance: SI unit -> unit that numbers may have been written in, or read as -> factor to SI."""
 
 ANYWHERE = 5.0
 """Prior: standard deviation of where a sensor stands that may stand anywhere [m, rad]."""
@@ -328,7 +328,7 @@ def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> I
 
 
 def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
-    """Yield (unit that numbers are in, unit that they were taken for, factor), of each factor the usual pair."""
+    """Yield (unit that numbers are in, unit that they were read in, factor), of each factor the usual pair."""
     seen = set[float]()
     for taken, own in sorted(permutations(WRITTEN_IN[unit], 2), key=lambda pair: pair[0] != unit):
         factor = WRITTEN_IN[unit][own] / WRITTEN_IN[unit][taken]

@@ -1,4 +1,4 @@
-"""What the data could tell about each parameter, and what it could not."""
+"""What the data determine of each parameter, and what they do not."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SURPRISING = 3.0
 """Prior standard deviations beyond which a fitted value is a finding."""
 
 LOOSER = 30.0
-"""Times the priors of all others that a parameter must be told with to be told by itself."""
+"""Times the priors of all others with which a parameter must still be determined to count as determined by itself."""
 
 STILL = 1e-9
 """Standard deviations of the readings by which a parameter moves them altogether, below which it is rounding."""
@@ -39,7 +39,7 @@ class FittedParameter:
         prior: Its prior standard deviation, infinite where nothing was known.
         determined: Whether the data said anything about it.
         trades_against: Parameters that it can be exchanged for without the readings noticing.
-        combined: Whether only what was known of those tells it: the readings determine a combination of them.
+        combined: Whether only the priors of those determine it: the readings determine a combination of them.
         moves: RMS by which one prior standard deviation moves the readings, in their standard deviations; infinite
             where nothing was known.
     """
@@ -92,7 +92,7 @@ class FittedParameter:
     def absorbing(self) -> bool:
         """Whether readings that hardly depend on it moved it far from its prior: it makes up for what the arm lacks.
 
-        Readings that scatter as they state and tell so little cannot move a value by more than a prior deviation or
+        Readings that scatter as they state and inform so little cannot move a value by more than a prior deviation or
         two. A compliance that is drawn towards zero ends so: the smaller it is, the less the readings depend on it.
         """
         return not self.determined and abs(self.pull) > SURPRISING
@@ -128,9 +128,9 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
 
 
 def _only_combined(fit: Fit, index: int) -> bool:
-    """Return whether the readings tell nothing about a parameter once little is known of the others.
+    """Return whether the readings determine nothing of a parameter once little is known of the others.
 
-    Where two are told by their sum alone, each comes out at 0.7 of its prior, however good the readings are.
+    Where the sum of two alone is determined, each comes out at 0.7 of its prior, however good the readings are.
     """
     own, noise = fit.prior[index], max(fit.noise, 1.0)
     if not np.isfinite(own):
@@ -147,8 +147,8 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
     None where the readings do not depend on it: what rounding resembles is no finding, and differs between processors.
 
     Args:
-        normal: (P, P) what the readings alone tell.
-        known: What they tell with what was known before.
+        normal: (P, P) information of the readings alone.
+        known: The same with the priors.
         index: Which parameter.
         names: Of all parameters.
     """

@@ -1,6 +1,6 @@
 """Laws learned on the whole arm, with how far they may be from what was declared found by evidence, and what they say.
 
-How large couplings, terms or a network's output are to be expected nobody knows beforehand. Each group's prior standard
+How large couplings, terms or a network's output are to be expected is not known beforehand. Each group's prior standard
 deviation is the one under which the readings are most probable (MacKay 1992, "Bayesian interpolation": the sum of
 squares over the number of values that the data determine), so that what a joint has not got costs nothing.
 """
@@ -23,8 +23,8 @@ from armflex.parallel import Progress
 from armflex.parameters import Certainty
 
 FIRM = 4.0
-"""How many values' worth the expected size of a group is: a scale that the data hardly tell must not run to nothing,
-which would leave what they cannot tell without any flag."""
+"""How many values' worth the expected size of a group is: a scale that the data hardly determine must not run to
+nothing, which would leave what they leave open without any flag."""
 
 MOST = 4.0
 """Times what is expected beforehand that a group may be at most. Where an arm lacks something else, the readings would
@@ -44,7 +44,7 @@ SETTLED = 0.2
 """Logarithm of a change of every scale below which the search ends."""
 
 TOLD = 0.5
-"""Part of the declared law's uncertainty that must be gone for an axis to count as told by the readings."""
+"""Part of the declared law's uncertainty that must be gone for an axis to count as determined by the readings."""
 
 NEARLY, FAR = 0.5, 10.0
 """Falls of the cost still to be had beyond which it is said that the laws might fit better, and beyond which they are
@@ -181,7 +181,7 @@ class LearnedAxis:
 
 
 def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples | None) -> tuple[LearnedAxis, ...]:
-    """Return every axis of every learned law that gives at all.
+    """Return every axis of every learned law that is compliant at all.
 
     Args:
         fit: The fit.

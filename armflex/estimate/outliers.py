@@ -35,7 +35,7 @@ MOST = 0.1
 
 @dataclass(frozen=True)
 class Outlier:
-    """What the fit does not believe of a row: its place, its error [m, or `unit`], and what became of it.
+    """What the fit excludes of a row: its place, its error [m, or `unit`], and what became of it.
 
     `instrument` is the sensor that read it, '' the instrument at the tip; `fellow`
     is the row whose reading stands there, of two that are exchanged.

@@ -23,7 +23,7 @@ COARSEST = 0.05
 
 APART, FEWEST, FLAT = 0.015, 4, 0.05
 """How far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it, but
-stood elsewhere; points that tell where, and how far they are off one line at least, as a part of its length."""
+stood elsewhere; points that determine where, and how far they are off one line at least, as a part of its length."""
 
 SCALE_KNOWN = 2e-3
 """Prior: share by which [prior] may leave the scale of an arm open before touches alone make it up."""

@@ -32,7 +32,7 @@ class LawSamples:
     Attributes:
         laws: The laws at their most probable values, by flexure.
         values: (S, k) drawn values by flexure.
-        diagnostics: Of what the laws answer at the loads seen.
+        diagnostics: Of what the laws answer at the observed loads.
     """
 
     laws: dict[str, LearnedLaw]
@@ -54,7 +54,7 @@ class LawSamples:
 def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress | None = None) -> LawSamples:
     """Return draws from the posterior of the learned laws of a fit, by NUTS in coordinates whitened by Laplace's.
 
-    Where neither readings nor a prior tell a combination of other parameters, it stays where it was fitted.
+    Where neither readings nor a prior determine a combination of other parameters, it stays where it was fitted.
 
     Args:
         found: A fit with learned laws.

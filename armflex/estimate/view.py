@@ -357,9 +357,9 @@ def gravity_in(setup: Setup, sessions: Sequence[str]) -> Array | None:
 
 
 def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
-    """Return (K, N, d) by how much readings are off halfway where nothing tells from which side a joint came [m, rad].
+    """Return (K, N, d) by how much readings are off halfway where nothing says from which side a joint came [m, rad].
 
-    One for each direction that effects derive from the order of the rows (`Effect.derived`), zero where the rows tell
+    One for each direction that effects derive from the order of the rows (`Effect.derived`), zero where the rows say so
     it: the joint came from either side, so it is the standard deviation of what is read, too.
     """
     effects = setup.arm.effects

@@ -95,7 +95,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
 class _Tables:
     """What becomes the tables of the file; rows of text are finished C with a comment.
 
-    `steady` is whether what is not straight in the load goes with no joint's position.
+    `steady` is whether what is nonlinear in the load depends on no joint's position.
     """
 
     arm: Arm

@@ -71,7 +71,7 @@ class Term:
 
     @property
     def straight(self) -> bool:
-        """Whether it is straight in the load."""
+        """Whether it is linear in the load."""
         return self.kind in ("UNLOADED", "ALONG") and self.window is None
 
     def times(self, number: float | Array, *factors: Factor) -> Term:

@@ -1,4 +1,4 @@
-"""The calibrated arm without what gives: the frames of its joints, and what a file with only those leaves out."""
+"""The calibrated arm without compliance: the frames of its joints, and what a file with only those leaves out."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from armflex.robot.urdf import MOVING, drive_of
 from armflex.rows.wrench import Wrench, wrenches_in
 
 POSES = 128
-"""Configurations within the limits over which it is told what a file leaves out."""
+"""Configurations within the limits over which what a file leaves out is stated."""
 
 
 def with_constants(arm: Arm) -> Arm:
@@ -64,8 +64,8 @@ def joint_frames(arm: Arm, zeros: bool) -> list[pin.SE3]:
     """Return the n + 1 constant poses between an arm's n motions: base to first joint, joint to joint, last to tip.
 
     Every joint turns about, or slides along, the z axis of its frames: those of a joint about another axis are turned
-    by the smallest rotation. With `zeros` the joints' offsets are in the poses, which then go with what the controller
-    reports; without, with positions to which the offsets have been added.
+    by the smallest rotation. With `zeros` the joints' offsets are in the poses, which then belong to what the
+    controller reports; without, with positions to which the offsets have been added.
     """
     found, here = [], pin.SE3.Identity()
     for joint in arm.robot.chain:

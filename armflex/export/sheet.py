@@ -86,7 +86,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
 
     Args:
         arm: The arm.
-        over: Rows over which it is told what a sheet leaves out; the joints' limits when None.
+        over: Rows over which what a sheet leaves out is stated; the joints' limits when None.
 
     Raises:
         TableError, MissingCovariateError: The rows cannot be used.
@@ -230,7 +230,7 @@ def uncertainties(
 
 
 def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
-    """Return the small-load compliance along each axis (6,) that gives, and the axis, with the joints at home.
+    """Return the small-load compliance along each compliant axis (6,), and the axis, with the joints at home.
 
     Effects that are compliances themselves, whatever else is known of a row, have their part in it.
     """

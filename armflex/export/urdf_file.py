@@ -26,7 +26,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
 
     Args:
         arm: The arm.
-        over: Rows over which it is told what a URDF cannot carry; the joints' limits when None.
+        over: Rows over which what a URDF cannot carry is stated; the joints' limits when None.
 
     Raises:
         UrdfError: The file that the arm was read from can no longer be read.

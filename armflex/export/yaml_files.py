@@ -30,7 +30,7 @@ def export(arm: Arm, flavour: str, over: Path | None = None) -> Exported:
         arm: The arm.
         flavour: "ur_calibration": the kinematics that ur_description makes a robot of; "robot_calibration": offsets of
             joints and of the frames they stand in, against the URDF that the arm was declared by.
-        over: Rows over which it is told what the file leaves out; the joints' limits when None.
+        over: Rows over which what the file leaves out is stated; the joints' limits when None.
 
     Raises:
         InputError: There is no such flavour.

@@ -450,7 +450,7 @@ def write_arm(
 
 
 def _passing(path: Path) -> list[Path]:
-    """Return the file beside an unfinished arm.toml that holds its covariance: it goes with that arm.toml."""
+    """Return the file beside an unfinished arm.toml that holds its covariance: it belongs to that arm.toml."""
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

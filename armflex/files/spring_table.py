@@ -16,7 +16,7 @@ def read_spring(name: str, table: Declaration, robot: Robot) -> Spring:
 
     Args:
         name: The spring.
-        table: Its ends and how its tension goes with its length.
+        table: Its ends and its tension as a function of its length.
         robot: The robot, with every link that the arm.toml makes.
 
     Raises:

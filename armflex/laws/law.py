@@ -51,7 +51,7 @@ class Parameter:
         prior: Standard deviation about the value that it has; 0 where it is taken as known.
         transform: What the value stands for.
         group: Parameters of one group are of one size beforehand.
-        sized: Whether that size is for the data to tell (by evidence); `prior` is then where the search starts.
+        sized: Whether that size is estimated from the data (by evidence); `prior` is then where the search starts.
     """
 
     name: str
@@ -370,7 +370,7 @@ class Composed(Law):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those of all laws; a law of several tells theirs apart."""
+        """Those of all laws; a law of several distinguishes theirs."""
         return tuple(parameter for law in self.laws for parameter in law.parameters)
 
     @property
@@ -456,7 +456,7 @@ def by_wrench(twist: Callable[[Array, Row], Array], wrench: Array, row: Row) -> 
 
 
 def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
-    """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest loads seen.
+    """Return a flag for every component of a (6,) wrench outside the (2, k) smallest and largest observed loads.
 
     A law of forces alone does not turn: a moment on it is one flag more.
     """
@@ -472,7 +472,7 @@ def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
 
 
 def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
-    """Return a load and the ends of what was seen in three digits, or as many as tell it from the end it is beyond."""
+    """Return a load and the ends of its observed range, in three digits or as many as distinguish it from them."""
     here, start, end = load, low, high
     for digits in range(3, 16):
         here, start, end = (float(f"{value:.{digits}g}") for value in (load, low, high))
@@ -491,7 +491,7 @@ def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:
 
 
 def check_ordered(loads: Array) -> None:
-    """Raise `LawError` where the first of two rows, the smallest loads seen, is not below the second."""
+    """Raise `LawError` where the first of two rows, the smallest observed loads, is not below the second."""
     if (loads[0] > loads[1]).any():
         raise LawError("the smallest loads are not below the largest")
 

@@ -1,4 +1,4 @@
-"""What is wrong, or only strange, about the rows of a campaign, told from the table alone.
+"""What is wrong, or only strange, about the rows of a campaign, as far as the table alone shows.
 
 A wrong unit in some rows is an error that names them. A lost beam is not: a reading a metre off is left to the robust
 fit, which lists it. The two differ in size, by a factor of a thousand against a part of the distance.

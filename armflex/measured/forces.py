@@ -32,7 +32,7 @@ _A_LOAD = re.compile(r"(?:(f|force)|m|moment|torque)_?([xyz])", re.IGNORECASE)
 def check_load_names(table: Table, arm: Arm, names: Iterable[str]) -> None:
     """Raise `TableError` where a column without a meaning is called as people call a load, such as fx, F_x or moment_z.
 
-    It would be taken for a covariate and load nothing. What an effect of the arm depends on is a covariate.
+    It would count as a covariate and load nothing. What an effect of the arm depends on is a covariate.
     """
     asked = {name for effect in arm.effects for name in effect.location.covariates}
     units = {*UNITS["force"], *UNITS["moment"]}

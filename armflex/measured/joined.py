@@ -1,6 +1,6 @@
 """Several campaigns of one machine as one: its rows one after the other, and nothing known between their instruments.
 
-Each campaign goes by the name of its file. Its sessions are called 'campaign/session', or as the campaign where there
+Each campaign has the name of its file. Its sessions are called 'campaign/session', or as the campaign where there
 is only one; its poses likewise, but for those that several campaigns were driven to by one name.
 """
 

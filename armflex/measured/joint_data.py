@@ -91,7 +91,7 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
     Args:
         path: The file or data frame: columns fx fy fz [mx my mz] and dx dy dz [rx ry rz], each with its unit as a
             suffix.
-        read_as: Units to be taken for others, such as {"mm": "um"}, where a header is believed to be wrong.
+        read_as: Units to be read as others, such as {"mm": "um"}, where a header is probably wrong.
 
     Raises:
         TableError: A column is missing, misspelt or not numeric, or there are no more rows than components.
@@ -165,7 +165,7 @@ def _matrix(table: Table, names: tuple[str, ...], factors: Mapping[str, float]) 
 def _meant(name: str) -> str | None:
     """Return the load or deflection that a column misspells, None for a covariate.
 
-    The names have two letters, so most short words are near one: `day` is not `dy`. A slip is believed where the unit
+    The names have two letters, so most short words are near one: `day` is not `dy`. A slip is assumed where the unit
     fits, as in `mxx_Nm`, or where the letters are the same, as in `xd`.
     """
     base, _, unit = name.rpartition("_")

@@ -86,7 +86,8 @@ class Measurements(Rows, Result):
     def table(self) -> dict[str, Any]:
         """The columns of a measurements.csv in SI, (N,) each; None where nothing was read.
 
-        What the order of the rows tells is left out: time by the number of the row, and the last motion of a joint.
+        What follows from the order of the rows is left out: time by the number of the row, and the last motion of a
+        joint.
 
         Raises:
             InputError: As `force_columns`.

@@ -90,7 +90,7 @@ def read_points(path: str | Path, unit: str | None = None, frame: str | None = N
 
     Raises:
         TableError: Unit or frame are stated nowhere, or differently in two places; a line is no point; coordinates
-            are not Cartesian; names cannot be told from numbers.
+            are not Cartesian; names cannot be distinguished from numbers.
     """
     path = Path(path)
     text = "".join(text_lines(path))

@@ -1,4 +1,4 @@
-"""Noise told by repeats alone: no arm, no law, only readings of one pose under one payload that differ."""
+"""Noise estimated from repeats alone: no arm, no law, only readings of one pose under one payload that differ."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LOST = 6.0
 """Robust standard deviations from its fellows beyond which a reading is a lost beam."""
 
 DOUBTFUL = 1.5
-"""Ratio of scatter to stated noise that is flagged, when the repeats are many enough to tell."""
+"""Ratio of scatter to stated noise that is flagged, when the repeats are enough to determine it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +146,7 @@ def _scatter(position: Array, labels: np.ndarray, rows: np.ndarray, sigma: Array
 
 
 def _lost(position: Array, sets: list[np.ndarray], stated: Array) -> np.ndarray:
-    """Return rows further from their set's median than noise goes; of two that disagree nobody knows which is lost.
+    """Return rows further from their set's median than noise goes; of two that disagree either may be the lost one.
 
     The scale is the median of the differences of readings of one pose, robust but poor when they are few: then the
     limit is wider, and never below what the stated noise allows. Readings rounded so coarsely that most repeats are

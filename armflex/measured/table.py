@@ -40,7 +40,7 @@ BLOCK = 1 << 20
 """Letters of a file that are looked at together."""
 
 IN_BRACKETS = re.compile(r"(.*\S)\s*[\[(]\s*([^\[\]()]+?)\s*[\])]")
-"""A header that gives its unit as others do: `L [mm]`."""
+"""A header that states its unit as others do: `L [mm]`."""
 
 DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
 """A number as it is written where cells are not separated by commas."""

@@ -96,7 +96,7 @@ class StabilityBound:
         return shares.max(axis=(1, 2), initial=0.0).tolist()
 
     def proven_under(self, loads: Sequence[Load]) -> bool:
-        """Return whether nothing need be asked under further loads either; a sum of the greatest, quick to tell."""
+        """Return whether nothing need be asked under further loads either; a sum of the greatest, quick to compute."""
         if not self._bounded:
             return False
         share, known = self._most, self._most_per_load

@@ -147,9 +147,9 @@ def length_sigma(vectors: Array, covariance: Array, short: bool = False) -> Arra
     """Return the (...) standard uncertainty of the lengths of (..., 3) vectors with a (..., 3, 3) covariance.
 
     It is to first order; of no length it is that of all three coordinates. A vector shorter than its uncertainty has no
-    direction that first order could go by. `short` says that vectors may be so: then it is the root mean square of what
-    the length may be off, from the mean and variance of its square, which for normal deviations are exact; of a long
-    vector that is first order's, of none that of all three coordinates.
+    direction that first order could depend on. `short` says that vectors may be so: then it is the root mean square of
+    what the length may be off, from the mean and variance of its square, which for normal deviations are exact; of a
+    long vector that is first order's, of none that of all three coordinates.
 
     Args:
         vectors: (..., 3).

@@ -2,8 +2,8 @@
 
 The heart of the package, hence our own: a fixed point, which stiff arms are drawn to in a few steps, Newton on the
 flexures' exponential coordinates with Pinocchio's geometric stiffness, and a first-order answer where speed matters
-more. A fixed point cannot tell a stable equilibrium from a buckled one: the bound of `certificate` can where the arm is
-stiff, the tangent `I + C dτ/dtwist` everywhere.
+more. A fixed point cannot distinguish a stable equilibrium from a buckled one: the bound of `certificate` can where the
+arm is stiff, the tangent `I + C dτ/dtwist` everywhere.
 """
 
 from __future__ import annotations

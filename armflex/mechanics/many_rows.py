@@ -3,7 +3,7 @@
 The kernel settles arms exactly whose laws are affine in the load, harden or are networks, under wrenches that are dead
 or follow their links. A law that is curved in another way is put to it as its affine expansion about the loads so far,
 a load that depends on its link's pose otherwise as the wrench that it is there; both are renewed until they are what
-they were taken for, which takes two to four rounds. Every law and every load is asked once a round for all rows.
+was assumed, which takes two to four rounds. Every law and every load is asked once a round for all rows.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def kernel() -> ModuleType:
     """Return the compiled engine, which takes a while to import.
 
     Its import and its compilation are one thread's: numba's are not safe in several at once, and stand still for ever.
-    Where its code is not kept yet, a line of the log says that it is compiled; without a log of one's own that is on
+    Where its code is not kept yet, a line of the log says that it is compiled; without a handler that is on
     stderr.
     """
     if not _loaded:
@@ -362,8 +362,8 @@ class RowSolver:
             stable: Whether that is known of them.
 
         Returns:
-            (M, 6, n, 6), not a number where the second does not prove that the arm is stable and nobody knows, and (M,)
-            Frobenius norms of the tangents less the unit matrix: below 1 is a proof.
+            (M, 6, n, 6), not a number where the second does not prove that the arm is stable and it is unknown, and
+            (M,) Frobenius norms of the tangents less the unit matrix: below 1 is a proof.
         """
         q, twists = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some])
         tangents = laws.tangents(found.wrenches)

@@ -153,7 +153,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
         return (here, twists, displacement) if fine and (proven or stays(row, here, twists)) else None
 
     def settle(row: Row, here: Array, twists: Array, displacement: Array) -> bool:
-        """Renew what the curved laws give and the posed loads until both are what they were taken for.
+        """Renew what the curved laws give and the posed loads until both are as assumed.
 
         One configuration needs a round or two more without the laws' tangents, which are as dear as those rounds.
         """

@@ -1,4 +1,4 @@
-"""Optimal design: what readings tell of parameters, what one more row adds to each of three goals, and the best rows.
+"""Optimal design: information on parameters, what one more row adds to each of three goals, and the best rows.
 
 Everything is linear in the parameters about what is known now, and Gaussian. A row of the campaign is X (d, P), its
 readings' change per parameter in standard deviations; rows add X'X to the information N, whose inverse is the
@@ -101,7 +101,7 @@ class IOptimal:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """One effect taken as true, to be told from everything that could imitate it.
+    """One effect taken as true, to be distinguished from everything that could imitate it.
 
     Attributes:
         own: (P,) its amplitudes, zero elsewhere.
@@ -198,17 +198,18 @@ def path(goal: Goal, known: LinearGaussian, rows: Array) -> Array:
 
 
 def shows(law: EffectLaw, place: str, levels: Collection[str]) -> str:
-    """Return what shows a law at a place of the arm otherwise, '' where nobody knows.
+    """Return what shows a law at a place of the arm otherwise, '' where nothing is known.
 
-    `levels` are the places at which a level tells, see `armflex.plan.instruments.levels_tell`.
+    `levels` are the places at which a level informs, see `armflex.plan.instruments.levels_tell`.
     """
     return law.level if law.level and place in levels else law.instead
 
 
 def instead(own: Effect, hypothesis: Effect, levels: Collection[str] = ()) -> str:
-    """Return what tells two effects apart that move the tip alike.
+    """Return what distinguishes two effects that move the tip alike.
 
-    Two causes of one motion, at one place about one axis, no watching of it tells apart. `levels` are as for `shows`.
+    Two causes of one motion, at one place about one axis, are not distinguished by watching it. `levels` are as for
+    `shows`.
     """
     both, places = (hypothesis, own), (hypothesis.location, own.location)
     one_motion = len({(place.site, place.axis) for place in places}) == 1 and places[0].axis is not None

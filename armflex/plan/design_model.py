@@ -47,7 +47,7 @@ ANYWHERE, ANYHOW = 100.0, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What a campaign tells.
+    """The information of a campaign.
 
     Attributes:
         campaign: What was measured.
@@ -68,7 +68,7 @@ class Before:
 
     Attributes:
         setup: Arm and instrument, calibrated where there is something to do it with.
-        told: What a campaign tells, None where nothing was measured.
+        told: The information of a campaign, None where nothing was measured.
         noises: By instrument, '' the one at the tip, the standard deviation of what it reads over the stated one, 1 or
             more; one that is not in it reads as well as it states.
         flags: Flags about the campaign.
@@ -210,7 +210,7 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     """Return the model of what is known before, and of rows like those offered.
 
     Free is what [prior] frees, for the planned session beside the campaign's, learned laws, and the effects of the arm
-    that one row tells something of; those in question come last.
+    that one row informs on; those in question come last.
 
     Raises:
         InputError: The covariance of a calibrated arm is of other parameters, or of some of the laws that are learned.

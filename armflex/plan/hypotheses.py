@@ -1,4 +1,4 @@
-"""Effects to be told apart, as one writes them: LAW:SITE[:AXIS[:PARTNER]][#NUMBER], such as backlash:A2:ry.
+"""Effects to be distinguished, as one writes them: LAW:SITE[:AXIS[:PARTNER]][#NUMBER], such as backlash:A2:ry.
 
 The parts are `effect`, `site`, `axis` and `partner` of `armflex trace --json` and of [[effect]] in an arm.toml; an
 axis or a partner may be left out where there is only one. The second effect of the arm that would be written like the
@@ -31,7 +31,7 @@ SHOWS = 5.0
 """RMS of what an effect of unknown size is taken to move the readings by, in their standard deviations."""
 
 CLEAR = 2.0
-"""Standard deviations from zero at which an estimate is taken for an effect's size."""
+"""Standard deviations from zero at which an estimate counts as an effect's size."""
 
 
 def spelled(effect: Effect, number: int = 1) -> str:

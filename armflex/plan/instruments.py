@@ -1,4 +1,4 @@
-"""Instruments that could be put on an arm: where, and which of them tell most."""
+"""Instruments that could be put on an arm: where, and which of them inform most."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ LEVELS = (Inclination, Acceleration)
 """Kinds that read how a link stands to gravity."""
 
 UPRIGHT = 0.1
-"""Angle to gravity [rad] up to which an axis counts as parallel: a level tells less than a tenth of a turn about it."""
+"""Angle to gravity [rad] up to which an axis counts as parallel: a level shows less than a tenth of a turn about it."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
 
 
 def levels_tell(arm: Arm, read: Collection[str]) -> frozenset[str]:
-    """Return the places (joints, 'base') of which a level tells how they turn, and on whose link none is read yet.
+    """Return the places (joints, 'base') whose rotation a level shows, and on whose link none is read yet.
 
     About an axis that stays parallel to gravity nothing tilts: that of a joint which is so at zero, while all joints
     inboard of it slide or are so, too.

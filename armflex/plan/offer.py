@@ -57,7 +57,7 @@ class Reach:
         floor: Lowest height of any link or the payload in the base frame [m]; None for that of the base, 0, unless the
             arm hangs below it in every row.
         read: Names of the instruments that are read; '' is the one at the tip.
-        sigmas: By instrument (n,) standard deviations of its numbers, in their units, where a campaign told them.
+        sigmas: By instrument (n,) standard deviations of its numbers, in their units, where a campaign determined them.
     """
 
     arm: Arm

@@ -1,4 +1,4 @@
-"""What a plan is: rows in the order to drive them, what they are expected to tell, and what no tip reading can."""
+"""What a plan is: rows in the order to drive them, what they should determine, and what no tip reading does."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from armflex.result import Result
 from armflex.rows import Rows
 
 TOLD = 3.0
-"""Standard deviations at which two effects are told apart."""
+"""Standard deviations at which two effects are distinguished."""
 
 UNKNOWN = 1.0
 """Standard deviation of a reading [m] beyond which nothing is known of where the instrument stands."""
@@ -41,14 +41,14 @@ MOST_NAMES = 6
 
 @dataclass(frozen=True)
 class Blind:
-    """A parameter of which no tip reading tells anything.
+    """A parameter on which no tip reading depends.
 
     Attributes:
         name: Block and label.
         moves: What one standard deviation of it moves a reading by at most [m].
         partners: Parameters that it can be exchanged for without the readings noticing; empty where it moves them too
             little to be seen beside the noise.
-        instead: What would tell.
+        instead: What would determine it.
     """
 
     name: str
@@ -61,7 +61,7 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
     """Return the parameters that stay as uncertain as [prior] has them though all of (N, d, P) rows were measured.
 
     Only those of the arm: neither where the instrument stands nor what is in question. `tip` is the (N, 3, P) change
-    of the tip's position [m] in those rows; `levels` are where a level would tell, see `levels_tell`.
+    of the tip's position [m] in those rows; `levels` are where a level would help, see `levels_tell`.
     """
     seen = np.tensordot(rows, rows, axes=([0, 1], [0, 1]))
     whole = model.known.with_rows(rows)
@@ -87,7 +87,7 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
 
 @dataclass(frozen=True, repr=False, eq=False)
 class Plan(Result):
-    """Rows to measure, in the order to drive them, and what they are expected to tell.
+    """Rows to measure, in the order to drive them, and what they are expected to determine.
 
     Attributes:
         rows: All stops; `measured` where a position is to be read, elsewhere the arm only comes from the right side.
@@ -96,11 +96,11 @@ class Plan(Result):
         model: Parameters, and what is known before.
         known: What will be known after the rows, in units of `model.scale`.
         worth: (n,) dimensionless rise of the goal's value by each row read, the best first one alone, and so on.
-        reached: (n + 1,) the goal's value, in its unit, after none, one, ... of them, the most telling first.
+        reached: (n + 1,) the goal's value, in its unit, after none, one, ... of them, the most informative first.
         random: (d, m + 1) the same, in the goal's unit, of d draws of poses at random.
         everything: The goal's value if all rows that were offered were measured.
         hypotheses: The two effects in question, if any.
-        blind: Parameters of which no tip reading tells anything.
+        blind: Parameters on which no tip reading depends.
         offered: Rows that were offered first, spread evenly.
         uncertainty: By title, (N,) standard deviation there of what the instrument would read, in 3-D [m]: before or,
             while nothing is known of where the instrument stands, after as many rows at random; and after the plan.
@@ -167,7 +167,7 @@ class Plan(Result):
 
     @cached_property
     def advice(self) -> tuple[str, ...]:
-        """What no tip reading tells, and what would: a line for all that the same measurement would tell."""
+        """What no tip reading determines, and what would: a line for all that the same measurement would determine."""
         told, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
         for how in dict.fromkeys(one.instead for one in self.blind):
             alike = [one for one in self.blind if one.instead == how]
@@ -184,7 +184,7 @@ class Plan(Result):
 
 
 def _between(plan: Plan) -> tuple[str, ...]:
-    """Return whether two effects in question will be told apart, and what else would tell them."""
+    """Return whether two effects in question will be distinguished, and what else would distinguish them."""
     if not plan.hypotheses:
         return ()
     one, other = (hypothesis.candidate.effect for hypothesis in plan.hypotheses)

@@ -1,4 +1,4 @@
-"""From a question to rows to measure: what is known, what could be asked, the best of it, and what it will tell."""
+"""From a question to rows to measure: what is known, what could be asked, the best of it, and what it determines."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ PATH_ROWS = 400
 """Rows of a trajectory that are looked at, evenly, where it has more."""
 
 DRAWS, FURTHER = 8, 3
-"""Random choices that a plan is held against, and how many times as many rows they have."""
+"""Random choices that a plan is compared with, and how many times as many rows they have."""
 
 SCATTER = 1.5
-"""Noise over the stated one beyond which a plan that goes by it is doubtful."""
+"""Noise over the stated one beyond which a plan that relies on it is doubtful."""
 
 
 @checked_kinds
@@ -76,7 +76,7 @@ def plan(
     progress: Callable[[int, int], None] | None = None,
     instruments: Sequence[str] | None = None,
 ) -> Plan:
-    """Return the rows to measure next, in the order to drive them, and what they are expected to tell.
+    """Return the rows to measure next, in the order to drive them, and what they are expected to determine.
 
     Without `along` or `between` the rows make the parameters that [prior] frees, and those of the arm's effects, as
     certain as can be, wherever the instrument stands.
@@ -86,7 +86,7 @@ def plan(
         rows: How many positions will be read.
         after: What was measured already; an arm that is not calibrated is calibrated with it.
         along: Make the predicted readings along this trajectory as certain as can be instead.
-        between: Tell these two effects apart instead, each spelled LAW:SITE[:AXIS[:PARTNER]], as `trace` names them;
+        between: Distinguish these two effects instead, each spelled LAW:SITE[:AXIS[:PARTNER]], as `trace` names them;
             the second effect of the arm with such a spelling ends in #2.
         payloads: What may be carried; every payload of the arm, and nothing, when not given.
         covariates: Values that can be set of what effects depend on, by name.
@@ -337,7 +337,7 @@ def _mounted(
     along: Trajectory | None,
     seed: int,
 ) -> tuple[Before, Reach, tuple[Mounted, ...]]:
-    """Return arm and reach with the wanted instruments where they tell most in rows at random, and what each buys.
+    """Return arm and reach with the wanted instruments where they inform most in rows at random, and what each buys.
 
     Raises:
         InputError: No such instrument.

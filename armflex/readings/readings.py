@@ -75,7 +75,7 @@ class Readings:
 
     @property
     def where_read(self) -> str:
-        """Of what people are told the size of a motion: of the target, or of what instruments read of it."""
+        """What the size of a motion is stated of: of the target, or of what instruments read of it."""
         return "at the target" if not self.kinds or not self.kinds[0].name else "in what is read"
 
     @property

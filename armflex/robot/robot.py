@@ -528,7 +528,7 @@ def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> li
         if link.name in (joint.parent, joint.child)
     ]
     shapes = [float(np.linalg.norm(visual.pose[:3, 3])) + max(visual.size) for visual in link.visuals]
-    size = max(0.02 * whole, min(gyration, whole), *near, *shapes, 1e-3)
+    size = max(0.02 * whole, min(gyration, whole or gyration), *near, *shapes, 1e-3)
     distance = float(np.linalg.norm(inertial.origin))
     text = f"link {link.name!r}: CoM is {distance:.4g} m from the link frame, the link's size is {size:.3g} m"
     if distance > 10.0 * size and carried:

@@ -1,6 +1,6 @@
-"""Rows: what an arm was told and what was recorded beside it, whether or not anything was read there.
+"""Rows: what an arm was commanded and what was recorded beside it, whether or not anything was read there.
 
-Which of them were taken in the same pose is told here, too: what is split for validation is poses, never rows.
+Which of them were taken in the same pose is decided here, too: what is split for validation is poses, never rows.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ class Layout:
     error: type[FileError] = FileError
 
     def of(self, about: About) -> tuple[Mapping[str, Numbers], Mapping[str, Collection[int]]]:
-        """Return the arrays and the sizes that go with what is said beside them."""
+        """Return the arrays and the sizes that belong to what is said beside them."""
         arrays = self.arrays(about) if callable(self.arrays) else self.arrays
         return arrays, self.sizes(about) if callable(self.sizes) else self.sizes
 

@@ -1,4 +1,4 @@
-"""A number that tells whether two objects say the same, in this process or another."""
+"""A number that says whether two objects say the same, in this process or another."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def digest(value: object) -> str:
 
     Where a thing was read (`Path`, `Place`) and what was doubtful about it (`Flag`) are not part of what it says: a
     copy of an arm in another folder is the same arm. Numbers, texts, arrays, mappings, sequences, sets, enumerations,
-    dataclasses and poses are told by what they hold, functions by their name, those without one by their code. An
+    dataclasses and poses are identified by what they hold, functions by their name, those without one by their code. An
     object of another class says what its method `digested` returns.
 
     Raises:

@@ -16,7 +16,7 @@ from armflex.conventions import covariance_fault
 from armflex.errors import did_you_mean, listing
 
 LARGEST = 1e50
-"""Numbers beyond this are taken for a mistake: products of six of them are finite. What must be positive is no smaller
+"""Numbers beyond this count as a mistake: products of six of them are finite. What must be positive is no smaller
 than its inverse."""
 
 ROUNDING = 1e-8

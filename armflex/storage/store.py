@@ -82,7 +82,7 @@ class Store(Generic[Piece]):
 
         Args:
             names: Of the pieces.
-            tasks: Returns the tasks that make those pieces for which it is told True.
+            tasks: Returns the tasks that make those pieces for which it is given True.
             jobs: See `in_order`.
         """
         missing = [not self.has(name) for name in names]

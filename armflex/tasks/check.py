@@ -52,12 +52,12 @@ CLOSEST = 1e-6
 """Fraction of the tolerance below which a peak between samples no longer counts."""
 
 ENDLESS = 1e9
-"""Tolerances that an infinite uncertainty is taken for."""
+"""Tolerances that an infinite uncertainty counts as."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """One configuration held against the tolerance.
+    """One configuration compared with the tolerance.
 
     Attributes:
         name: The via-point's name, '' on the path between.
@@ -150,7 +150,7 @@ def check(
         method: See `Arm.deflection`.
         progress: Called with (rows done, rows in all).
         covariates: What the arm's effects depend on and no column gives, the same in every row.
-        against: A path of the same rows: the flexed tip on `trajectory` is held against where the rigid arm has it on
+        against: A path of the same rows: the flexed tip on `trajectory` is compared with where the rigid arm has it on
             this one, at the rows and between them. So a compensated path is checked.
 
     Raises:
@@ -242,7 +242,7 @@ def turned_further(bent: float, turned: float) -> tuple[Flag, ...]:
 
 
 class _Samples(NamedTuple):
-    """(M, ...) points held against the tolerance.
+    """(M, ...) points compared with the tolerance.
 
     time: [s]. sizes: (M, 2) of the tip's shift [m] and turn [rad]. sigmas: (M, 2) of these, NaN where there is none.
     verdict: (M,) place in `VERDICTS`. cause: (M,) number of a flexure. scores: (M, 3) displacement, and the most and

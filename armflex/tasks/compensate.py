@@ -102,7 +102,7 @@ class Compensation(Result):
         rows: What came out for each.
         match: "position" or "pose".
         between_m: Largest error of the tip halfway between rows of one payload, the path being straight in joint
-            space there [m]; None with targets of one's own.
+            space there [m]; None with given targets.
         flags: Flags: near singular rows, joints asked to move faster than their limit, payloads that change,
             changes that may not be the smallest; no uncertainty that anybody states.
     """

@@ -8,7 +8,7 @@ first block of cycles to a later one. Rotations are taken component by component
 commanded orientation, in base axes, which for small angles are the standard's a, b and c.
 
 Uncertainties follow JCGM 100: that of AP from the scatter of the barycentre along the deviation, that of RP by the
-jackknife, because it is no mean. What the instrument has in them is told apart by its stated noise.
+jackknife, because it is no mean. What the instrument has in them is separated by its stated noise.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CYCLES, POSES = 30, 5
 """Cycles of each pose, and poses, that the standard asks for."""
 
 DRAWS = 1000
-"""Campaigns drawn to tell what an instrument shows of a robot without error."""
+"""Campaigns drawn to estimate what an instrument shows of a robot without error."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Characteristic:
 
     Attributes:
         value: [m] or [rad].
-        std: Its standard uncertainty, the instrument's noise included; None where too few cycles tell.
+        std: Its standard uncertainty, the instrument's noise included; None where there are too few cycles.
         instrument: Of `std`, for an accuracy, what the stated noise of the instrument makes; for a repeatability what
             the instrument would show of a robot that repeats without error.
     """
@@ -202,7 +202,7 @@ def instrument_repeatability(variance: Array, cycles: int) -> float:
     """Return the RP_l [m] that readings with (3,) variances [m^2] show, in the mean, of a robot without error.
 
     By Monte Carlo (JCGM 101): of few cycles it is far from its limit of many, 3.616 standard deviations of an axis
-    where all are alike. Draws are the same each time, and tell it to 0.5 %.
+    where all are alike. Draws are the same each time, and determine it to 0.5 %.
     """
     size = np.sqrt(np.asarray(variance, dtype=float))
     clouds = size * np.random.default_rng(0).standard_normal((DRAWS, cycles, 3))

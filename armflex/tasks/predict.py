@@ -101,7 +101,7 @@ def predict(
     Raises:
         InputError: A covariate is a column already, or one that no effect depends on.
         MissingCovariateError: An effect depends on what the rows do not give: a column, a time, the direction that a
-            joint came from where no row before tells, unless it was found in such rows (`Effect.derived`): then the
+            joint came from where no row before says so, unless it was found in such rows (`Effect.derived`): then the
             joint is taken as halfway, and `sigma` holds that it came from either side.
         ArmflexError: A row cannot be computed; its file and line are named.
     """

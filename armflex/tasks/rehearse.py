@@ -44,7 +44,7 @@ ROWS, DRAWS = 60, 3
 """Rows that are planned where none are given, and campaigns that are simulated of each effect."""
 
 CHECKED = 12
-"""Tolerance: of the likeliest hypotheses so many have the size that they would need held against what machines have."""
+"""Tolerance: of the likeliest hypotheses so many have their size compared with what machines have."""
 
 FAINT = 1e-3
 """Tolerance: mean probability below which another name is not reported."""

@@ -56,7 +56,7 @@ FLUSHED, TOGETHER = 2**22, 4096
 """Tolerance: numbers of a bank's columns that are made at a time, or so many columns of a long campaign."""
 
 TOLD = 256
-"""Tolerance: candidates after which it is told how far one has come."""
+"""Tolerance: candidates after which progress is reported."""
 
 KEPT = 2**26
 """Tolerance: numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""

@@ -1,6 +1,6 @@
 """What tracing found: the account that a report prints and an arm.toml keeps, and how it is drawn up after a search.
 
-What every effect is worth, what else would do, what could not be told, and what is left.
+What every effect is worth, what else would do, what is not identifiable, and what is left.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ UNLIKELY = 1e-4
 """Confidence: probability below which a residual larger than the repeats' scatter is no chance."""
 
 LARGER = 2.0
-"""Confidence: variance over that of repeats from which a residual without a place is told at all."""
+"""Confidence: variance over that of repeats from which a residual without a place is reported at all."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Found:
         equivalent: Other candidates that these data cannot distinguish from it, with how much less evidence they have.
         ranking: What competes for its place with twice the log odds, the best first.
         index: Its place among the effects of the final fit.
-        survives: Share of the folds of the poses without which the same law at the same place is chosen again.
+        survives: Share of the folds of the poses without which the same law at the same place is selected.
         probability: Of it, law and place.
         credible: Other candidates that with it make up the 95 % credible set, with the probability of each.
     """
@@ -166,7 +166,7 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class FoundFamily:
-    """One law at every drive, believed together: errors of a size that all of them have, few of which show alone.
+    """One law at every drive, accepted together: errors of a size that all of them have, few of which show alone.
 
     Attributes:
         kin: Number, size and evidence.
@@ -197,7 +197,7 @@ class Unexplained:
     """A residual above the noise without a cause.
 
     Attributes:
-        site, axis: Where it acts, None where not even that can be told.
+        site, axis: Where it acts, None where not even that is known.
         std: Size of the random twist there [unit].
         unit: 'rad' or 'm'.
         rms: RMS of the 3-D error that it makes [m].
@@ -214,7 +214,7 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Undecided:
-    """A residual far above what is stated, from poses too few to tell an effect from chance.
+    """A residual far above what is stated, from poses too few to distinguish an effect from chance.
 
     Attributes:
         rms: RMS of the 3-D error that is left [m].
@@ -288,14 +288,14 @@ class Trace(Result):
         noise: Standard deviation of the readings over the stated one, from the final residual.
         held_out_before, held_out_after: RMS of the 3-D error on held-out poses [m].
         held_out_sessions: The same before and after with whole sessions held out, None where none can judge.
-        not_identifiable: Effects that could not have been told.
+        not_identifiable: Effects that could not have been identified.
         smallest: What the campaign could have shown at least.
         next_measurement: What to measure next, in words.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
         families: Laws that all drives have.
-        undecided: What is left where these rows cannot tell whether anything is missing, None where they can.
-        unfinished: Whether the search was still going on: what else would do, what could not be told and what to
+        undecided: What is left where these rows do not determine whether anything is missing, None where they can.
+        unfinished: Whether the search was still going on: what else would do, what is not identifiable and what to
             measure next is not worked out yet.
         nothing: Probability that no effect is missing at all; None while a search goes on.
     """
@@ -357,7 +357,7 @@ class Trace(Result):
 
     @cached_property
     def unjudged(self) -> np.ndarray:
-        """(U,) rows in which nothing tells what an effect depends on: not in the fit, but in the RMS over all rows.
+        """(U,) rows in which nothing says what an effect depends on: not in the fit, but in the RMS over all rows.
 
         There the effect is predicted halfway, as the search takes it.
         """

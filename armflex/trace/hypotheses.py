@@ -2,7 +2,7 @@
 
 A machine is expected to lack `EFFECTS` effects. Each law of the catalogue is as likely as another but for `PLAIN`; its
 places share its probability, at a place the choices of acting terms share that, and values inside the law that are not
-linear share what is left: to have chosen among many costs what it should. Shapes without a name have `NAMELESS` of all,
+linear share what is left: to have chosen among many costs what it should. Unnamed shapes have `NAMELESS` of all,
 one law at every drive `FAMILIAL`.
 """
 
@@ -34,7 +34,7 @@ EFFECTS = 2.0
 """Prior: effects that an arm is expected to lack."""
 
 NAMELESS = 0.05
-"""Prior: share of them that are shapes without a name."""
+"""Prior: share of them that are unnamed shapes."""
 
 FAMILIAL = 0.1
 """Prior: share of them that all drives have in common."""

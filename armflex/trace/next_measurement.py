@@ -1,4 +1,4 @@
-"""What to measure next: rows that tell an effect from its hypotheses best, or what no row of this kind will ever tell.
+"""What to measure next: rows that best distinguish an effect from its hypotheses, or what no such row does.
 
 Sequential T-optimality (Atkinson and Fedorov 1975; Hunter and Reiner 1965): of many rows that the arm could be driven
 to, the one where the effect and its best imitation by a hypothesis, refitted to the campaign, differ most in standard
@@ -38,13 +38,13 @@ APART = 600.0
 """Time between offered rows [s]."""
 
 TELLING = 1.0
-"""Expected difference, in standard deviations of one reading, below which a row tells nothing."""
+"""Expected difference, in standard deviations of one reading, below which a row distinguishes nothing."""
 
 HYPOTHESES = 2
 
 READ, SPLIT = 20, 5.0
 """Readings of another instrument in so many rows, and the expected difference in standard deviations from which it is
-said to tell two effects apart: by more than the evidence within which candidates are equivalent."""
+said to distinguish two effects: by more than the evidence within which candidates are equivalent."""
 
 SPLITTING = {
     "level": "a level on {place}",
@@ -57,12 +57,12 @@ RIDGE = 1e-12
 """Prior precision relative to a column's square: what the readings leave open is next to unknown.
 
 Without it that would be the null space, of which `LinearGaussian.covariance` says nothing, and a row that only seems to
-tell two effects apart would be proposed. So it is above `linear_gaussian.ROUNDING`.
+distinguish two effects would be proposed. So it is above `linear_gaussian.ROUNDING`.
 """
 
 
 def next_rows(state: State, hypotheses: Sequence[Sequence[Effect]]) -> tuple[str, ...]:
-    """Return in words what would tell each effect from its leading hypotheses.
+    """Return in words what would distinguish each effect from its leading hypotheses.
 
     Args:
         state: The final fit.
@@ -146,12 +146,12 @@ def _offered(known: Measurements) -> Rows:
 
 @dataclass(frozen=True, eq=False)
 class _Imitated:
-    """An effect and a hypothesis in its stead, which are to be told apart.
+    """An effect and a hypothesis in its stead, which are to be distinguished.
 
     Attributes:
         kept: What else is free, before the hypothesis and the effect itself.
         pair: The hypothesis, and the effect.
-        known: What the campaign tells of all of them, the amplitude of the effect being one.
+        known: The information of the campaign on all of them, the amplitude of the effect being one.
     """
 
     kept: tuple[Block, ...]
@@ -187,7 +187,7 @@ class _Imitated:
         return best, float(sigmas[best]), float(np.linalg.norm(departure))
 
     def split_by(self, view: View, context: Context) -> tuple[tuple[str, float], ...]:
-        """Return the best of each sort among the instruments of a view that tell the two, and by how much [sigma].
+        """Return the best of each sort among the instruments of a view that distinguish both, and by how much [sigma].
 
         What is open of an instrument itself is found from the same readings.
         """

@@ -84,7 +84,7 @@ class Projection:
 
     @cached_property
     def fitted(self) -> LinearGaussian:
-        """What readings and priors tell of the fitted parameters but those apart."""
+        """Information of readings and priors on the fitted parameters but those apart."""
         information = self.regressors.T @ self.shared + np.diag(self.precision)
         if self.apart is not None:  # of a column that those apart can make up nothing is left but rounding
             whole = (self.regressors**2).sum(axis=0) + self.precision

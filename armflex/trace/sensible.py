@@ -23,14 +23,14 @@ ROWS = 15
 """Tolerance: rows looked at."""
 
 IMPLAUSIBLE = 3.0
-"""Prior: times what is plausible of its law beyond which an effect is not believed."""
+"""Prior: times what is plausible of its law beyond which an effect is implausible."""
 
 USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
 """Prior: RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that
 machines have without anybody knowing."""
 
 SOFT = 100.0
-"""Prior: times the softest joint of steel that is believed: what would have to give more is no compliance."""
+"""Prior: times the softest joint of steel that is plausible: what would have to bend more is no compliance."""
 
 SLACK = 2.0
 """Prior: coupling over the most that two compliances allow: while it is missing, calibration bends them to make
@@ -43,7 +43,7 @@ most of a joint's travel, not its end, but a joint makes no energy."""
 MOST_GIVE = 10.0
 """Prior: times what is plausible by which an axis gives at most under the largest load on its joint, either way.
 
-More counts against a candidate, and is not believed of an axis that poses load by less than `LOADED` of that.
+More counts against a candidate, and is refused of an axis that poses load by less than `LOADED` of that.
 """
 
 LOADED = 1e-3

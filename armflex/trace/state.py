@@ -132,7 +132,7 @@ class State:
     def quiet(self) -> float:
         """Standard deviation of the readings over that stated where they scatter less, else 1.
 
-        What is still missing is in it: they scatter no more than that. Priors are held against it.
+        What is still missing is in it: they scatter no more than that. Priors are compared with it.
         """
         return min(self.fit.noise, 1.0)
 

@@ -12,7 +12,7 @@ Report = Callable[[str], None]
 """Called with what is being done, once for every stage."""
 
 Tell = Callable[[str, int, int], None]
-"""Called within a stage, often: with what is tried, how many were, and of how many (0 where nobody knows)."""
+"""Called within a stage, often: with what is tried, how many were, and of how many (0 where that is unknown)."""
 
 
 def silent(*told: object) -> None:
@@ -20,7 +20,7 @@ def silent(*told: object) -> None:
 
 
 def tell_steps(tell: Tell, done: int, most: int) -> None:
-    """Tell the steps of a fit, which ends long before it has taken as many as it may."""
+    """Report the steps of a fit, which ends long before it has taken as many as it may."""
     tell(f"step {done}", 0, 0)
 
 
@@ -31,7 +31,7 @@ class Doing:
     Attributes:
         stage: In words.
         trying: What is tried within it, '' where nothing is said.
-        done, total: How many were tried, and of how many; 0 where nobody knows.
+        done, total: How many were tried, and of how many; 0 where that is unknown.
         effects: Those accepted so far, in words.
         rms: RMS of the 3-D error of the fitted rows with them [m], None before the first fit.
         held_out: The same on held-out poses [m].

@@ -1,7 +1,7 @@
 """A cause that nobody recorded: where something unexplained acts, whatever it is, and its value in every pose.
 
 For each site and axis the residual is taken as noise plus a random twist of unknown variance v, one per pose:
-r ~ N(0, s^2 I + v J J'), and the likelihood is maximised over v and the noise's size s. Nobody knows s for positions
+r ~ N(0, s^2 I + v J J'), and the likelihood is maximised over v and the noise's size s. s is not known for positions
 from orientations: where both were read, each kind is first taken by its own size.
 """
 
@@ -26,7 +26,7 @@ from armflex.rows.rows import POSE
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
-"""Tolerance: variances tried, in units of what the mean pose could tell at all."""
+"""Tolerance: variances tried, in units of what the mean pose could show at all."""
 
 LEVEL = 1.0
 """Prior: log-likelihood ratio by which a link's end must be likelier than a joint."""
@@ -38,7 +38,7 @@ LARGEST_SHIFT, LARGEST_TURN = 0.02, 0.005
 """Prior: standard deviation from pose to pose [m, rad] beyond which an arm is broken and somebody knows."""
 
 AS_LIKELY = 3.0
-"""Confidence: log-likelihood within which places are not told apart."""
+"""Confidence: log-likelihood within which places are not distinguished."""
 
 RANDOM = "unexplained"
 """Name of the effect while a fit lasts."""
@@ -127,7 +127,7 @@ def _likelihood(score: Array, square: Array, total: float, count: int) -> tuple[
 
 
 def as_likely(places: tuple[RandomTwist, ...]) -> tuple[RandomTwist, ...]:
-    """Return the places that the residual does not tell from the first."""
+    """Return the places that the residual does not distinguish from the first."""
     return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
 
 

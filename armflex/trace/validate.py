@@ -95,7 +95,7 @@ class Folds:
 
 @dataclass(frozen=True, eq=False)
 class Validated:
-    """How a state predicts poses that it has not seen.
+    """How a state predicts held-out poses.
 
     Attributes:
         compared: Errors on poses held out.
@@ -195,7 +195,7 @@ def sessions_held_out(
     """Return the RMS of the 3-D error with whole sessions held out, before and after new blocks came in [m].
 
     Over the sessions without which the others still show what is new: whether a tool slipped before the second of two
-    sessions nobody can tell from one of them. None where there are no such sessions.
+    sessions that no reading distinguishes from one of them. None where there are no such sessions.
     """
     if len(set(sessions)) < 2 or not new:
         return None

@@ -60,7 +60,7 @@ class Reading:
     @classmethod
     @checked_kinds
     def of(cls, measurements: Measurements, row: int, timed: bool = False) -> Reading:
-        """Return a row of a campaign, with its time if wanted; a direction that no row before tells is not given."""
+        """Return a row of a campaign, with its time if wanted; a direction that no row before says is not given."""
         known = {name: float(values[row]) for name, values in measurements.known.items()}
         rotation, sigma_r = measurements.rotation, measurements.sigma_r
         if rotation is not None and sigma_r is not None and np.isfinite(sigma_r[row]):

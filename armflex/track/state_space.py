@@ -45,7 +45,7 @@ WIDE = 1e4
 """Standard deviation along a direction of which nothing is known, by the size of a change: metres, and a radian."""
 
 UNTOLD = 0.25
-"""Part of such a direction's variance that is left where no reading has told of it."""
+"""Part of such a direction's variance that is left where no reading has informed on it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class Model:
         return realise(self.declared, self.blocks, values)
 
     def arm(self, values: Array, covariance: Array) -> Arm:
-        """Return the arm at (P,) values with their covariance, open where no reading told anything."""
+        """Return the arm at (P,) values with their covariance, open where no reading informed on them."""
         along = np.linalg.pinv(self.wide.T)
         left, turn = np.linalg.eigh(along @ covariance @ along.T)
         unknown = (turn.T @ self.wide)[left > UNTOLD]

@@ -56,13 +56,15 @@ class Tracker:
 
     It starts from what a calibration left of certainty (`Arm.certainty`), or where there is none from [prior]. Frames
     of the campaign's sessions are left behind: every new session's frame is uncertain as [prior] says. Effects of the
-    arm stay as they are; where one derives from which side a joint came (`Effect.derived`), readings tell it by their
+    arm stay as they are; where one derives from which side a joint came (`Effect.derived`), readings show it by their
     order unless they give it. Directions of parameters that calibration left open are as uncertain as can be until a
-    reading tells of them. A reading that is off counts less; where several agree that a law has changed, the law is
-    announced, and followed from where it changed. What is not among the parameters cannot be told from what is.
+    reading informs on them. A reading that is off counts less; where several agree that a law has changed, the law is
+    announced, and followed from where it changed. What is not among the parameters cannot be distinguished from what
+    is.
 
-    While too little is known to tell a gross reading from a true one (the arm is as declared, or the session is new),
-    the readings so far, 48 at most, are judged again by one another after every reading, and no change is announced.
+    While too little is known to distinguish a gross reading from a true one (the arm is as declared, or the session is
+    new), the readings so far, 48 at most, are judged again by one another after every reading, and no change is
+    announced.
 
     Memory is constant. An update takes some tenths of a millisecond, one that judges readings again or looks for a
     change some milliseconds. The first reading with a payload takes ten milliseconds more; the first tracker of all on
@@ -77,8 +79,8 @@ class Tracker:
             where the calibration came down to the noise.
 
     Raises:
-        InputError: Nobody knows where the instrument stands, or nothing may move; a rate or sigma is no number of its
-            kind, or absurd.
+        InputError: It is not known where the instrument stands, or nothing may move; a rate or sigma is no number of
+            its kind, or absurd.
         UnknownNameError: A rate is for no parameter.
     """
 
@@ -264,9 +266,9 @@ class Tracker:
         return Sight(model.setup(point), model.blocks, model.aside.unexplained, self._sigma)
 
     def _directed(self, reading: Reading) -> tuple[Reading, tuple[list[float], list[float]] | None]:
-        """Return a reading with the directions that effects derive as the readings before tell them, and the motion.
+        """Return a reading with the directions that follow from the readings before, and the motion.
 
-        What a reading gives itself counts; where none before tells a direction, it stays untold.
+        What a reading gives itself counts; where none before says a direction, it stays open.
         """
         if not self._derived:
             return reading, None
@@ -278,7 +280,7 @@ class Tracker:
         return replace(reading, covariates={**told, **reading.covariates}), (q.tolist(), approach.tolist())
 
     def _clock_at(self, reading: Reading) -> float:
-        """Return the time that drift goes by, at a reading."""
+        """Return the time that drift depends on, at a reading."""
         state, timed = self._state, reading.time is not None
         if state.timed is not None and timed != state.timed:
             raise InputError("time: given for some readings and not for others")

@@ -37,7 +37,7 @@ class State:
         session: The session that the last one was of.
         time: When that was [s].
         timed: Whether readings have times, None before the first.
-        clock: Time that drift goes by, in seconds or readings.
+        clock: Time that drift depends on, in seconds or readings.
         drifted: Clock up to which drift is in the estimate.
         waiting: Readings since then.
         patience: How long drift may wait.

@@ -43,7 +43,7 @@ FEWEST, MOST = 3, 10
 """Readings after a change before it can be announced, and after which it is whether or not one law stands out."""
 
 FORESEEN = 1.0
-"""Variance of what is expected of a reading, by that of its noise, below which it is foreseen."""
+"""Variance of what is expected of a reading, by that of its noise, below which it counts as predicted."""
 
 LONGEST = 48
 """Readings after which nothing is unsettled."""
@@ -63,7 +63,7 @@ class Change(Result):
         parameters: (k,) what changed: all of one group.
         probability: That it was this one, among all laws and no change at all.
         reading: Number of the reading after which it was announced, the first being 1.
-        since: Number of the first reading after the change, as far as can be told.
+        since: Number of the first reading after the change, as far as is known.
         size: (k,) by how much [m, rad], against what was known of the arm before: joint offsets, geometry, tool and
             instrument in m and rad, learned laws in parts of what was declared; of compliances the logarithm of the
             factor that they became larger by (0.18 is 20 %).
@@ -141,8 +141,8 @@ class Watch:
         weights: What each of them counted.
         total: Cumulated sum of squared innovations beyond what is expected.
         rising: Place in the window from which on it has not been zero.
-        unsettled: Readings in a row that have yet to be foreseen before a change is believed. Until then what was
-            expected was so wide that a gross reading may have been taken for true: those of the window are judged
+        unsettled: Readings in a row that have yet to be predicted before a change is accepted. Until then what was
+            expected was so wide that a gross reading may have counted as true: those of the window are judged
             again, each by all others, after every reading.
         part: Part of their residuals by which they are judged then; see `contradicted`.
         readings: Those of the window while unsettled, to be looked at anew where the arm is linearised elsewhere.

@@ -77,7 +77,7 @@ def cold_processes(names: Iterable[str], folder: Path, together: int, seconds: f
             running.append((name, subprocess.Popen(command, cwd=folder, env=env, text=True, **pipes)))
         for name, process in running:
             try:
-                said = process.communicate(timeout=max(until - time.monotonic(), 0.0))[1]
+                said = process.communicate(timeout=max(until - time.monotonic(), 1.0))[1]
                 yield name, said if process.returncode else ""
             except subprocess.TimeoutExpired:
                 process.kill()

@@ -1,4 +1,4 @@
-"""A base that gives under the moment on it: C_b times the moment, the same about all axes, or each its own.
+"""A base that tilts under the moment on it: C_b times the moment, the same about all axes, or each its own.
 
 About several axes C_b is a symmetric matrix: what stands askew leans sideways, too.
 """

@@ -45,13 +45,13 @@ NAMED = (
     "guide",
     "telescope",
 )
-"""A file each, whose law goes by its name in capitals; see `LAWS` for the order."""
+"""A file each, whose law has its name in capitals; see `LAWS` for the order."""
 
 LAWS: tuple[EffectLaw, ...] = (
     *(getattr(import_module(f"armflex.laws.effects.{name}"), name.upper()) for name in NAMED),
     *(LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT),
 )
-"""In the order of preference where the data cannot tell two laws apart: the plainer first; then what has no name."""
+"""In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes."""
 
 EVERY: dict[str, EffectLaw] = {law.name: law for law in LAWS}
 """Name -> law."""
@@ -60,4 +60,4 @@ CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in LAWS if not law.shap
 """Those that files call by it."""
 
 SHAPES: dict[str, EffectLaw] = {law.shape: law for law in LAWS if law.shape}
-"""What files call a shape without a name -> shape."""
+"""What files call an unnamed shape -> shape."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from armflex.laws.effects.effect import Manipulator, Memory, Solved, Values
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
-"""Names of columns that are taken for a temperature."""
+"""Names of columns that count as a temperature."""
 
 MASS = "payload_mass"
 """Column of the mass of what is carried [kg], which every row has."""
@@ -52,7 +52,7 @@ class Records:
 
     @property
     def temperatures(self) -> tuple[str, ...]:
-        """Candidates that go by the name of a temperature."""
+        """Candidates that are called a temperature."""
         return tuple(name for name in self.recorded if TEMPERATURE.search(name))
 
     @property

@@ -36,8 +36,8 @@ Values = tuple[float, ...]
 class Amplitude:
     """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's.
 
-    With `positive` it makes no sense below zero, and beyond `most` in size it is not believed. `usual` is what
-    machines have without anybody knowing, where the twist or the force that it makes does not tell.
+    With `positive` it makes no sense below zero, and beyond `most` in size it is implausible. `usual` is what
+    machines have without anybody knowing, where the twist or the force that it makes does not show it.
     """
 
     name: str
@@ -191,9 +191,9 @@ class EffectLaw(ABC):
         act: What its features are.
         name: As files name it; 'unnamed_' and more where `shape` is their name for it.
         words: For people.
-        instead: What shows it by other means than more rows of the same kind; '' where nobody knows.
+        instead: What shows it by other means than more rows of the same kind; '' where none is known.
         level: What is said in its stead where gravity turns with the joint: what a level shows of it.
-        watched: Whether both only watch what moves, which does not tell two causes of one motion apart.
+        watched: Whether both only watch what moves, which does not distinguish two causes of one motion.
         plausible: How large it is on machines that work.
         places: Where it makes sense.
         amplitudes: Linear parameters.
@@ -201,7 +201,7 @@ class EffectLaw(ABC):
         loaded: Whether a twist depends on the wrench.
         linear: Whether it is proportional to it, at given positions and covariates, where the flexure's own law is.
         memory: State it needs, if any.
-        possible: Whether it is believed of a context and an arm with its values, beyond the bounds of its amplitudes.
+        possible: Whether it is plausible of a context and an arm with its values, beyond the bounds of its amplitudes.
         constant: Whether it depends on nothing: nothing is plainer.
         timed: Whether it depends on time alone: in a single session time runs along with the poses.
         spatial: Whether a place in space is searched for it, with which it bends like a free shape.
@@ -209,9 +209,9 @@ class EffectLaw(ABC):
         sought: Whether it is tried only where the residual points.
         passive: Whether a twist of the load is a compliance, which must follow the load's way.
         symmetric: Whether axis and partner of its locations may change places.
-        of_session: Whether it is of a session that has been: no row still to be measured tells of it.
+        of_session: Whether it is of a session that has been: no row still to be measured depends on it.
         stands_for: Blocks of declared parameters whose errors look like it.
-        shape: What files call a shape without a name, '' for all others.
+        shape: What files call an unnamed shape, '' for all others.
         columns: How many columns of any name such a shape depends on.
     """
 

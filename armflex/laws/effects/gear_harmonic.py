@@ -12,13 +12,13 @@ from armflex.laws.effects.location import Location, with_terms
 from armflex.laws.effects.shapes import at_drives, on_drive, own_position, told_from_aliases
 
 MOST_PERIODS = 24.0
-"""Periods over a joint's driven range beyond which a campaign of some hundred poses tells nothing."""
+"""Periods over a joint's driven range beyond which a campaign of some hundred poses determines none."""
 
 
 def _orders(location: Location, context: Context) -> Iterable[float]:
     """Return wave numbers a third of a period over the driven range apart, from two per turn (or per range) on.
 
-    Those that the poses at hand do not tell from their aliases are left out.
+    Those that the poses at hand do not distinguish from their aliases are left out.
     """
     position = context.row.position(location.place)
     span = float(np.ptp(position)) or 1.0

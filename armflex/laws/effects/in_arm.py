@@ -1,6 +1,6 @@
 """Effects at work in an arm: twists join the law of a flexure, loads pull on links.
 
-What they depend on is asked here, too: the columns of rows, and directions that the order of the rows must tell.
+What they depend on is asked here, too: the columns of rows, and directions that follow from the order of the rows.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class BoundTwist(WithoutParameters):
 class SumOfLaws(Composed):
     """Laws under one load, whose twists add up: a flexure's, if it has one, and what effects add to it.
 
-    How well effects are known goes by the calibration's covariance.
+    The calibration's covariance says how well effects are known.
     """
 
     laws: tuple[Law, ...]
@@ -248,7 +248,7 @@ def check_approaches(values: Mapping[str, float], joints: Sequence[str]) -> None
 
 
 def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple[Flag, ...]:
-    """Return a flag for every direction that effects depend on and the order of the rows must tell.
+    """Return a flag for every direction that effects depend on and that follows from the order of the rows.
 
     Args:
         arm: The arm with its effects.
@@ -256,7 +256,7 @@ def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple
         asked: Numbers of the rows whose answers count.
 
     Raises:
-        MissingCovariateError: No row before an asked one tells where a joint came from, and the effect that asks was
+        MissingCovariateError: No row before an asked one says where a joint came from, and the effect that asks was
             not found in rows like these; see `Effect.derived`.
     """
     flags: dict[str, Flag] = {}
@@ -270,7 +270,7 @@ def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple
 
 
 def derived_direction(name: str, untold: int) -> Flag:
-    """Return the flag about a direction that no column gives and some rows do not tell."""
+    """Return the flag about a direction that no column gives and some rows leave open."""
     text = f"{name} is not given: taken from how the rows before moved the joint"
     if untold:
         rows = "row does not determine it, and is" if untold == 1 else "rows do not determine it, and are"
@@ -279,12 +279,12 @@ def derived_direction(name: str, untold: int) -> Flag:
 
 
 def without_direction(effects: Iterable[Effect], rows: Rows) -> np.ndarray:
-    """Return (N,) rows in which no row before tells a direction that an effect depends on: none is taken for it."""
+    """Return (N,) rows in which no row before says a direction that an effect depends on: it counts as none."""
     return np.any([np.zeros(len(rows), dtype=bool), *(untold for _, _, untold in directions(effects, rows))], axis=0)
 
 
 def directions(effects: Iterable[Effect], rows: Rows) -> Iterator[tuple[str, Effect, np.ndarray]]:
-    """Yield every direction that was not recorded, the effect that asks for it, and (N,) where the rows do not tell."""
+    """Yield every direction that was not recorded, the effect that asks for it, and (N,) where it stays open."""
     columns = {f"{APPROACH}{joint}": i for i, joint in enumerate(rows.joint_names)}
     for effect in effects:
         for name in effect.location.covariates:

@@ -1,4 +1,4 @@
-"""A link that gives at its end, in the frame before its end joint's motion: C w, on one axis or about several."""
+"""A link that bends at its end, in the frame before its end joint's motion: C w, on one axis or about several."""
 
 import numpy as np
 

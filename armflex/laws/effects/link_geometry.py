@@ -1,4 +1,4 @@
-"""A link that is built otherwise than drawn: a constant twist at its end."""
+"""A link that is not as drawn: a constant twist at its end."""
 
 import numpy as np
 

@@ -19,7 +19,7 @@ BASE, TOOL, LINK = "base", "tool", "link:"
 
 @dataclass(frozen=True)
 class Location:
-    """A law's place among all places: what tells one candidate from another, hashable.
+    """A law's place among all places: what distinguishes one candidate from another, hashable.
 
     Attributes:
         site: 'base', a joint, 'link:JOINT' (the link that the joint ends), or 'tool'.
@@ -37,7 +37,7 @@ class Location:
 
     @property
     def place(self) -> str:
-        """The site as files name it: a link goes by the joint that ends it."""
+        """The site as files name it: a link has the name of the joint that ends it."""
         return self.site.removeprefix(LINK)
 
     @property
@@ -126,7 +126,7 @@ def resolve(location: Location, robot: Robot, flexures: Sequence[Flexure]) -> He
 
 
 def site_of(name: str, robot: Robot) -> Site:
-    """Return the site of a model of the arm that goes by a name."""
+    """Return the site of a model of the arm that has a name."""
     if name == BASE:
         return Site(name, None)
     if name == TOOL:

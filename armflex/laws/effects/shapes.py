@@ -115,16 +115,16 @@ def lag_grid(location: Location, context: Context) -> Iterable[float]:
 
 
 LEVELS, SLICES, SEEN = 8, 4, 2.0
-"""Distinct values, to a hundredth of their range, that a wave of three numbers beside a mean takes to be told from
-other shapes; slices of a period, and how many of them must be seen for every period within the range."""
+"""Distinct values, to a hundredth of their range, that a wave of three numbers beside a mean needs to be distinguished
+from other shapes; slices of a period, and how many of them must be seen for every period within the range."""
 
 
 def told_from_aliases(values: Array, number: float) -> bool:
-    """Return whether (N,) values tell a wave of a wave number [1/unit of them] from those of other numbers.
+    """Return whether (N,) values distinguish a wave of a wave number [1/unit of them] from those of other numbers.
 
-    Values that lie anyhow tell faster waves than even ones do (Landau 1967): what counts is on how many places of its
-    periods a wave was seen. Where most periods were seen at one place or not at all, a slow wave, or a load that goes
-    with the column, gives the same numbers.
+    Values that lie anyhow resolve faster waves than even ones do (Landau 1967): what counts is on how many places of
+    its periods a wave was sampled. Where most periods were sampled at one place or not at all, a slow wave, or a load
+    that varies with the column, gives the same numbers.
     """
     span = float(np.ptp(values))
     if span <= 0.0 or len(np.unique(np.round((values - values.min()) / (0.01 * span)))) < LEVELS:

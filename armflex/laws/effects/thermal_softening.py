@@ -12,7 +12,7 @@ from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warmth, with_temperature
 
 MOST = 0.1
-"""Largest beta that is believed [1/K]: plastics near their softening point; steel and gears have a thousandth."""
+"""Largest plausible beta [1/K]: plastics near their softening point; steel and gears have a thousandth."""
 
 
 def _places(records: Records) -> list[Location]:

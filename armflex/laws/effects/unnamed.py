@@ -1,4 +1,4 @@
-"""Shapes without a name: a twist, or a compliance, as a free function of a column, for what no law describes.
+"""Unnamed shapes: a twist, or a compliance, as a free function of a column, for what no law describes.
 
 They are no physics: they say where, along which axis and with which column something happens, and its shape inside the
 recorded range; outside it they stay at their end values.
@@ -83,7 +83,7 @@ WAVES = np.arange(LEAST_PERIODS, PERIODS, 1.0 / 3.0)
 
 @lru_cache(64)
 def _numbers(column: bytes) -> list[float]:
-    """Return wave numbers that the (N,) values of a column tell from others; it is asked for at every place."""
+    """Return wave numbers that the (N,) values of a column distinguish from others; it is asked for at every place."""
     values = np.frombuffer(column)
     numbers = 2.0 * np.pi / float(np.ptp(values)) * WAVES
     return [number for number in numbers.tolist() if told_from_aliases(values, number)]

@@ -46,7 +46,7 @@ class HardeningLaw(Law):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """A factor on every axis that gives (C becomes S C S), and one on the energy."""
+        """A factor on every compliant axis (C becomes S C S), and one on the energy."""
         names = (*(TWIST_NAMES[axis] for axis in self._axes), "energy")
         return tuple(Parameter(name, "1", self.relative_std, Transform.LOG) for name in names)
 

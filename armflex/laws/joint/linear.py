@@ -20,7 +20,7 @@ SINGULAR = 1e-12
 """Least eigenvalue of a stiffness, its diagonal 1, of which an inverse has digits that mean something."""
 
 SOFTEST = (1e-5, 1e-3)
-"""m/N and rad/Nm beyond which a single joint of steel is not believed; a hint at a wrong unit, no more."""
+"""m/N and rad/Nm beyond which a single joint of steel is implausible; a hint at a wrong unit, no more."""
 
 EXAMPLE = """
 model = "linear"

@@ -86,13 +86,13 @@ def fading(base: Law, correction: Correction, wrenches: Array, row: Row) -> tupl
     A correction c that fades is a compliance the other way, c times the slope of its weight: too steep a one takes all
     that the joint gives, or gives too much, and the arm looks as if it buckled. With C = R R' it changes no more of C
     than |R^-1 c| |R^-1 slope| in any direction of the load. The second factor is the same in all directions, and least,
-    where the weight goes by the energy w' C w; the reach is such that the product is `TAKEN` at most in
+    where the weight is a function of the energy w' C w; the reach is such that the product is `TAKEN` at most in
     the many directions that are looked at.
 
     Args:
         base: The law that is corrected.
         correction: As it was learned, not fading.
-        wrenches: (M, 6) loads seen.
+        wrenches: (M, 6) observed loads.
         row: The M rows.
     """
     seen = correction.seen

@@ -36,7 +36,7 @@ MOST_NEURONS = 64
 
 @dataclass(frozen=True, eq=False)
 class LearnedLaw(Law):
-    """The declared law with the parameters that it lets learn, and a correction that counts at the loads seen.
+    """The declared law with the parameters that it lets learn, and a correction that counts at the observed loads.
 
     Attributes:
         declared: The law that it is learned about.
@@ -46,7 +46,7 @@ class LearnedLaw(Law):
         values: (k,) values of both in their units, those of `free` first.
         scales: Prior standard deviation of every group of parameters.
         posterior: (k, k) covariance of the values in their units, None where nobody says.
-        reach: (6,) how large a correction may be at the loads seen, its uncertainty included [m, rad]; None for none.
+        reach: (6,) largest correction at the observed loads, its uncertainty included [m, rad]; None for none.
     """
 
     declared: Law
@@ -144,7 +144,7 @@ class LearnedLaw(Law):
     def scatter(self, wrench: Array, row: Row) -> Array | None:
         """Return the declared law's scatter, and beyond the loads what may be left of a correction.
 
-        Beyond the loads seen a correction may be as large as it was among them, and grow with the load.
+        Beyond the observed loads a correction may be as large as it was among them, and grow with the load.
         """
         found = self.declared.scatter(wrench, row)
         if self.reach is not None:

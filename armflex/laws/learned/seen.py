@@ -13,7 +13,7 @@ from armflex.conventions import Array
 from armflex.laws.law import Law, Row
 
 OVER = 1.0
-"""Furthest that a correction is carried on beyond the loads seen, as a distance: no polynomial runs away."""
+"""Furthest that a correction is carried on beyond the observed loads, as a distance: no polynomial runs away."""
 
 UNKNOWN = 2.0
 """Distance from which on nothing is known of a correction any more, whatever is left of it."""
@@ -33,7 +33,7 @@ changes with how the arm gives, and what was seen of it is not a hair's breadth 
 class Seen:
     """Loads that a campaign put on a flexure, an ellipsoid; distances are multiples of the furthest one's.
 
-    Fading goes by a reach of its own, see `energy`: distance counts a hair in a direction that was hardly loaded for as
+    Fading has a reach of its own, see `energy`: distance counts a hair in a direction that was hardly loaded for as
     much as all of the load in another, and to fade that fast would take more than a stiff axis gives.
 
     Attributes:
@@ -69,7 +69,7 @@ class Seen:
         return bool(off @ self.precision @ off <= 1.0)
 
     def outreach(self, wrench: Array) -> Array:
-        """Return the (...) reach of a (..., 6) wrench that fading goes by: 1 or less at all that were seen."""
+        """Return the (...) reach of a (..., 6) wrench that fading depends on: 1 or less at all that were observed."""
         off = wrench - self.mean
         return np.sqrt(((off @ self._form) * off).sum(axis=-1))
 

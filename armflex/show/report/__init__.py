@@ -62,7 +62,7 @@ def render_iso9283(found: PosePerformance) -> str:
 
 
 def _rendered(template: str, account: Callable[[], object]) -> str:
-    """Return a page of what `account` tells, its figures drawn in the page's style."""
+    """Return a page of what `account` says, its figures drawn in the page's style."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     from armflex.show.report.svg import drawing

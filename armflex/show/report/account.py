@@ -202,7 +202,7 @@ def _effect(trace: Trace, index: int) -> SimpleNamespace:
 
 
 def _hidden(trace: Trace) -> Table:
-    """Return laws that could not have been told: where fitted parameters hide them, and where they move nothing."""
+    """Return laws that were not identifiable: where fitted parameters hide them, and where they move nothing."""
     added = {(one.effect.law.name, one.effect.location.place) for one in trace.found}
     rows: dict[str, tuple[list[str], list[str]]] = {}
     called_in = in_dh_words(trace.arm.robot)

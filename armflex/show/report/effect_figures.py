@@ -1,4 +1,4 @@
-"""Figures of one effect: the residual against its suspect, its hypotheses, and the posterior of its parameters."""
+"""Figures of one effect: the residual against its covariate, its hypotheses, and the posterior of its parameters."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _limits(seen: Suspicion) -> tuple[float, float]:
 
 
 def _cloud(panel: Axes, seen: Suspicion, values: Array, colour: str) -> None:
-    """Draw every reading, fainter the less it can tell, and means where the readings lie close."""
+    """Draw every reading, fainter the less it informs, and means where the readings lie close."""
     faint = np.clip((np.median(seen.std) / seen.std) ** 2, 0.06, 1.0) * 0.45
     spread = np.zeros(len(seen.x))
     kinds = np.unique(seen.x)

@@ -71,7 +71,7 @@ def millimetres(value: float | None, std: float | None = None, unit: str = "m") 
 
 
 def change(before: float, after: float, unit: str = "m") -> str:
-    """Return two errors as '1.03 mm → 0.36 mm', with as many digits as it takes to tell them apart."""
+    """Return two errors as '1.03 mm → 0.36 mm', with as many digits as it takes to distinguish them."""
     (name, factor), shown = SHOWN[unit], ["", ""]
     for places in (2, 3, 4):
         shown = [f"{factor * value:.{places}f}" for value in (before, after)]

@@ -1,4 +1,4 @@
-"""The result in sentences: which effects were identified, how large the error is now, what could not be told."""
+"""The result in sentences: which effects were identified, how large the error is now, what stayed undetermined."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 
 
 def further(trace: Trace) -> list[str]:
-    """Return what has to be said beside the result: what is not told apart, what is left, what would have shown."""
+    """Return what has to be said beside the result: what is not distinguished, what is left, what would have shown."""
     said = []
     for one, number in zip(trace.found, trace.numbers, strict=True):
         own = called(one.effect)
@@ -120,7 +120,7 @@ def left(unexplained: Unexplained, readings: Readings) -> str:
 
 
 def sure(found: Found) -> str:
-    """Return why an effect is believed."""
+    """Return why an effect is accepted."""
     proof = found.proof
     chance = f"the best log odds that random signs of the residual gave any effect are {short(proof.null)}"
     worth = (

@@ -73,7 +73,7 @@ class Direction:
 
 
 def suspicion(trace: Trace, index: int) -> Suspicion:
-    """Return the residuals along the direction of one found effect, believed rows only, in a unit that suits them."""
+    """Return the residuals along the direction of one found effect, counted rows only, in a unit that suits them."""
     effect, fit = trace.found[index].effect, trace.state.fit
     motion = motion_of(trace, effect)
     direction, x, x_label = _seen(trace, effect, motion)

@@ -79,7 +79,7 @@ def canvas(width: float, height: float, rows: int = 1, columns: int = 1, **more)
 
 
 def inline(figure: Figure, name: str) -> str:
-    """Return the SVG element of a figure; `name` tells its ids from those of other figures and is read aloud."""
+    """Return the SVG element of a figure; `name` makes its ids its own and is read aloud."""
     import matplotlib as mpl
 
     text = StringIO()

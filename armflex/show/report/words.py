@@ -11,7 +11,7 @@ SITES = {BASE: "the base", TOOL: "the tool", LINK + TOOL: "the last link"}
 
 
 def words(effect: str) -> Words:
-    """Return the words for a law; one that is not in the catalogue goes by its name."""
+    """Return the words for a law; of one that is not in the catalogue, its name."""
     return EVERY[effect].words if effect in EVERY else Words(effect.replace("_", " "), "", "")
 
 
@@ -23,7 +23,7 @@ def site_words(site: str) -> str:
 
 
 def called(effect: Effect, number: int = 1) -> str:
-    """Return an effect in words: 'backlash at A5 (rz)'; one without a name says which column it goes with.
+    """Return an effect in words: 'backlash at A5 (rz)'; an unnamed one says which column it depends on.
 
     `number` is which of its name it is in the arm, see `numbers_of`: the second ends in #2.
     """
@@ -48,7 +48,7 @@ def units_of(effect: Effect) -> dict[str, str]:
 
 
 def labelled(effect: Effect, number: int = 1) -> str:
-    """Return an effect in as few words as tell it from its hypotheses: law, place, number, terms, columns."""
+    """Return an effect in as few words as distinguish it from its hypotheses: law, place, number, terms, columns."""
     law, location = effect.law, effect.location
     terms = [law.amplitudes[i].name for i in location.terms]
     which = f" [{' '.join(terms)}]" if 0 < len(terms) < len(law.amplitudes) else ""

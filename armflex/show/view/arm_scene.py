@@ -53,7 +53,7 @@ NICE = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
 AXES = ("#d62728", "#2ca02c", "#1f5fd0")
 GRAVITY, FORCE = "#5a6776", "#c2185b"
 STONE = 2500.0
-"""Density that a payload is drawn with where its inertia does not tell its size [kg/m^3]."""
+"""Density that a payload is drawn with where its inertia does not determine its size [kg/m^3]."""
 
 SAMPLES = 9
 """Positions along a joint at which the arm is asked for a slider's table."""

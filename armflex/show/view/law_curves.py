@@ -1,4 +1,4 @@
-"""Laws that were learned as a picture: every joint's twist over the loads seen, with its band."""
+"""Laws that were learned as a picture: every joint's twist over the observed loads, with its band."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BEYOND = 0.3
-"""How far beyond the loads seen the picture goes, as a part of their range."""
+"""How far beyond the observed loads the picture goes, as a part of their range."""
 
 STEPS = 241
 NORMAL_95 = 1.96
@@ -38,7 +38,7 @@ class Slice:
         law: Its law.
         row: Joint positions: the middle of every travel.
         axis: Of the twist, 0 to 5.
-        component: Of the load, 0 to 5: the one that turns this axis most within the loads seen.
+        component: Of the load, 0 to 5: the one that turns this axis most within the observed loads.
     """
 
     name: str

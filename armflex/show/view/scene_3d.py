@@ -113,7 +113,7 @@ class Posable:
         rigid: (L, 4, 4) their rigid poses now, in the world.
         behind: (L, J) which joints move each.
         flexed: (L, 6) as `Slider.flexed`, now.
-        tip: Number of the link whose shift is told.
+        tip: Number of the link whose shift is shown.
         magnification: Factor in all of them.
         frame: Which of the scene's times this is.
         when: Said of it, '' where there is but one.

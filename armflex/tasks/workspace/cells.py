@@ -100,7 +100,7 @@ def cell_indices(numbers: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """An arm, what it carries, and how its answers are told apart.
+    """An arm, what it carries, and how its answers are distinguished.
 
     Attributes:
         arms: The arm, and others drawn from what is known of it.

@@ -68,7 +68,7 @@ class WorkspaceMap(Result):
         reasons: "unstable", "too_large" (a flexure turns too far for its law), "no_equilibrium", "beyond_training".
         mean: (V,) mean displacement [m], NaN where everything was refused.
         worst: (V,) largest displacement [m], likewise.
-        sigma: (V,) its standard uncertainty [m], likewise and where it cannot be told; None where nobody states one.
+        sigma: (V,) its standard uncertainty [m], likewise and where it is not known; None where nobody states one.
         worst_of_draws: (V,) largest displacement of any drawn arm [m], inf where one has no answer to a configuration
             there; None where none were drawn.
         worst_q: (V, nq) configuration of the largest [rad or m].
@@ -198,7 +198,7 @@ def map_workspace(
         uncertainty: False leaves out the standard uncertainty of the largest displacement in every voxel.
         draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`; `seed` is theirs, too.
             All else in the map is as without them.
-        jobs: Processes, -1 for all cores; None for what joblib was told, else one.
+        jobs: Processes, -1 for all cores; None for what joblib is set to, else one.
         chunk: Configurations that are asked at once, a power of two; part of what the map's last digits depend on.
         store: Folder that keeps finished chunks. With it an interrupted map goes on from where it was, and one of more
             rows from one of fewer.
