@@ -59,12 +59,19 @@ typedef struct {
 #endif
 #if TERMS
 
-/* A part of a law that is not: a number made of the load, see term_at, times two factors, along a twist; and the terms
- * of one law, at loads drawn in to a window where one counts (-1: none). The part u . w of a load counts, or a form. */
-enum { UNLOADED, ALONG, SIZE, SIGNED_SQUARE, CUBE, CLIPPED, NEURON, QUADRATIC, LENGTH, HARDENED };
+/* A part of a law that is not: what does not depend on the load and a matrix times the load, times features of the load
+ * (numbers, see feature_at) and two factors; and the terms of one law, at loads drawn in to a window where one counts
+ * (-1: none). The part u . w of a load counts, or a form. */
+enum { PART, SIZE, CLIPPED, TANH, RAISED };
+#if FEATURES
 typedef struct {
-    int kind, first, second, form;
-    double u[6], bias, along[6];
+    int kind, form;
+    double u[6], bias, exponent;
+} feature;
+#endif
+typedef struct {
+    int first, second, from, end, matrix;
+    double along[6];
 } term;
 typedef struct {
     int flexure, window, first, end;
@@ -473,6 +480,7 @@ static void know_laws(arm_state *s)
     }
 #endif
 }
+#if FEATURES
 #if FORMS
 
 static double form_of(const double form[6][6], const double *w)
@@ -484,25 +492,28 @@ static double form_of(const double form[6][6], const double *w)
     return sum;
 }
 #endif
-#if TERMS
 
-/* Return what a term makes of a load w. */
-static double term_at(const term *t, const double *w)
+/* Return the number that a feature makes of a load w. */
+static double feature_at(const feature *f, const double *w)
 {
-    double part = dot6(t->u, w), value = 1.0;
-    switch (t->kind) {
-    case ALONG: value = part; break;
-    case SIZE: value = fabs(part); break;
-    case SIGNED_SQUARE: value = part * fabs(part); break;
-    case CUBE: value = part * part * part; break;
-    case CLIPPED: value = fmin(fmax(part, -1.0), 1.0); break; /* play that the load takes up */
-    case NEURON: value = 1.0 - 2.0 / (exp(2.0 * (part + t->bias)) + 1.0); break; /* tanh, which takes twice as long */
+    double value = dot6(f->u, w);
+    switch (f->kind) {
+    case SIZE: value = fabs(value); break;
+    case CLIPPED: value = fmin(fmax(value, -1.0), 1.0); break; /* play that the load takes up */
+    case TANH: value = 1.0 - 2.0 / (exp(2.0 * (value + f->bias)) + 1.0); break; /* tanh takes twice as long */
 #if FORMS
-    case QUADRATIC: value = form_of(forms[t->form], w); break;
-    case LENGTH: value = sqrt(fmax(form_of(forms[t->form], w), 0.0)); break;
-    case HARDENED: value = part / sqrt(1.0 + fmax(form_of(forms[t->form], w), 0.0)); break;
+    case RAISED:
+        value = fmax(f->bias + form_of(forms[f->form], w), 1e-300);
+        if (f->exponent == 0.5) {
+            value = sqrt(value);
+        } else if (f->exponent == -0.5) {
+            value = 1.0 / sqrt(value);
+        } else if (f->exponent != 1.0) {
+            value = pow(value, f->exponent);
+        }
+        break;
 #endif
-    default: break; /* UNLOADED */
+    default: break; /* PART */
     }
     return value;
 }
@@ -542,27 +553,31 @@ static double draw_in(const window *seen, double *w)
 static void curve(const arm_state *s, const group *law, const double *load, double given[6])
 {
     double w[6] = {load[0], load[1], load[2], load[3], load[4], load[5]}, weight = 1.0;
-    double dx = 0.0, dy = 0.0, dz = 0.0, rx = 0.0, ry = 0.0, rz = 0.0;
+    double sum[6] = {0.0};
 #if WINDOWS
     if (law->window >= 0) {
         weight = draw_in(&windows[law->window], w);
     }
 #endif
     for (const term *t = &terms[law->first]; t < &terms[law->end]; t++) {
-        double value = term_at(t, w) * s->factor[t->first] * s->factor[t->second];
-        dx += value * t->along[0];
-        dy += value * t->along[1];
-        dz += value * t->along[2];
-        rx += value * t->along[3];
-        ry += value * t->along[4];
-        rz += value * t->along[5];
+        double value = s->factor[t->first] * s->factor[t->second];
+#if FEATURES
+        for (int f = t->from; f < t->end; f++) {
+            value *= feature_at(&features[f], w);
+        }
+#endif
+        for (int a = 0; a < 6; a++) {
+            sum[a] += value * t->along[a];
+        }
+#if FORMS
+        for (int a = 0; (t->matrix >= 0) && (a < 6); a++) {
+            sum[a] += value * dot6(forms[t->matrix][a], w);
+        }
+#endif
     }
-    given[0] = weight * dx;
-    given[1] = weight * dy;
-    given[2] = weight * dz;
-    given[3] = weight * rx;
-    given[4] = weight * ry;
-    given[5] = weight * rz;
+    for (int a = 0; a < 6; a++) {
+        given[a] = weight * sum[a];
+    }
 }
 
 #if STRAIGHTENED

@@ -1,6 +1,6 @@
 """The arm as one file of C99 for a controller: `arm.c` beside this file, with the arm's numbers in its tables.
 
-The algorithm is that of the compiled kernel, for one configuration. Laws reach it as terms, see `c_laws`.
+The algorithm is that of the compiled kernel, for one configuration. Laws reach it as terms; see `laws.terms`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from armflex.arm import Arm, Flexure
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import ArmflexError, InputError, UnsupportedError
 from armflex.export import Exported
-from armflex.export.c_laws import Factor, Terms, terms_of
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
@@ -25,6 +24,7 @@ from armflex.laws.effects.in_arm import BoundTwist, Pulling, depended_on
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
+from armflex.laws.terms import Factor, Feature, Neurons, Of, Term
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame
 from armflex.version import __version__
 
@@ -107,6 +107,7 @@ class _Tables:
     pulls: list[str] = field(default_factory=list)
     factors: list[Factor] = field(default_factory=list)
     changing: list[str] = field(default_factory=list)
+    features: list[str] = field(default_factory=list)
     terms: list[str] = field(default_factory=list)
     curved: list[str] = field(default_factory=list)
     forms: list[Array] = field(default_factory=list)
@@ -135,12 +136,13 @@ class _Tables:
             "COVARIATES": (len(self.covariates), "covariates"),
             "FACTORS": (len(self.factors), "functions of a column"),
             "CHANGING": (len(self.changing), "parts of laws that depend on a column"),
+            "FEATURES": (len(self.features), "numbers that those make of the load"),
             "TERMS": (len(self.terms), "parts of laws that are not linear in the load"),
             "CURVED": (len(self.curved), "laws that have such parts"),
             "STRAIGHTENED": (len(self.curved) * self.steady, "the same, where none depends on a joint's position"),
             "LOADED": (len(self.curved) * self.steady + len(self.unproven), ""),
             "UNPROVEN": (len(self.unproven), "payloads with which no bound proves that the arm cannot buckle"),
-            "FORMS": (len(self.forms), "quadratic forms of the load"),
+            "FORMS": (len(self.forms), "matrices that those multiply the load with"),
             "WINDOWS": (len(self.windows), "learned corrections"),
             "NOMINAL": (len(self.nominal), "elements of the chain as the controller knows it, where that is another"),
         }
@@ -166,7 +168,7 @@ def _tables(arm: Arm) -> _Tables:
     known = [*(f"q_{joint}" for joint in arm.joint_names), MASS]
     tables.covariates = tuple(column for column in used if column not in known)
     tables.columns = (*known, *tables.covariates)
-    bent = [term for own in said for _, part in own for term in part if not term.straight]
+    bent = [term for own in said for _, part in own for term in part if not term.linear]
     tables.steady = not any(factor.column.startswith("q_") for term in bent for factor in term.factors)
     tables.offset, tables.compliance = np.zeros((len(order), 6)), np.zeros((len(order), 6, 6))
     for place, number in enumerate(order):
@@ -176,13 +178,13 @@ def _tables(arm: Arm) -> _Tables:
     return tables
 
 
-def _said(arm: Arm) -> list[list[tuple[str, Terms]]]:
+def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
     """Return for every flexure what its laws are called, with their terms; refuse all that have none at once."""
-    said: list[list[tuple[str, Terms]]] = [[] for _ in arm.flexure_names]
+    said: list[list[tuple[str, list[Term]]]] = [[] for _ in arm.flexure_names]
     refused = []
     for number, law in arm.stack.parts:
         try:
-            terms = terms_of(law)
+            terms = [one for term in law.terms() for one in (term.single() if isinstance(term, Neurons) else (term,))]
             _check_travel(arm, terms)
             said[number].append((_called(law), terms))
         except UnsupportedError as error:
@@ -206,9 +208,9 @@ def _said(arm: Arm) -> list[list[tuple[str, Terms]]]:
     return said
 
 
-def _check_travel(arm: Arm, terms: Terms) -> None:
+def _check_travel(arm: Arm, terms: Sequence[Term]) -> None:
     """Raise `UnsupportedError` where a joint goes further than a polynomial in its position holds."""
-    for factor in {factor for term in terms for factor in term.factors if factor.kind == "CHEBYSHEV"}:
+    for factor in {factor for term in terms for factor in term.factors if factor.kind is Of.CHEBYSHEV}:
         joint, (middle, reach, _) = arm.joint_index[factor.column.removeprefix("q_")], factor.numbers
         if max(arm.robot.upper[joint] - middle, middle - arm.robot.lower[joint]) > (1.0 + TRAVEL) * reach:
             raise UnsupportedError(f"was learned over less than the travel of {arm.joint_names[joint]}")
@@ -260,16 +262,14 @@ def _elements(arm: Arm, chain: Chain, places: dict[int, int]) -> list[str]:
     return rows
 
 
-def _add(tables: _Tables, place: int, label: str, terms: Terms) -> None:
+def _add(tables: _Tables, place: int, label: str, terms: Sequence[Term]) -> None:
     """Add the terms of one law of a flexure to the tables."""
     parts: dict[tuple[Factor, ...], tuple[Array, Array]] = {}
     for term in terms:
-        if term.straight:
+        if term.linear:
             offset, compliance = parts.setdefault(term.factors, (np.zeros(6), np.zeros((6, 6))))
-            if term.kind == "ALONG":
-                compliance += np.outer(term.along, term.u)
-            else:
-                offset += term.along
+            offset += term.along
+            compliance += 0.0 if term.matrix is None else term.matrix
     for factors, (offset, compliance) in parts.items():
         if not factors:
             tables.offset[place] += offset
@@ -278,31 +278,43 @@ def _add(tables: _Tables, place: int, label: str, terms: Terms) -> None:
             numbers = f"{_c(offset)}, {_c(compliance)}"
             tables.changing.append(f"{{{place}, {_two(tables, factors)}, {numbers}}}, /* {_plain(label)} */")
     # Terms under one window stand together, so that a load is drawn in once.
-    groups: dict[bytes, Terms] = {}
+    groups: dict[bytes, list[Term]] = {}
     for term in terms:
-        if not term.straight:
+        if not term.linear:
             seen = b"" if term.window is None else term.window.mean.tobytes() + term.window.precision.tobytes()
             groups.setdefault(seen, []).append(term)
     for own in groups.values():
         first, number = len(tables.terms), -1
-        if own[0].window is not None:
+        if isinstance(own[0].window, Seen):
             number = len(tables.windows)
             tables.windows.append(own[0].window)
         for term in own:
-            form = -1
-            if term.form is not None:
-                known = [i for i, one in enumerate(tables.forms) if np.array_equal(one, term.form)]
-                form = known[0] if known else len(tables.forms)
-                tables.forms += [] if known else [term.form]
-            numbers = f"{_two(tables, term.factors)}, {form}, {_c(term.u)}, {_c(term.bias)}, {_c(term.along)}"
-            tables.terms.append(f"{{{term.kind}, {numbers}}}," + (f" /* {_plain(label)} */" if term is own[0] else ""))
+            begin = len(tables.features)
+            tables.features += [_feature(tables, one) for one in term.features]
+            span, matrix = f"{begin}, {len(tables.features)}", _form(tables, term.matrix)
+            numbers = f"{_two(tables, term.factors)}, {span}, {matrix}, {_c(term.along)}"
+            tables.terms.append(f"{{{numbers}}}," + (f" /* {_plain(label)} */" if term is own[0] else ""))
         tables.curved.append(f"{{{place}, {number}, {first}, {len(tables.terms)}}}, /* {_plain(label)} */")
+
+
+def _form(tables: _Tables, form: Array | None) -> int:
+    """Return the number of a (6, 6) matrix in its table, -1 of none."""
+    if form is None:
+        return -1
+    known = [i for i, one in enumerate(tables.forms) if np.array_equal(one, form)]
+    tables.forms += [] if known else [form]
+    return known[0] if known else len(tables.forms) - 1
+
+
+def _feature(tables: _Tables, one: Feature) -> str:
+    form = _form(tables, one.matrix if one.form else None)
+    return f"{{{one.kind.name}, {form}, {_c(one.u)}, {_c(one.bias)}, {_c(one.exponent)}}},"
 
 
 def _two(tables: _Tables, factors: Sequence[Factor]) -> str:
     """Return the numbers of two factors; the first of all is one."""
     if not tables.factors:
-        tables.factors.append(Factor("ONE", tables.columns[0], ()))
+        tables.factors.append(Factor(Of.ONE, tables.columns[0], ()))
     for factor in factors:
         if factor not in tables.factors:
             tables.factors.append(factor)
@@ -423,7 +435,7 @@ def _constants(arm: Arm, tables: _Tables) -> str:
     for one in tables.factors:
         numbers = (*one.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
         values = ", ".join(map(_c, numbers))
-        factors.append(f"{{{one.kind}, {columns[one.column]}, {values}}}, /* {_plain(one.column)} */")
+        factors.append(f"{{{one.kind.name}, {columns[one.column]}, {values}}}, /* {_plain(one.column)} */")
     windows = []
     for one in tables.windows:
         energy = one.precision if one.energy is None else one.energy
@@ -435,6 +447,7 @@ def _constants(arm: Arm, tables: _Tables) -> str:
         ("change changing[CHANGING]", "", tables.changing),
         ("double forms[FORMS][6][6]", "of the load, own axes", [f"{_c(form)}," for form in tables.forms]),
         ("window windows[WINDOWS]", "", windows),
+        ("feature features[FEATURES]", "", tables.features),
         ("term terms[TERMS]", "", tables.terms),
         ("group curved[CURVED]", "", tables.curved),
     )

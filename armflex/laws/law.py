@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any
@@ -12,7 +12,10 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import WRENCH_NAMES, Array, root_of_covariance
-from armflex.errors import Flag, LawError, MissingCovariateError
+from armflex.errors import Flag, LawError, UnsupportedError
+from armflex.laws.row import NOWHERE as NOWHERE
+from armflex.laws.row import Row as Row
+from armflex.laws.terms import Factor, Terms, straight, tangent_of, twist_of, weight_of
 from armflex.robot import Robot
 
 NOTHING = np.zeros(6)
@@ -62,62 +65,15 @@ class Parameter:
     sized: bool = False
 
 
-@dataclass(frozen=True)
-class Row:
-    """What is known where a law is asked: joint positions and, by name, whatever else was given.
-
-    Attributes:
-        q: (..., nq) joint positions [rad or m].
-        joint_index: Place of each joint in `q`.
-        covariates: Further known numbers, each a scalar or (...,).
-    """
-
-    q: Array
-    joint_index: Mapping[str, int]
-    covariates: Mapping[str, Array] = field(default_factory=dict)
-
-    def position(self, joint: str) -> Array:
-        """Return the (...,) position of a joint [rad or m]."""
-        return self.q[..., self.joint_index[joint]]
-
-    def covariate(self, name: str) -> Array:
-        """Return what was given by a name; raise `MissingCovariateError` where it was not."""
-        if name not in self.covariates:
-            raise MissingCovariateError(name, self.covariates)
-        return self.covariates[name]
-
-    def some(self, index: int | np.ndarray) -> Row:
-        """Return one of N rows, or some of them; what all rows share stays as it is."""
-        known = {name: values[index] if np.ndim(values) else values for name, values in self.covariates.items()}
-        return Row(self.q[index] if self.q.ndim > 1 else self.q, self.joint_index, known)
-
-    def repeated(self, count: int) -> Row:
-        """Return N rows where a leading axis may have been left at 1 or out."""
-        known = {
-            name: np.broadcast_to(values, (count, *np.shape(values)[1:])) if np.ndim(values) else values
-            for name, values in self.covariates.items()
-        }
-        q = np.broadcast_to(self.q, (count, *self.q.shape[1:])) if self.q.ndim > 1 else self.q
-        return Row(q, self.joint_index, known)
-
-    def widened(self) -> Row:
-        """Return the row(s) with another axis, along which several loads of each are asked about."""
-        known = {name: np.asarray(values)[..., None] for name, values in self.covariates.items()}
-        return Row(self.q[..., None, :], self.joint_index, known)
-
-
-NOWHERE = Row(np.zeros(0), {})
-"""Where no law is asked that depends on more than the load, such as on a bench, which has no joint positions."""
-
-
 class Law(ABC):
     """A joint deformation model. Wrench [N, Nm] is the load on the structure and twist [m, rad] the motion it gives,
     both linear first and in the flexure's own axes.
 
     A law is an immutable object that *has* its values: it is asked millions of times at the same ones, and what it can
     prepare for them (a factor, a stacked matrix, numbers for compiled code) belongs to the object. What a law must say
-    is abstract. Everything that follows from it is written here once and is right for every law; a law overrides it
-    where it knows something exactly or quickly (`tangent`, `by_values`, `affine`, `compliance_bound`, `neurons`).
+    is abstract, and its `terms`, or its `twist` where it is no sum of terms. Everything that follows from those is
+    written here once and is right for every law; a law overrides it where it knows something exactly or quickly
+    (`tangent`, `by_values`, `affine`, `compliance_bound`).
     """
 
     values: Array
@@ -135,13 +91,40 @@ class Law(ABC):
     def at(self, values: Array) -> Law:
         """Return the law at other (k,) values, in its parameters' units."""
 
-    @abstractmethod
+    def terms(self) -> Terms:
+        """Return the law as terms, in which the compiled kernel and exported C know it; see `laws.terms`.
+
+        Raises:
+            UnsupportedError: It is no sum of terms; the text says why, as what follows the law's name.
+        """
+        if self.constant is None:
+            raise UnsupportedError(f"is a {type(self).__name__}, which has no form in C")
+        return (straight(self.constant),)
+
+    def weight(self, factors: Sequence[Factor], row: Row) -> Array | float:
+        """Return the (...,) product of the factors of one of the terms in a row."""
+        return weight_of(factors, row)
+
+    @cached_property
+    def known_terms(self) -> Terms | None:
+        """The law's terms, None where it has none."""
+        try:
+            return tuple(self.terms())
+        except UnsupportedError:
+            return None
+
     def twist(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6) twist [m, rad] under a (..., 6) wrench [N, Nm]."""
+        """Return the (..., 6) twist [m, rad] under a (..., 6) wrench [N, Nm]; here that of the terms."""
+        return twist_of(self.terms() if self.known_terms is None else self.known_terms, wrench, row)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return the (..., 6, 6) derivative of the twist by the wrench [m/N, rad/Nm]; here by central differences."""
-        return by_wrench(self.twist, wrench, row)
+        """Return the (..., 6, 6) derivative of the twist by the wrench [m/N, rad/Nm].
+
+        Here that of the terms; by central differences where there are none.
+        """
+        if self.known_terms is None:
+            return by_wrench(self.twist, wrench, row)
+        return tangent_of(self.known_terms, wrench, row)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, k) derivative of the twist [m, rad] by the values; here by central differences."""
@@ -225,17 +208,6 @@ class Law(ABC):
     def affine(self, row: Row) -> tuple[Array, Array] | None:
         """Return the (..., 6) twist without load [m, rad] and the (..., 6, 6) compliance, None of a curved law."""
         return None if self.constant is None else (NOTHING, self.constant)
-
-    def neurons(self) -> tuple[Array, Array, Array, Array] | None:
-        """Return the law as `gains.T @ tanh(units.T @ load + bias) + constant`, loads and twists in SI, where it is.
-
-        (k, H) units, (H,) bias, (H, k) gains, (k,) constant; k is 3 or 6.
-        """
-        return None
-
-    def hardening(self) -> tuple[Array, float] | None:
-        """Return the (6, 6) C [m/N, rad/Nm] and the r [1/J] of a law C w / sqrt(1 + r w' C w), None of any other."""
-        return None
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return (2, 2) bounds of the tangent's 3 x 3 blocks [m/N, rad/Nm], by their 2-norm, None where none is known.

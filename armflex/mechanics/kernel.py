@@ -40,8 +40,10 @@ import numba
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.laws.terms import LEAST, Kind
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
+from armflex.mechanics.laws import Laws, LawStack
 from armflex.storage import kept_code
 from armflex.storage.kept_code import kept
 
@@ -54,6 +56,8 @@ HALVINGS, LOG_2_ROUND, LOG_2_REST = 1.0 / math.log(2.0), 0.6931471803691238, 1.9
 """The logarithm of two, in two parts: products of the first with small whole numbers are exact."""
 TURN, TURN_REST, TURNS_PER_RADIAN = 2.0 * math.pi, 2.4492935982947064e-16, 0.5 / math.pi
 """2 pi as a double, what it lacks, and turns in a radian: to divide takes longer."""
+
+SIZED, CLIPPED, BOUNDED, RAISED = (float(kind) for kind in (Kind.SIZE, Kind.CLIPPED, Kind.TANH, Kind.RAISED))
 
 LOOSE = {"contract", "reassoc", "nsz", "arcp"}
 inner = numba.njit(nogil=True, forceinline=True, error_model="numpy", fastmath=LOOSE)
@@ -70,16 +74,6 @@ class Arm(NamedTuple):
     flexures: int
     links: np.ndarray
     wrenches: Array
-
-
-class Laws(NamedTuple):
-    """Numbers of its laws, for all rows or for each; see `RowLaws`."""
-
-    compliance: Array
-    offset: Array
-    neurons: Array
-    starts: Array
-    hardening: Array
 
 
 class Room(NamedTuple):
@@ -128,22 +122,35 @@ def solve_one(numbers, counts, exact, q, twists, displacement):
     """Fill the (6,) displacement and the (n, 6) twists at (nq,) positions; return whether it converged.
 
     An array costs as long to be handed over as a joint to be placed, so those that stay are `packed`: in `numbers`
-    elements, wrenches, compliance, offset, neurons, hardening, (2, nq) bounds of q, a room and as much memory as there
-    are neurons; in `counts` those of elements, links and neurons, then kinds, links and starts. See `Arm` and `Laws`.
+    elements, wrenches, compliance, offset, weights, neurons, bent, shapes, (2, nq) bounds of q, a room and as much
+    memory as there are neurons; in `counts` those of elements, links, neurons, bent and shapes, then kinds, links,
+    starts, spans and pieces. See `Arm` and `Laws`.
     """
-    n, m, many, neurons = len(twists), counts[0], counts[1], counts[2]
+    n, m, many, neurons, terms, features = len(twists), counts[0], counts[1], counts[2], counts[3], counts[4]
     a, b = 20 * (m + 1), 9 * many
-    c, d, e, f = a + b, a + b + 36 * n, a + b + 42 * n, a + b + 42 * n + 13 * neurons
-    bounds = numbers[f + 42 * n :]
+    c, d, e = a + b, a + b + 36 * n, a + b + 42 * n
+    f = e + terms
+    g = f + 13 * neurons
+    h = g + 43 * terms
+    bounds = numbers[h + 45 * features :]
     for j in range(len(q)):
         if not bounds[j] <= q[j] <= bounds[len(q) + j]:
             return False
-    k, g = 3 + 4 * m, 3 + 4 * m + 3 * many
-    chain, kinds, links = numbers[:a].reshape((m + 1, 20)), counts[3:k].reshape((4, m)), counts[k:g].reshape((many, 3))
+    k, o = 5 + 4 * m, 5 + 4 * m + 3 * many
+    p, r = o + n + 1, o + 2 * (n + 1)
+    chain, kinds, links = numbers[:a].reshape((m + 1, 20)), counts[5:k].reshape((4, m)), counts[k:o].reshape((many, 3))
     arm = Arm(chain, kinds, n, links, numbers[a:c].reshape((1, many, 9)))
-    compliance, offset = numbers[c:d].reshape((1, n, 6, 6)), numbers[d:e].reshape((1, n, 6))
-    hardening = numbers[f : f + 42 * n].reshape((n, 7, 6))
-    laws = Laws(compliance, offset, numbers[e:f].reshape((neurons, 13)), counts[g:], hardening)
+    laws = Laws(
+        numbers[c:d].reshape((1, n, 6, 6)),
+        numbers[d:e].reshape((1, n, 6)),
+        numbers[f:g].reshape((neurons, 13)),
+        counts[o:p],
+        numbers[g:h].reshape((terms, 43)),
+        numbers[h : h + 45 * features].reshape((features, 45)),
+        counts[p:r],
+        counts[r:],
+        numbers[e:f].reshape((1, terms)),
+    )
     memory, rows = bounds[2 * len(q) :], 12 * n + 8 + 2 * many
     here = _divided(memory[: 6 * rows].reshape((rows, 6, 1)), memory[6 * rows :], n, many)
     _gather(arm, here, 0, ONE)
@@ -161,8 +168,7 @@ def solve_one(numbers, counts, exact, q, twists, displacement):
 @kept
 @called
 def solve_many(
-    elements, kinds, links, wrenches, compliance, offset, neurons, starts, hardening, rooms, ready, q, exact,
-    displacement, loads, twists, converged,
+    elements, kinds, links, wrenches, laws, rooms, ready, q, exact, displacement, loads, twists, converged,
 ):  # fmt: skip
     """Fill (N, 6) displacements, (N, n, 6) loads and twists, and (N,) whether they are solutions, at (N, nq) q.
 
@@ -170,9 +176,8 @@ def solve_many(
     There is one room, or one for as many rows as there are lanes. Those of a call before with the same arm and q are
     `ready`: the rigid arm need not be placed again, and the arm comes to rest from where it rested.
     """
-    lanes, hidden, n = np.arange(LANES), np.empty(len(neurons) * LANES), twists.shape[1]
+    lanes, hidden, n = np.arange(LANES), np.empty(len(laws.neurons) * LANES), twists.shape[1]
     arm = Arm(elements, kinds, n, links, wrenches)
-    laws = Laws(compliance, offset, neurons, starts, hardening)
     for first in range(0, len(q), len(lanes)):
         here = _divided(rooms[min(first // len(lanes), len(rooms) - 1)], hidden, n, len(links))
         _gather(arm, here, first, lanes)
@@ -297,8 +302,8 @@ def _deform(laws, room, twists, first, lanes):
             _comply_by_row(laws, room.loads, twists, i, first, lanes)
         if laws.starts[i] < laws.starts[i + 1]:
             _add_networks(laws, room, twists, i, lanes)
-        if laws.hardening[i, 6, 0] > 0.0:
-            _add_hardening(laws.hardening, room.loads, twists, i, lanes)
+        if laws.spans[i] < laws.spans[i + 1]:
+            _add_curves(laws, room.loads, twists, i, first, lanes)
 
 
 @inner
@@ -353,20 +358,41 @@ def _add_networks(laws, room, twists, i, lanes):
 
 
 @called
-def _add_hardening(hardening, loads, twists, i, lanes):
-    """Add what the compliance of flexure i gives that falls with its load; see `Law.hardening`."""
-    given, rate = hardening[i], hardening[i, 6, 0]
-    for c in range(len(lanes)):
-        energy = 0.0
-        for a in range(6):
-            for b in range(6):
-                energy += loads[i, a, c] * given[a, b] * loads[i, b, c]
-        share = 1.0 / math.sqrt(1.0 + rate * energy)
-        for a in range(6):
-            straight = 0.0
-            for b in range(6):
-                straight += given[a, b] * loads[i, b, c]
-            twists[i, a, c] += straight * share
+def _add_curves(laws, loads, twists, i, first, lanes):
+    """Add what the curved terms of flexure i give; see `laws.terms`."""
+    bent, shapes = laws.bent, laws.shapes
+    for t in range(laws.spans[i], laws.spans[i + 1]):
+        for c in range(len(lanes)):
+            value = laws.weights[min(first + c, len(laws.weights) - 1), t]
+            for s in range(laws.pieces[t], laws.pieces[t + 1]):
+                kind, part = shapes[s, 0], shapes[s, 1]
+                if kind == RAISED:
+                    for a in range(6):
+                        for b in range(6):
+                            part += loads[i, a, c] * shapes[s, 9 + 6 * a + b] * loads[i, b, c]
+                    part, power = max(part, LEAST), shapes[s, 2]
+                    if power == -0.5:
+                        value /= math.sqrt(part)
+                    elif power == 0.5:
+                        value *= math.sqrt(part)
+                    else:
+                        value *= part**power
+                else:
+                    for a in range(6):
+                        part += shapes[s, 3 + a] * loads[i, a, c]
+                    if kind == SIZED:
+                        part = abs(part)
+                    elif kind == CLIPPED:
+                        part = min(max(part, -1.0), 1.0)
+                    elif kind == BOUNDED:
+                        part = _tanh(part)
+                    value *= part
+            for a in range(6):
+                given = bent[t, 36 + a]
+                if bent[t, 42] > 0.0:
+                    for b in range(6):
+                        given += bent[t, 6 * a + b] * loads[i, b, c]
+                twists[i, a, c] += value * given
 
 
 @inner
@@ -1265,12 +1291,11 @@ def compile_everything() -> None:
     """Compile what is not yet kept, by asking about no rows: it takes some seconds, and is better done beforehand."""
     links = np.zeros((0, 3), dtype=np.int64)
     arm = (np.zeros((1, 20)), np.zeros((4, 0), dtype=np.int64), links, np.zeros((1, 0, 9)))
-    laws = (np.zeros((1, 0, 6, 6)), np.zeros((1, 0, 6)), np.zeros((0, 13)), np.zeros(1, dtype=np.int64))
-    laws += (np.zeros((0, 7, 6)),)
+    laws = LawStack((), ()).numbers
     q, twists, changes, tip = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6)), np.zeros((0, 6))
     by_law, poses, nobody = np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 4, 4)), np.zeros(0, dtype=bool)
-    solve_many(*arm, *laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
-    sensitivities(*arm, changes, q, twists, laws[0], nobody, by_law, np.zeros(0))
+    solve_many(*arm, laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
+    sensitivities(*arm, changes, q, twists, laws.compliance, nobody, by_law, np.zeros(0))
     frames = (np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)), poses)
     responses(
         *arm, changes, q, twists, by_law, *frames, np.zeros((0, 6, 0)), by_law, twists, changes, np.zeros((0, 6, 3))

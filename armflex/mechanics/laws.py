@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,11 +13,35 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
 from armflex.laws.law import NOTHING, NOWHERE, UNLOADED
+from armflex.laws.terms import LEAST, Kind, Neurons, Term
 
 Motion = Callable[[Array], Array]
 
 TAME = 1e60
 """Largest compliance of laws whose twists need not be looked at [m/N, rad/(N m)]."""
+
+
+class Laws(NamedTuple):
+    """The laws of n flexures in numbers, in SI units, as the kernel takes them; R is 1 or the number of rows.
+
+    Attributes:
+        compliance, offset: (R, n, 6, 6) and (R, n, 6): what is affine in the load.
+        neurons, starts: (H, 13) units (6), bias and gains (6) of all neurons, and (n + 1,) the first of each flexure.
+        bent: (T, 43) of every curved term: matrix (36), along (6), and 1 where there is a matrix.
+        shapes: (S, 45) of every feature: kind, bias, exponent, u (6) and form (36); see `laws.terms`.
+        spans, pieces: (n + 1,) the first term of each flexure, and (T + 1,) the first feature of each term.
+        weights: (R, T) product of every term's factors.
+    """
+
+    compliance: Array
+    offset: Array
+    neurons: Array
+    starts: np.ndarray
+    bent: Array
+    shapes: Array
+    spans: np.ndarray
+    pieces: np.ndarray
+    weights: Array
 
 
 @dataclass(frozen=True)
@@ -81,68 +106,110 @@ class LawStack:
 
     @cached_property
     def changing(self) -> tuple[tuple[int, Law], ...]:
-        """The parts that are neither a constant compliance nor a network."""
-        return tuple((i, law) for i, law in self.parts if law.constant is None and law.neurons() is None)
-
-    @cached_property
-    def hardened(self) -> dict[int, Law]:
-        """The law of every flexure that hardens, by its number; of several the first."""
-        return {i: law for i, law in reversed(self.changing) if law.hardening() is not None}
+        """The parts that may give otherwise at other positions or covariates."""
+        return tuple((i, law) for i, law in self.parts if law.constant is None and not _fixed(law))
 
     @cached_property
     def asked(self) -> tuple[tuple[int, Law], ...]:
-        """The parts that must be asked in every row: those that `numbers` are not about."""
-        return tuple((i, law) for i, law in self.changing if self.hardened.get(i) is not law)
+        """The parts that must be asked in every row: neither constant nor known by their terms."""
+        return tuple((i, law) for i, law in self.parts if law.constant is None and not _is_known(law))
 
     @cached_property
-    def numbers(self) -> tuple[Array, Array, Array, np.ndarray, Array]:
-        """(1, n, 6, 6), (1, n, 6), (H, 13), (n + 1,), (n, 7, 6) numbers, in SI units, of what is the same everywhere.
+    def bent(self) -> tuple[tuple[int, Law, Term], ...]:
+        """The terms that are curved in the load, with the numbers of their flexures, in order, and their laws."""
+        return tuple((i, law, term) for i, law, one in self._known if not one.linear for term in _singly(one))
 
-        Compliance and offset of the laws, `twist = compliance @ wrench + offset`; units (6), bias and gains (6) of all
-        networks' neurons, loads and twists in SI; first neuron of each flexure; of the law that hardens there C, and r
-        in the last row's first place, see `Law.hardening`.
-        """
+    @cached_property
+    def by_row(self) -> tuple[tuple[int, Law, Term], ...]:
+        """The terms that are affine in the load and depend on a column, likewise."""
+        return tuple(
+            (i, law, one) for i, law, one in self._known if isinstance(one, Term) and one.linear and one.factors
+        )
+
+    @cached_property
+    def rows_differ(self) -> bool:
+        """Whether anything depends on positions or covariates."""
+        return bool(self.asked or self.by_row or any(term.factors for _, _, term in self.bent))
+
+    @cached_property
+    def _known(self) -> tuple[tuple[int, Law, Term | Neurons], ...]:
+        parts = sorted((i, number) for number, (i, law) in enumerate(self.parts) if law.constant is None)
+        known = ((i, self.parts[number][1]) for i, number in parts)
+        return tuple((i, law, term) for i, law in known if _is_known(law) for term in law.known_terms or ())
+
+    @cached_property
+    def numbers(self) -> Laws:
+        """The numbers of what is the same everywhere; see `Laws`."""
         n, neurons, starts = len(self.laws), [np.zeros((0, 13))], np.zeros(len(self.laws) + 1, dtype=np.int64)
         compliance, offset = np.zeros((1, n, 6, 6)), np.zeros((1, n, 6))
         for i, law in self.parts:
             if law.constant is not None:
                 compliance[0, i] += law.constant
-            elif (parts := law.neurons()) is not None:
-                units, bias, gains, shift = parts
-                own, size = np.zeros((len(bias), 13)), len(shift)
-                own[:, :size], own[:, 6], own[:, 7 : 7 + size] = units.T, bias, gains
-                offset[0, i, :size] += shift
-                starts[i + 1 :] += len(bias)
-                neurons.append(own)
-        hardening = np.zeros((n, 7, 6))
-        for i, law in self.hardened.items():
-            own = law.hardening()
-            assert own is not None
-            hardening[i, :6], hardening[i, 6, 0] = own
-        return compliance, offset, np.concatenate(neurons), starts, hardening
+        for i, _, one in self._known:
+            if isinstance(one, Neurons) and not one.factors:
+                neurons.append(np.column_stack([one.units, one.bias, one.gains]))
+                starts[i + 1 :] += len(one.bias)
+            elif isinstance(one, Term) and one.linear and not one.factors:
+                offset[0, i] += one.along
+                if one.matrix is not None:
+                    compliance[0, i] += one.matrix
+        terms = [term for _, _, term in self.bent]
+        bent, shapes = np.zeros((len(terms), 43)), np.zeros((sum(len(term.features) for term in terms), 45))
+        for row, term in zip(bent, terms, strict=True):
+            row[36:42] = term.along
+            if term.matrix is not None:
+                row[:36], row[42] = term.matrix.ravel(), 1.0
+        for row, feature in zip(shapes, (feature for term in terms for feature in term.features), strict=True):
+            row[:9] = (feature.kind, feature.bias, feature.exponent, *feature.u)
+            if feature.form:
+                row[9:] = feature.form
+        spans = np.searchsorted([i for i, _, _ in self.bent], np.arange(n + 1)).astype(np.int64)
+        pieces = np.cumsum([0, *(len(term.features) for term in terms)], dtype=np.int64)
+        return Laws(
+            compliance, offset, np.concatenate(neurons), starts, bent, shapes, spans, pieces, np.ones((1, len(terms)))
+        )
+
+
+def _is_known(law: Law) -> bool:
+    """Return whether a law is one of terms, some of them curved, which count under every load."""
+    terms = law.known_terms or ()
+    return any(not one.linear for one in terms) and all(one.window is None for one in terms)
+
+
+def _fixed(law: Law) -> bool:
+    """Return whether a law is the same at all positions and covariates."""
+    return _is_known(law) and not any(one.factors for one in law.known_terms or ())
+
+
+def _singly(one: Term | Neurons) -> Iterable[Term]:
+    """Return a term, and every neuron of those that depend on a column; others are known together."""
+    if isinstance(one, Term):
+        return (one,)
+    return one.single() if one.factors else ()
 
 
 class RowLaws:
     """The laws of a stack at N rows, or at one, as numbers.
 
-    What is affine at the rows' positions and covariates is looked up once for all of them, networks and what hardens
-    stand as they are, and every other law as its affine expansion about some loads: see `expand`.
+    What is affine at the rows' positions and covariates is looked up once for all of them, terms stand as they are, and
+    every other law as its affine expansion about some loads: see `expand`.
 
     Attributes:
         compliance, offset: (R, n, 6, 6) and (R, n, 6) of what is affine or expanded, R being 1 or N.
-        neurons, starts, hardening: See `LawStack.numbers`.
+        weights: (R, T) of the terms; see `Laws`.
         curved: Laws that must be expanded, with the numbers of their flexures.
         bent: Whether tangents depend on loads all the same.
     """
 
     def __init__(self, stack: LawStack, row: Row | None = None) -> None:
         self._stack, self._row = stack, NOWHERE if row is None else row  # laws that are the same everywhere need none
-        compliance, offset, self.neurons, self.starts, self.hardening = stack.numbers
-        self.bent = len(self.neurons) > 0 or bool(stack.hardened)
-        self.compliance, self.offset = compliance.copy(), offset.copy()
+        self._same = stack.numbers
+        self.bent = len(self._same.neurons) > 0 or bool(stack.bent)
+        self.compliance, self.offset = self._same.compliance.copy(), self._same.offset.copy()
+        self.weights = self._same.weights.copy()
         self.curved: list[tuple[int, Law]] = []
         self._known: dict[int, Array] = {}
-        if row is not None and stack.asked:
+        if row is not None and stack.rows_differ:
             self.know(row)
 
     def know(self, row: Row) -> None:
@@ -155,26 +222,32 @@ class RowLaws:
             else:
                 affine.append((i, *found))
                 self._known[id(law)] = found[1]
-        self._row, self._slopes, (compliance, offset, *_) = row, [], self._stack.numbers
+        for i, law, term in self._stack.by_row:
+            weight = np.asarray(law.weight(term.factors, row))[..., None]
+            affine.append(
+                (i, weight * term.along, UNLOADED if term.matrix is None else weight[..., None] * term.matrix)
+            )
+        weights = [law.weight(term.factors, row) for _, law, term in self._stack.bent]
+        self._row, self._slopes, same = row, [], self._same
         single = row.q.ndim == 1
         many = not single and (self.curved or any(part[1].ndim > 1 or part[2].ndim > 2 for part in affine))
         count = len(row.q) if many else 1
-        if len(self.compliance) != count:
-            self.compliance, self.offset = np.repeat(compliance, count, axis=0), np.repeat(offset, count, axis=0)
-        else:
-            np.copyto(self.compliance, compliance)
-            np.copyto(self.offset, offset)
+        self.compliance = _renewed(self.compliance, same.compliance, count)
+        self.offset = _renewed(self.offset, same.offset, count)
         for i, twist, softer in affine:
             if twist is not NOTHING:
                 self.offset[:, i] += twist
             if softer is not UNLOADED:
                 self.compliance[:, i] += softer
+        self.weights = _renewed(self.weights, same.weights, max([1, *(np.size(one) for one in weights)]))
+        for t, weight in enumerate(weights):
+            self.weights[:, t] = weight
         self._affine = (self.compliance.copy(), self.offset.copy()) if self.curved and not single else None
 
     @property
-    def numbers(self) -> tuple[Array, Array, Array, np.ndarray, Array]:
-        """Compliance, offset, neurons, starts and hardening."""
-        return self.compliance, self.offset, self.neurons, self.starts, self.hardening
+    def numbers(self) -> Laws:
+        """What the kernel takes."""
+        return self._same._replace(compliance=self.compliance, offset=self.offset, weights=self.weights)
 
     def expand(self, loads: Array, slopes: bool = True) -> Array:
         """Expand the curved laws about (N, n, 6) loads; return (N,) by how much their twists there were otherwise.
@@ -208,19 +281,27 @@ class RowLaws:
         if not self.bent:
             return self.compliance
         total = np.broadcast_to(self.compliance, (len(loads), *self.compliance.shape[1:])).copy()
-        for i in range(len(self.starts) - 1):
-            own = self.neurons[self.starts[i] : self.starts[i + 1]]
-            slopes = 1.0 - np.tanh(loads[:, i] @ own[:, :6].T + own[:, 6]) ** 2
-            total[:, i] += (slopes @ (own[:, 7:, None] * own[:, None, :6]).reshape(len(own), 36)).reshape(-1, 6, 6)
-        for i, law in self._stack.hardened.items():
-            total[:, i] += law.tangent(loads[:, i], self._row)
+        neurons, starts = self._same.neurons, self._same.starts
+        for i in range(len(starts) - 1):
+            own = neurons[starts[i] : starts[i + 1]]
+            total[:, i] += Neurons(own[:, :6], own[:, 6], own[:, 7:]).tangent(loads[:, i])
+        for t, (i, _, term) in enumerate(self._stack.bent):
+            total[:, i] += self.weights[:, t, None, None] * term.tangent(loads[:, i])
         return total
+
+
+def _renewed(array: Array, same: Array, count: int) -> Array:
+    """Return the array, or one of `count` rows where it has another number, filled with the one row of `same`."""
+    if len(array) != count:
+        return np.repeat(same, count, axis=0)
+    np.copyto(array, same)
+    return array
 
 
 class PlacedLaws:
     """The laws at one row as a map from Pinocchio's generalized torques to velocities: no gathering, no signs to turn.
 
-        v = matrix tau + gains tanh(units tau + bias) + what hardens gives + offset + what is curved gives
+        v = matrix tau + gains tanh(units tau + bias) + other terms + offset + what is curved gives
 
     A torque is minus the load that deforms. Velocities of joints are zero, and torques on them do not count.
 
@@ -232,25 +313,27 @@ class PlacedLaws:
     """
 
     def __init__(self, stack: LawStack, places: np.ndarray, size: int) -> None:
-        (compliance, offset, neurons, starts, hardening), matrix = stack.numbers, np.zeros((size, size))
+        numbers, matrix = stack.numbers, np.zeros((size, size))
+        neurons = numbers.neurons
         units, gains = np.zeros((len(neurons), size)), np.zeros((size, len(neurons) + 1))
-        for here, block in zip(places, compliance[0], strict=True):
+        for here, block in zip(places, numbers.compliance[0], strict=True):
             matrix[np.ix_(here, here)] = -block
-        own = places[np.repeat(np.arange(len(places)), np.diff(starts))]
+        own = places[np.repeat(np.arange(len(places)), np.diff(numbers.starts))]
         np.put_along_axis(units, own, -neurons[:, :6], axis=1)
         np.put_along_axis(gains[:, :-1].T, own, neurons[:, 7:], axis=1)
-        gains[places, -1] = offset[0]
-        networks = _networks(units, neurons[:, 6].copy(), gains) if len(neurons) else None
-        hardened, softest = _hardened(hardening, places, size) if stack.hardened else (None, 0.0)
-        self._bent = [part for part in (networks, hardened) if part]
+        gains[places, -1] = numbers.offset[0]
+        self._weights = numbers.weights[0].copy()
+        self._bent = [_networks(units, neurons[:, 6].copy(), gains)] if len(neurons) or gains.any() else []
+        self._bent += [_curves(numbers, places, size, self._weights)] if stack.bent else []
         self.motion = self._usual = _sum([_times(matrix)] * bool(matrix.any()) + self._bent)
         self._stack, self._size, self._same, self._matrix = stack, size, matrix, matrix.copy()
         self._places = [slice(int(here[0]), int(here[5]) + 1) for here in places]
         self._softer: list[slice] = []
         self._row = NOWHERE
         self._known: dict[int, Array] = {}
-        self.changing, self.curved, self.bent = bool(stack.asked), False, bool(self._bent)
-        self.tame = max(abs(matrix).max(initial=0.0), abs(gains).max(initial=0.0), softest) < TAME
+        self.changing, self.curved, self.bent = stack.rows_differ, False, bool(len(neurons) or stack.bent)
+        largest = max(abs(part).max(initial=0.0) for part in (matrix, gains, numbers.bent[:, :42]))
+        self.tame = largest < TAME and all(term.degree <= 1.0 for _, _, term in stack.bent)
 
     def know(self, row: Row) -> None:
         """Take in the row of the questions to come; needed where laws depend on more than the load."""
@@ -270,7 +353,16 @@ class PlacedLaws:
             if compliance is not UNLOADED:
                 self._matrix[here, here] -= compliance
                 self._softer.append(here)
-        self.curved, self.bent = bool(curved), bool(curved or self._bent)
+        for i, law, term in self._stack.by_row:
+            here, weight = self._places[i], law.weight(term.factors, row)
+            offset[here] += weight * term.along
+            if term.matrix is not None:
+                self._matrix[here, here] -= weight * term.matrix
+                self._softer.append(here)
+        for t, (_, law, term) in enumerate(self._stack.bent):
+            self._weights[t] = law.weight(term.factors, row)
+        self.curved = bool(curved)
+        self.bent = bool(curved or len(self._stack.numbers.neurons) or self._stack.bent)
         together = _sum([self._matrix.dot, *self._bent]) if self._softer else self._usual
 
         def motion(torque: Array) -> Array:
@@ -302,21 +394,49 @@ def _networks(units: Array, bias: Array, gains: Array) -> Motion:
     return networks
 
 
-def _hardened(hardening: Array, places: np.ndarray, size: int) -> tuple[Motion, float]:
-    """Return the map of all laws that harden together, `LawStack.numbers`' (n, 7, 6), and the largest of their C."""
-    matrix, rates, owner = np.zeros((size, size)), np.zeros((len(places), size)), np.zeros(size, dtype=np.intp)
-    for i, here in enumerate(places):
-        matrix[np.ix_(here, here)], rates[i, here], owner[here] = -hardening[i, :6], -hardening[i, 6, 0], i
-    straight, energies = _times(matrix), rates.dot
+def _curves(numbers: Laws, places: np.ndarray, size: int, weights: Array) -> Motion:
+    """Return the map of all curved terms together, times (T,) weights that may be filled anew."""
+    shapes, pieces = numbers.shapes, numbers.pieces[:-1]
+    at = places[np.repeat(np.arange(len(places)), np.diff(numbers.spans))]  # (T, 6), of every term
+    of_shape = at[np.repeat(np.arange(len(at)), np.diff(numbers.pieces))]
+    ways, alongs, kinds = np.zeros((len(shapes), size)), np.zeros((len(at), size)), shapes[:, 0].astype(int)
+    np.put_along_axis(ways, of_shape, -shapes[:, 3:9], axis=1)
+    np.put_along_axis(alongs, at, numbers.bent[:, 36:42], axis=1)
+    bias, sized, clipped, bounded, raised = (
+        shapes[:, 1] * (kinds == Kind.TANH),
+        *(np.flatnonzero(kinds == kind) for kind in (Kind.SIZE, Kind.CLIPPED, Kind.TANH, Kind.RAISED)),
+    )
+    exponents, more, loads = shapes[raised, 2], shapes[raised, 1], of_shape[raised]
+    forms = _stacked(shapes[raised, 9:].reshape(-1, 6, 6), loads, size)
+    soft = np.flatnonzero(numbers.bent[:, 42])
+    matrices, onto = _stacked(-numbers.bent[soft, :36].reshape(-1, 6, 6), at[soft], size), at[soft].ravel()
+    gather = np.zeros((size, len(onto)))
+    gather[onto, np.arange(len(onto))] = 1.0
+    alongs = alongs.T.copy()
 
-    def hardened(torque: Array) -> Array:
-        found = straight(torque)
-        more = energies(torque * found)
-        more += 1.0
-        found /= np.sqrt(more, more)[owner]
+    def curves(torque: Array) -> Array:
+        numbers = ways.dot(torque)
+        numbers += bias
+        numbers[sized] = np.abs(numbers[sized])
+        numbers[clipped] = np.minimum(np.maximum(numbers[clipped], -1.0), 1.0)
+        numbers[bounded] = np.tanh(numbers[bounded])
+        if len(raised):
+            squares = (forms.dot(torque).reshape(-1, 6) * torque[loads]).sum(axis=1) + more
+            numbers[raised] = np.maximum(squares, LEAST) ** exponents
+        values = np.multiply.reduceat(numbers, pieces) * weights
+        found = alongs.dot(values)
+        if len(soft):
+            found += gather.dot((matrices.dot(torque).reshape(-1, 6) * values[soft, None]).ravel())
         return found
 
-    return hardened, float(abs(matrix).max())
+    return curves
+
+
+def _stacked(blocks: Array, at: np.ndarray, size: int) -> Array:
+    """Return (6 m, size) rows of (m, 6, 6) blocks, each at its (6,) columns."""
+    whole = np.zeros((len(blocks), 6, size))
+    np.put_along_axis(whole, np.repeat(at[:, None, :], 6, axis=1), blocks, axis=2)
+    return whole.reshape(-1, size)
 
 
 def _times(matrix: Array) -> Motion:

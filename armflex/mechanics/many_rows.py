@@ -37,7 +37,7 @@ AT_ONCE = 8192
 ROUNDS = 16
 """A row whose curved laws or posed loads are not settled after so many is left to the reference."""
 
-SETTLED = 1e-13
+SETTLED = 3e-14
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
 NO_CHANGES = np.zeros((0, 0, 6, 6))
@@ -325,7 +325,7 @@ class RowSolver:
         self, q: Array, laws: RowLaws, pushed: Array, rooms: Array, ready: bool, exact: bool, into: Solution
     ) -> np.ndarray:
         fine = np.empty(len(q), dtype=bool)
-        known = (*self._chain.numbers, self.pushes.links, pushed, *laws.numbers, rooms, ready, q, exact)
+        known = (*self._chain.numbers, self.pushes.links, pushed, laws.numbers, rooms, ready, q, exact)
         kernel().solve_many(*known, into.displacement, into.wrenches, into.twists, fine)
         return fine
 

@@ -125,11 +125,12 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
     solver, middle = RowSolver(loaded, exact, wrenches), bounds.mean(axis=0)
     laws, pushes, bound, chain = RowLaws(stack), solver.pushes, solver.bound, loaded.chain.numbers
     room, settled = compiled.room_for(n, len(pushes.links), lanes=1)[0], not pushes.posed
-    own = (laws.compliance, laws.offset, laws.neurons, laws.hardening)
-    kept = (chain[0], pushes.wrenches(middle[None]), *own, bounds, room, laws.neurons[:, 0])
-    numbers, (_, pushed, laws.compliance, laws.offset, *_, room, _) = compiled.packed(*kept)
-    sizes = np.array([chain[1].shape[1], len(pushes.links), len(laws.neurons)])
-    counts, _ = compiled.packed(sizes, chain[1], pushes.links, laws.starts)
+    known = laws.numbers
+    own = (known.compliance, known.offset, known.weights, known.neurons, known.bent, known.shapes)
+    kept = (chain[0], pushes.wrenches(middle[None]), *own, bounds, room, known.neurons[:, 0])
+    numbers, (_, pushed, laws.compliance, laws.offset, laws.weights, *_, room, _) = compiled.packed(*kept)
+    sizes = np.array([chain[1].shape[1], len(pushes.links), *(len(one) for one in own[3:])])
+    counts, _ = compiled.packed(sizes, chain[1], pushes.links, known.starts, known.spans, known.pieces)
     loads, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
     proven, solve, empty, size = bound is not None and bound.proven, compiled.solve_one, np.empty, (n, 6)
 
@@ -191,7 +192,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
         return bool(distance[0] <= SHARE)
 
     solve(numbers, counts, exact, middle, empty(size), empty(6))  # compiled now, not in the loop
-    quick = plainly if proven and not stack.asked and settled else in_rounds
+    quick = plainly if proven and not stack.rows_differ and settled else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
 
 

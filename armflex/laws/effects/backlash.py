@@ -1,7 +1,7 @@
 """Backlash: (gap / 2) s, s the direction from which the joint came."""
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive
+from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive, side, twists
 
 BACKLASH = TwistLaw(
     name="backlash",
@@ -10,5 +10,6 @@ BACKLASH = TwistLaw(
     plausible=Plausible(0.001, 0.002, "lost motion of gears is 1 to 5 arcmin, of worn ones some more"),
     places=lambda records: at_drives(records, "approach_{joint}"),
     amplitudes=(Amplitude("gap", "{m}"),),
+    terms=lambda here, inner: twists(0.5 * here.drive, side(here)),
     basis=on_drive(lambda here, wrench, row, inner: (0.5 * approach(here, row),)),
 )

@@ -12,7 +12,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import AXES_TURN, Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, Here, Location
-from armflex.laws.effects.shapes import CROSSED, crossed, turning_terms
+from armflex.laws.effects.shapes import CROSSED, crossed, crossed_terms, each_axis, turning_terms
+from armflex.laws.terms import straight
 
 
 def _places(records: Records) -> list[Location]:
@@ -35,6 +36,11 @@ BASE_COMPLIANCE = TwistLaw(
         *(Amplitude(name, "rad/Nm", positive=True) for name in ("C", "C_rx", "C_ry", "C_rz")),
         *(Amplitude(name, "rad/Nm") for name in CROSSED),
     ),
+    terms=lambda here, inner: [
+        [straight(np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))],
+        *each_axis(3),
+        *crossed_terms(),
+    ],
     basis=_basis,
     loaded=True,
     linear=True,

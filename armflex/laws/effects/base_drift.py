@@ -6,6 +6,7 @@ from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
 from armflex.laws.effects.shapes import ON_THE_FLOOR, singly_and_together
+from armflex.laws.terms import UNITS, Term, powers
 
 BASE_DRIFT = TwistLaw(
     name="base_drift",
@@ -16,6 +17,7 @@ BASE_DRIFT = TwistLaw(
         singly_and_together((BASE,), (0, 1, 2), (3, 4, 5), covariates=("time",)) if records.timed else []
     ),
     amplitudes=tuple(Amplitude(f"v_{axis}", "m/s" if axis[0] == "d" else "rad/s") for axis in AXES),
+    terms=lambda here, inner: [[Term(unit, factors=powers("time", 1))] for unit in UNITS],
     basis=lambda here, wrench, row, inner: np.asarray(row.covariate("time"))[..., None, None] * np.eye(6),
     timed=True,
 )

@@ -9,7 +9,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here
-from armflex.laws.effects.shapes import about_several, along, at_joints, unit_twists
+from armflex.laws.effects.shapes import about_several, along, at_joints, compliances, each_axis, unit_twists
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -28,6 +28,7 @@ COMPLIANCE = TwistLaw(
         Amplitude("C", "{m}/{w}"),
         *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),
     ),
+    terms=lambda here, inner: [*compliances(here.direction, ()), *each_axis()],
     basis=_basis,
     loaded=True,
     linear=True,

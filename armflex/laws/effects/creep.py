@@ -3,7 +3,8 @@
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import along, at_joints, of_column, on_axis
+from armflex.laws.effects.shapes import along, at_joints, compliances, of_column, on_axis
+from armflex.laws.terms import Factor, Of
 
 CREEP = TwistLaw(
     name="creep",
@@ -12,6 +13,7 @@ CREEP = TwistLaw(
     plausible=Plausible(0.005, 0.005, "at most a tenth of the immediate deflection"),
     places=lambda records: at_joints(records, covariate="hold") if "hold" in records.recorded else [],
     amplitudes=(Amplitude("c", "{m}/{w}"),),
+    terms=lambda here, inner: compliances(here.direction, (Factor(Of.CREEP, "hold", (inner[0],)),)),
     basis=on_axis(
         lambda here, wrench, row, inner: (
             along(here, wrench) * np.log1p(np.maximum(row.covariate("hold"), 0.0) / inner[0]),

@@ -11,6 +11,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
+from armflex.laws.terms import UNITS, Term, straight
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -18,6 +19,11 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     twist = np.zeros_like(wrench)
     twist[..., a], twist[..., b] = wrench[..., b], wrench[..., a]
     return twist[..., None, :]
+
+
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    both = np.outer(here.direction, UNITS[AXES.index(here.location.partner)])
+    return [[straight(both + both.T)]]
 
 
 CROSS_COUPLING = TwistLaw(
@@ -29,6 +35,7 @@ CROSS_COUPLING = TwistLaw(
         Location(joint, a, partner=b) for joint in records.joints for a, b in combinations(AXES, 2)
     ],
     amplitudes=(Amplitude("C", "{m}/{across}"),),
+    terms=_terms,
     basis=_basis,
     loaded=True,
     linear=True,

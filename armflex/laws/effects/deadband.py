@@ -12,6 +12,7 @@ from armflex.laws.effects.context import AXES_TURN
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here
 from armflex.laws.effects.shapes import about_several, along, at_joints, shares_of_load
+from armflex.laws.terms import UNITS, Kind, Term, part
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -30,6 +31,9 @@ DEADBAND = TwistLaw(
         Amplitude("g", "{m}", positive=True),
         *(Amplitude(f"g_{axis}", "rad", positive=True) for axis in AXES_TURN),
     ),
+    terms=lambda here, inner: [
+        [Term(way, features=(part(way / inner[0], Kind.CLIPPED),))] for way in (here.direction, *UNITS[3:])
+    ],
     basis=_basis,
     inner=(Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
     loaded=True,

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.errors import UnsupportedError
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here
-from armflex.laws.effects.shapes import at_drives, own_position
+from armflex.laws.effects.shapes import at_drives, own_column, own_position
+from armflex.laws.terms import Term, powers
 
 
 def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -18,6 +20,16 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return (own_position(here, row)[..., None] * given)[..., None, :]
 
 
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    base = () if here.base_law is None else here.base_law.terms()
+    if not all(isinstance(term, Term) and term.linear for term in base):
+        raise UnsupportedError("depends on the tangent of a law that is not linear in the load")
+    own = [
+        (term.matrix @ here.drive, term.factors) for term in base if isinstance(term, Term) and term.matrix is not None
+    ]
+    return [[Term(way, factors=factors).times(1.0, *powers(own_column(here), 1)) for way, factors in own]]
+
+
 DRESS_PACK = TwistLaw(
     name="dress_pack",
     words=Words("dress pack pull", "cables turn the joint as it moves", "C · k (q − q₀)"),
@@ -25,5 +37,6 @@ DRESS_PACK = TwistLaw(
     plausible=Plausible(0.002, 0.005, "hoses pull with 10 to 200 Nm"),
     places=lambda records: at_drives(records, "q_{joint}"),
     amplitudes=(Amplitude("k", "{w}/{m}"),),
+    terms=_terms,
     basis=_basis,
 )

@@ -21,6 +21,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.location import Here, Location, link_of
+from armflex.laws.terms import Terms
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 from armflex.rows.rows import APPROACH
@@ -447,12 +448,22 @@ class Memory:
         return found
 
 
+TermsBy = Callable[[Here, Values], Sequence[Terms]]
+"""(here, inner) -> the terms that each amplitude multiplies; see `laws.terms`."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TwistLaw(EffectLaw):
-    """A law that adds a twist at a site: the twist per amplitude is its `basis`."""
+    """A law that adds a twist at a site.
+
+    Attributes:
+        basis: The twist per amplitude.
+        terms: The same as terms, in which the compiled kernel and exported C know it.
+    """
 
     act: Act = Act.TWIST
     basis: Basis
+    terms: TermsBy
 
     def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         return self.basis(*self._asked(location, inner, view, context))[:, list(location.terms)]

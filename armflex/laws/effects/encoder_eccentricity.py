@@ -7,7 +7,16 @@ import numpy as np
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.shapes import OVER_ITS_RANGE, SECOND_ENCODER, at_drives, on_drive, own_position
+from armflex.laws.effects.shapes import (
+    OVER_ITS_RANGE,
+    SECOND_ENCODER,
+    at_drives,
+    on_drive,
+    own_column,
+    own_position,
+    twists,
+)
+from armflex.laws.terms import waves
 
 
 def _places(records: Records) -> list[Location]:
@@ -24,5 +33,6 @@ ENCODER_ECCENTRICITY = TwistLaw(
     plausible=Plausible(0.001, 0.003, "a disc that is 0.05 mm off its axis at 20 mm of radius"),
     places=_places,
     amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),
+    terms=lambda here, inner: twists(here.drive, *([wave] for wave in waves(own_column(here), 1.0))),
     basis=on_drive(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),
 )

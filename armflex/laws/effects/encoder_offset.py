@@ -3,7 +3,7 @@
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import IN_THE_BASE, at_drives, on_drive
+from armflex.laws.effects.shapes import IN_THE_BASE, at_drives, on_drive, twists
 
 ENCODER_OFFSET = TwistLaw(
     name="encoder_offset",
@@ -14,6 +14,7 @@ ENCODER_OFFSET = TwistLaw(
     plausible=Plausible(0.005, 0.01, "zeroed at a mark by eye"),
     places=at_drives,
     amplitudes=(Amplitude("offset", "{m}"),),
+    terms=lambda here, inner: twists(here.drive, ()),
     basis=on_drive(lambda here, wrench, row, inner: (np.ones(wrench.shape[:-1]),)),
     constant=True,
     stands_for=("joint_offset",),

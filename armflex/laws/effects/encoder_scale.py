@@ -1,7 +1,16 @@
 """Encoder scale: eps (q - q0); q0 is an encoder offset, which calibration has, and is taken as zero."""
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import OVER_ITS_RANGE, SECOND_ENCODER, at_drives, on_drive, own_position
+from armflex.laws.effects.shapes import (
+    OVER_ITS_RANGE,
+    SECOND_ENCODER,
+    at_drives,
+    on_drive,
+    own_column,
+    own_position,
+    twists,
+)
+from armflex.laws.terms import powers
 
 ENCODER_SCALE = TwistLaw(
     name="encoder_scale",
@@ -12,5 +21,6 @@ ENCODER_SCALE = TwistLaw(
     plausible=Plausible(0.002, 0.005, "a tooth in a thousand, or a belt that stretches"),
     places=lambda records: at_drives(records, "q_{joint}"),
     amplitudes=(Amplitude("scale", "1"),),
+    terms=lambda here, inner: twists(here.drive, powers(own_column(here), 1)),
     basis=on_drive(lambda here, wrench, row, inner: (own_position(here, row),)),
 )

@@ -9,12 +9,20 @@ from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import along, at_joints, on_axis
+from armflex.laws.terms import Term, part, power
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
     across = wrench * (1.0 - here.direction)
     force, moment = np.linalg.norm(across[..., :3], axis=-1), np.linalg.norm(across[..., 3:], axis=-1)
     return force, moment, along(here, wrench) ** 2
+
+
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    way = here.direction
+    lengths = (np.diag((1.0 - way) * own) for own in np.repeat(np.eye(2), 3, axis=1))
+    each = (*((power(form, 0.5),) for form in lengths), (part(way), part(way)))
+    return [[Term(way, features=features)] for features in each]
 
 
 EVEN_IN_LOAD = TwistLaw(
@@ -24,6 +32,7 @@ EVEN_IN_LOAD = TwistLaw(
     plausible=Plausible(0.002, 0.003, "a part of what bearings give"),
     places=lambda records: with_terms(at_joints(records), (0,), (1,), (2,)),
     amplitudes=(Amplitude("c_force", "{m}/N"), Amplitude("c_moment", "{m}/Nm"), Amplitude("c_square", "{m}/{w}^2")),
+    terms=_terms,
     basis=on_axis(_shapes),
     loaded=True,
     passive=False,

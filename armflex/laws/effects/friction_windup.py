@@ -4,7 +4,8 @@ import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import with_terms
-from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive
+from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive, side
+from armflex.laws.terms import Kind, Term, part
 
 FRICTION_WINDUP = TwistLaw(
     name="friction_windup",
@@ -13,6 +14,10 @@ FRICTION_WINDUP = TwistLaw(
     plausible=Plausible(0.001, 0.002, "as lost motion, of which it is a part"),
     places=lambda records: with_terms(at_drives(records, "approach_{joint}"), (0, 1), (1,)),
     amplitudes=(Amplitude("a", "{m}"), Amplitude("b", "{m}/{w}")),
+    terms=lambda here, inner: [
+        [Term(here.drive, factors=side(here))],
+        [Term(here.drive, features=(part(here.drive, Kind.SIZE),), factors=side(here))],
+    ],
     basis=on_drive(
         lambda here, wrench, row, inner: (approach(here, row), approach(here, row) * np.abs(wrench @ here.drive)),
     ),

@@ -9,7 +9,8 @@ import numpy as np
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.shapes import at_drives, on_drive, own_position, told_from_aliases
+from armflex.laws.effects.shapes import at_drives, on_drive, own_column, own_position, told_from_aliases, twists
+from armflex.laws.terms import waves
 
 MOST_PERIODS = 24.0
 """Periods over a joint's driven range beyond which a campaign of some hundred poses determines none."""
@@ -38,6 +39,7 @@ GEAR_HARMONIC = TwistLaw(
     plausible=Plausible(0.0005, 0.002, "gears are made to 0.3 to 5 arcmin, racks and screws to tenths of a mm"),
     places=lambda records: with_terms(at_drives(records, "q_{joint}"), (0, 1)),
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
+    terms=lambda here, inner: twists(here.drive, *([wave] for wave in waves(own_column(here), inner[0]))),
     basis=on_drive(
         lambda here, wrench, row, inner: (
             np.sin(inner[0] * own_position(here, row)),

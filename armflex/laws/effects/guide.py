@@ -18,12 +18,19 @@ from armflex.laws.effects.context import AXES_TURN, column_of
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import along, of_column, on_axis, shares_of_load
+from armflex.laws.terms import Factor, Kind, Of, Term, part, straight
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
     load = along(here, wrench)
     overlap = inner[1] + np.abs(column_of(row, here.location.covariates[0]) - inner[2])
     return np.clip(load / inner[0], -1.0, 1.0) / overlap, load / overlap
+
+
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    way, overlap = here.direction, (Factor(Of.OVERLAP, here.location.covariates[0], (inner[1], inner[2])),)
+    play = Term(way, features=(part(way / inner[0], Kind.CLIPPED),), factors=overlap)
+    return [[play], [straight(np.outer(way, way), *overlap)]]
 
 
 GUIDE = TwistLaw(
@@ -42,6 +49,7 @@ GUIDE = TwistLaw(
         for terms in ((0,), (1,), (0, 1))
     ],
     amplitudes=(Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
+    terms=_terms,
     basis=on_axis(_shapes),
     inner=(
         Inner("tau0", "Nm", partial(shares_of_load, shares=(0.05, 0.2, 0.5))),

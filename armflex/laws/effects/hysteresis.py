@@ -10,7 +10,8 @@ from armflex.conventions import Array
 from armflex.laws.effects.context import AXES, Context
 from armflex.laws.effects.effect import Amplitude, Inner, Memory, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import along, at_joints, on_axis, play_in, stepper
+from armflex.laws.effects.shapes import along, at_joints, on_axis, play_in, stepper, twists
+from armflex.laws.terms import powers
 
 
 def play(load: Array, radius: float) -> Array:
@@ -34,6 +35,7 @@ HYSTERESIS = TwistLaw(
     plausible=Plausible(0.001, 0.002, "a part of lost motion"),
     places=at_joints,
     amplitudes=(Amplitude("gain", "{m}/{w}"),),
+    terms=lambda here, inner: twists(here.direction, powers(_state(here.location, inner), 1)),
     basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.location, inner)),)),
     inner=(Inner("radius", "{w}", _radii),),
     memory=Memory(_state, lambda here, wrench, row, inner: play(along(here, wrench), inner[0]), "{w}"),

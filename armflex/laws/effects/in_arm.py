@@ -21,6 +21,7 @@ from armflex.laws.effects.context import column_of
 from armflex.laws.effects.effect import Act, Effect, LoadLaw, Manipulator, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.law import NOTHING, UNLOADED, Composed, Ranges, WithoutParameters, anywhere, by_wrench
+from armflex.laws.terms import Factor, Terms
 from armflex.robot import Robot
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
@@ -56,6 +57,18 @@ class BoundTwist(WithoutParameters):
             raise MissingCovariateError(error.name, error.given, self.effect.name) from None
         # The same; for a single load numpy's `dot` takes a third of the time.
         return self._amplitudes.dot(basis) if basis.ndim == 2 else self._amplitudes @ basis
+
+    def weight(self, factors: Sequence[Factor], row: Row) -> Array | float:
+        """Return the product of factors; raise `MissingCovariateError` where the row lacks what the effect needs."""
+        try:
+            return super().weight(factors, row)
+        except MissingCovariateError as error:
+            raise MissingCovariateError(error.name, error.given, self.effect.name) from None
+
+    def terms(self) -> Terms:
+        """Return the terms of the effect's law times its amplitudes."""
+        known = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
+        return [term.times(value) for value, basis in known if value for term in basis]
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, 6) derivative with respect to a (..., 6) wrench, by central differences in one call."""

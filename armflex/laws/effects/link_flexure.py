@@ -4,7 +4,16 @@ import numpy as np
 
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import CROSSED, ON_THE_LINK, crossed, singly_and_together, turning_terms, unit_twists
+from armflex.laws.effects.shapes import (
+    CROSSED,
+    ON_THE_LINK,
+    crossed,
+    crossed_terms,
+    each_axis,
+    singly_and_together,
+    turning_terms,
+    unit_twists,
+)
 
 LINK_FLEXURE = TwistLaw(
     name="link_flexure",
@@ -17,6 +26,7 @@ LINK_FLEXURE = TwistLaw(
         *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm", positive=True) for axis in AXES),
         *(Amplitude(name, "rad/Nm") for name in CROSSED),
     ),
+    terms=lambda here, inner: [*each_axis(), *crossed_terms()],
     basis=lambda here, wrench, row, inner: np.concatenate([unit_twists(wrench), crossed(wrench)], axis=-2),
     loaded=True,
     linear=True,

@@ -7,7 +7,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, with_terms
-from armflex.laws.effects.shapes import along, on_axis, own_position
+from armflex.laws.effects.shapes import along, compliances, on_axis, own_column, own_position
+from armflex.laws.terms import powers
 
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
@@ -26,6 +27,7 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
         [Location(joint, axis, (f"q_{joint}",)) for joint in records.joints for axis in AXES], (0,), (0, 1)
     ),
     amplitudes=(Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
+    terms=lambda here, inner: compliances(here.direction, *(powers(own_column(here), exponent) for exponent in (1, 2))),
     basis=on_axis(_shapes),
     loaded=True,
     linear=True,

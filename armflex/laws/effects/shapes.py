@@ -12,6 +12,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records, column_of
 from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
+from armflex.laws.terms import UNITS, Factor, Term, powers, straight
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
 """Time constants to begin a search with [s]: hours for links of a tonne."""
@@ -38,6 +39,36 @@ def on_axis(shapes: Shapes) -> Along:
 def on_drive(shapes: Shapes) -> Along:
     """Return the basis of (...,) shapes along the joint's own motion."""
     return Along(shapes, lambda here, inner: here.drive)
+
+
+def twists(way: Array, *each: Sequence[Factor]) -> list[list[Term]]:
+    """Return the terms of amplitudes that each give a (6,) twist times factors, whatever the load."""
+    return [[Term(way, factors=tuple(factors))] for factors in each]
+
+
+def compliances(way: Array, *each: Sequence[Factor]) -> list[list[Term]]:
+    """Return the terms of amplitudes that are each a compliance along a (6,) axis times factors."""
+    return [[straight(np.outer(way, way), *factors)] for factors in each]
+
+
+def each_axis(first: int = 0) -> list[list[Term]]:
+    """Return the terms of amplitudes that are each a compliance along an axis of their own, from one of six on."""
+    return [part for unit in UNITS[first:] for part in compliances(unit, ())]
+
+
+def own_column(here: Here) -> str:
+    """Return the column of the position of the site's joint."""
+    return f"q_{here.location.place}"
+
+
+def side(here: Here) -> tuple[Factor, ...]:
+    """Return the factor of the direction from which the site's joint came."""
+    return powers(f"approach_{here.location.place}", 1)
+
+
+def warm(here: Here, reference: float, lag: float) -> tuple[Factor, ...]:
+    """Return the factor of `warmth`."""
+    return powers(lagged_name(here.location, (lag,)) if lag > 0.0 else here.location.covariates[0], 1, reference)
 
 
 def along(here: Here, wrench: Array) -> Array:
@@ -157,6 +188,12 @@ def at_joints(records: Records, covariate: str | None = None) -> list[Location]:
 PAIRS = ((0, 1), (0, 2), (1, 2))
 CROSSED = tuple(f"C_{AXES_TURN[i]}_{AXES_TURN[j]}" for i, j in PAIRS)
 """Names of what couples two turning axes."""
+
+
+def crossed_terms() -> list[list[Term]]:
+    """Return the terms of `CROSSED`."""
+    turns = UNITS[3:]
+    return [[straight(np.outer(turns[i], turns[j]) + np.outer(turns[j], turns[i]))] for i, j in PAIRS]
 
 
 def crossed(wrench: Array) -> Array:

@@ -9,7 +9,8 @@ import numpy as np
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import at_joints, on_axis
+from armflex.laws.effects.shapes import at_joints, on_axis, twists
+from armflex.laws.terms import Factor, Of
 
 STEPS = 40
 """Times to begin the search with."""
@@ -28,6 +29,7 @@ SLIP_STEP = TwistLaw(
     plausible=Plausible(0.005, 0.01, "a tooth of a belt"),
     places=lambda records: at_joints(records, covariate="time") if records.timed else [],
     amplitudes=(Amplitude("size", "{m}"),),
+    terms=lambda here, inner: twists(here.direction, (Factor(Of.STEP, "time", (inner[0],)),)),
     basis=on_axis(lambda here, wrench, row, inner: (np.where(row.covariate("time") >= inner[0], 1.0, 0.0),)),
     inner=(Inner("at", "s", _times, positive=False, smooth=False),),
     timed=True,

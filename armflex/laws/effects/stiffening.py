@@ -1,10 +1,19 @@
 """A joint that stiffens (or softens) with its load: c2 tau|tau| and c3 tau^3."""
 
+from __future__ import annotations
+
 import numpy as np
 
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.location import with_terms
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, with_terms
 from armflex.laws.effects.shapes import along, at_joints, on_axis
+from armflex.laws.terms import Kind, Term, part
+
+
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    load, size = part(here.direction), part(here.direction, Kind.SIZE)
+    return [[Term(here.direction, features=own)] for own in ((load, size), (load, load, load))]
+
 
 STIFFENING = TwistLaw(
     name="stiffening",
@@ -15,6 +24,7 @@ STIFFENING = TwistLaw(
     plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=lambda records: with_terms(at_joints(records), (0,), (1,), (0, 1)),
     amplitudes=(Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
+    terms=_terms,
     basis=on_axis(
         lambda here, wrench, row, inner: (
             along(here, wrench) * np.abs(along(here, wrench)),

@@ -20,7 +20,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import of_column, own_position
+from armflex.laws.effects.shapes import of_column, own_column, own_position
+from armflex.laws.terms import Term, powers, straight
 
 WAYS = {"out": 1.0, "in": -1.0}
 SPARE = (0.1, 0.5, 1.5)
@@ -73,6 +74,18 @@ def _is_built(effect: Effect, context: Context, arm: Manipulator) -> bool:
     return 0.0 <= least <= MOST * travel and out.min() - travel <= declared <= out.max() + travel
 
 
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    """Return the beam's compliance as a polynomial in the joint's position, less what it is where declared."""
+    bends, twists = beam(here)
+    length = np.polynomial.Polynomial((inner[0], WAYS[here.location.partner]))
+    declared = lengths(here, 0.0, tuple(inner))[1]
+    parts = np.zeros((4, 4))  # by the power of L, and of q
+    for k in range(4):
+        parts[k, : k + 1] = (length**k - declared**k).coef
+    each = (np.einsum("kn,kij->nij", parts, bends), np.einsum("n,ij->nij", parts[1], twists))
+    return [[straight(own, *powers(own_column(here), n)) for n, own in enumerate(one)] for one in each]
+
+
 TELESCOPE = TwistLaw(
     name="unnamed_telescope",
     words=Words(
@@ -88,6 +101,7 @@ TELESCOPE = TwistLaw(
         for terms in ((0,), (0, 1))
     ],
     amplitudes=(Amplitude("bending", "1/(N m^2)", positive=True), Amplitude("torsion", "1/(N m^2)", positive=True)),
+    terms=_terms,
     basis=_basis,
     possible=_is_built,
     inner=(

@@ -11,7 +11,7 @@ from armflex.conventions import Array
 from armflex.laws.effects.context import AXES_TURN
 from armflex.laws.effects.effect import Along, Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm, warmth
 
 
 def _direction(here: Here, inner: Values) -> Array:
@@ -28,6 +28,7 @@ THERMAL_BENDING = TwistLaw(
         Location(link, axis, (name,)) for name in records.temperatures for link in records.links for axis in AXES_TURN
     ],
     amplitudes=(Amplitude("beta", "rad/K"),),
+    terms=lambda here, inner: twists(_direction(here, inner), warm(here, *inner[1:])),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
     inner=(
         Inner("along", "1", lambda location, context: (1.0, 0.5), polished=False, usual=1.0, default=1.0),

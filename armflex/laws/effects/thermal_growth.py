@@ -2,7 +2,7 @@
 
 from armflex.laws.effects.effect import Along, Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, warmth
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm, warmth
 
 THERMAL_GROWTH = TwistLaw(
     name="thermal_growth",
@@ -11,6 +11,7 @@ THERMAL_GROWTH = TwistLaw(
     plausible=Plausible(0.003, 0.005, "10 um/m K of steel, 100 of plastics"),
     places=lambda records: [Location(link, None, (name,)) for link in records.links for name in records.temperatures],
     amplitudes=(Amplitude("alpha", "1/K", usual=2e-4),),
+    terms=lambda here, inner: twists(here.stretch, warm(here, *inner)),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
     inner=WARM,
     memory=LAGGED,

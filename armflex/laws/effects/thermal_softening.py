@@ -9,7 +9,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warmth, with_temperature
+from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warm, warmth, with_temperature
+from armflex.laws.terms import Terms
 
 MOST = 0.1
 """Largest plausible beta [1/K]: plastics near their softening point; steel and gears have a thousandth."""
@@ -27,6 +28,12 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return (warmth(here, row, *inner)[..., None] * twist)[..., None, :]
 
 
+def _terms(here: Here, inner: Values) -> list[Terms]:
+    axes = np.abs(here.direction) if here.location.axis else 1.0
+    base = () if here.base_law is None else here.base_law.terms()
+    return [[term.times(axes, *warm(here, *inner)) for term in base]]
+
+
 THERMAL_SOFTENING = TwistLaw(
     name="thermal_softening",
     words=Words("thermal softening", "the compliance of the joint grows as it warms", "β (T − T₀) · C w"),
@@ -34,6 +41,7 @@ THERMAL_SOFTENING = TwistLaw(
     plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=_places,
     amplitudes=(Amplitude("beta", "1/K", most=MOST),),
+    terms=_terms,
     basis=_basis,
     inner=WARM,
     loaded=True,

@@ -11,6 +11,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import TOOL, Here, Location
+from armflex.laws.terms import UNITS, Factor, Of, Term
 
 ALWAYS = -np.inf
 """A start before every row, which needs no time."""
@@ -36,6 +37,11 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     return there[..., None, None] * np.eye(6)[:3]
 
 
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    since = () if inner[0] == ALWAYS else (Factor(Of.STEP, "time", (inner[0],)),)
+    return [[Term(unit, factors=since)] for unit in UNITS[:3]]
+
+
 TOOL_SHIFT = TwistLaw(
     name="tool_shift",
     words=Words("tool shift", "the place of the target differs from the declared one, or it moved", "constant shift"),
@@ -43,6 +49,7 @@ TOOL_SHIFT = TwistLaw(
     plausible=Plausible(0.01, 0.01, "a target put back by hand"),
     places=_places,
     amplitudes=tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz")),
+    terms=_terms,
     basis=_basis,
     inner=(Inner("since", "s", _starts, positive=False, polished=False, default=ALWAYS),),
     timed=True,

@@ -16,7 +16,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import AXES, Context, Records, column_of
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
-from armflex.laws.effects.shapes import along, of_column, on_axis, told_from_aliases
+from armflex.laws.effects.shapes import along, compliances, of_column, on_axis, told_from_aliases, twists
+from armflex.laws.terms import Factor, Of, Term, powers, tents, waves
 
 KNOTS = 8
 """Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
@@ -61,6 +62,26 @@ def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequenc
     first, second = (column_of(row, name) for name in here.location.covariates)
     sine, cosine = np.sin(inner[0] * first), np.cos(inner[0] * first)
     return [wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)]
+
+
+def _column(here: Here) -> str:
+    return here.location.covariates[0]
+
+
+def _tents(here: Here, inner: Values) -> list[Factor]:
+    return tents(_column(here), inner[0], inner[1], KNOTS)[:-1]
+
+
+def _product_terms(here: Here, inner: Values) -> list[list[Term]]:
+    first, second = here.location.covariates
+    other, hats = powers(second, 1, inner[2]), tents(first, inner[0], inner[1], KNOTS)
+    return twists(here.direction, *((hat,) for hat in hats[:-1]), *((hat, *other) for hat in hats))
+
+
+def _wave_product_terms(here: Here, inner: Values) -> list[list[Term]]:
+    first, second = here.location.covariates
+    both, other = waves(first, inner[0]), powers(second, 1, inner[1])
+    return twists(here.direction, *((wave,) for wave in both), *((wave, *other) for wave in both))
 
 
 def _goes_round(effect: Effect, context: Context, arm: Manipulator) -> bool:
@@ -115,6 +136,7 @@ SPLINE = TwistLaw(
     words=Words("unnamed shape", "it follows a column freely", "f(x), straight between knots"),
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}") for name in TENTS),
+    terms=lambda here, inner: twists(here.direction, *([tent] for tent in _tents(here, inner))),
     basis=on_axis(
         lambda here, wrench, row, inner: hats(column_of(row, here.location.covariates[0]), inner[0], inner[1], KNOTS)
     ),
@@ -128,6 +150,7 @@ SPLINE_COMPLIANCE = TwistLaw(
     words=Words("unnamed compliance", "a compliance that depends on a column", "f(x) · w"),
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
+    terms=lambda here, inner: compliances(here.direction, *([tent] for tent in _tents(here, inner))),
     basis=on_axis(_spline_compliance),
     inner=(LOW, HIGH),
     loaded=True,
@@ -140,6 +163,7 @@ BUMP = TwistLaw(
     words=Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
     places=everywhere,
     amplitudes=(Amplitude("height", "{m}"),),
+    terms=lambda here, inner: twists(here.direction, (Factor(Of.BUMP, _column(here), tuple(inner)),)),
     basis=on_axis(
         lambda here, wrench, row, inner: (np.exp(-0.5 * (_away(here, wrench, row, inner[0]) / inner[1]) ** 2),)
     ),
@@ -154,6 +178,7 @@ WAVE = TwistLaw(
     words=Words("unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
     places=_with_all(2),
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
+    terms=lambda here, inner: twists(here.direction, *([wave] for wave in waves(_column(here), inner[0]))),
     basis=on_axis(_wave),
     inner=(NUMBER,),
     plausible=FREE,
@@ -167,6 +192,9 @@ LINE = TwistLaw(
     words=Words("unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
     places=everywhere,
     amplitudes=(Amplitude("slope", "{m} per recorded"), Amplitude("curvature", "{m} per recorded^2")),
+    terms=lambda here, inner: twists(
+        here.direction, *(powers(_column(here), exponent, inner[0]) for exponent in (1, 2))
+    ),
     basis=on_axis(
         lambda here, wrench, row, inner: (_away(here, wrench, row, inner[0]), _away(here, wrench, row, inner[0]) ** 2)
     ),
@@ -180,6 +208,7 @@ PRODUCT = TwistLaw(
     words=Words("unnamed product", "two columns act together", "f(x) · (1, y)"),
     places=lambda records: [],
     amplitudes=tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
+    terms=_product_terms,
     basis=on_axis(_product),
     inner=(LOW, HIGH, MIDDLE),
     plausible=FREE,
@@ -197,6 +226,7 @@ WAVE_PRODUCT = TwistLaw(
     amplitudes=tuple(
         Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)
     ),
+    terms=_wave_product_terms,
     basis=on_axis(_wave_product),
     inner=(NUMBER, MIDDLE),
     plausible=FREE,
@@ -214,6 +244,7 @@ LEVEL = TwistLaw(
         Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in records.levels
     ],
     amplitudes=(Amplitude("step", "{m}"),),
+    terms=lambda here, inner: twists(here.direction, powers(_column(here), 1)),
     basis=on_axis(lambda here, wrench, row, inner: (_away(here, wrench, row),)),
     plausible=FREE,
     physical=False,

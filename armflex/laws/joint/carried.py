@@ -17,6 +17,7 @@ import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, Transform, block_norms
+from armflex.laws.terms import Terms
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,9 @@ class Carried(Composed):
             return None
         moved = self.action @ known @ self.action.T
         return 0.5 * (moved + moved.T) if (known == known.T).all() else moved
+
+    def terms(self) -> Terms:
+        return [term.carried(self.action) for term in self.law.terms()]
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
         known = self.law.affine(row)

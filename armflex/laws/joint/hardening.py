@@ -17,6 +17,7 @@ from armflex.declaration import Declaration
 from armflex.laws.joint.linear import declared_std, read_compliance
 from armflex.laws.joint.log_compliance import LOOSE
 from armflex.laws.law import Law, Parameter, Ranges, Row, Transform, block_norms
+from armflex.laws.terms import Term, Terms, power
 
 EXAMPLE = """
 model = "hardening"
@@ -59,28 +60,17 @@ class HardeningLaw(Law):
         root[self._axes] = np.exp(0.5 * (values - self.values)[:-1])
         return replace(self, compliance=self.compliance * np.outer(root, root), energy=float(np.exp(values[-1])))
 
-    def twist(self, wrench: Array, row: Row) -> Array:
-        """Return C w / sqrt(1 + e)."""
-        straight = wrench @ self.compliance
-        return straight / np.sqrt(1.0 + self._share(wrench, straight))
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        """Return (C - C w w' C / (2 energy (1 + e))) / sqrt(1 + e)."""
-        straight = wrench @ self.compliance
-        more = 1.0 + self._share(wrench, straight)[..., None]
-        taken = straight[..., :, None] * straight[..., None, :] / (2.0 * self.energy * more)
-        return (self.compliance - taken) / np.sqrt(more)
+    def terms(self) -> Terms:
+        """Return C w (1 + e)^-1/2."""
+        falls = power(self.compliance / (2.0 * self.energy), -0.5, 1.0)
+        return (Term(np.zeros(6), self.compliance, (falls,)),)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return half of E f + J E w for every axis, f being the twist and J its tangent; and f e / (2 (1 + e))."""
         twist, tangent = self.twist(wrench, row), self.tangent(wrench, row)
         by_axes = 0.5 * (np.eye(6) * twist[..., None, :] + tangent * wrench[..., None, :])
-        share = self._share(wrench, wrench @ self.compliance)
+        share = (wrench * (wrench @ self.compliance)).sum(axis=-1, keepdims=True) / (2.0 * self.energy)
         return np.concatenate([by_axes[..., self._axes], (twist * 0.5 * share / (1.0 + share))[..., None]], axis=-1)
-
-    def hardening(self) -> tuple[Array, float]:
-        """Return C and 1 / (2 energy)."""
-        return self.compliance, 0.5 / self.energy
 
     def compliance_bound(self, ranges: Ranges) -> Array:
         """Return the norms of C's blocks on the diagonal, their geometric mean beside it: J is positive, C - J, too."""
@@ -94,10 +84,6 @@ class HardeningLaw(Law):
     def scaled(self, factor: Array) -> HardeningLaw:
         """Return the law of S C S: the energy that it is compared with is the same."""
         return replace(self, compliance=self.compliance * np.outer(factor, factor))
-
-    def _share(self, wrench: Array, straight: Array) -> Array:
-        """Return e as (..., 1)."""
-        return (wrench * straight).sum(axis=-1, keepdims=True) / (2.0 * self.energy)
 
 
 def read_hardening(table: Declaration, joint: str, ranges: Ranges) -> HardeningLaw:

@@ -12,10 +12,16 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.errors import UnsupportedError
 from armflex.laws.law import LEAST, NOWHERE, Compliance, Law, Parameter, Row, SteppedLaw, Transform
+from armflex.laws.terms import Factor, Of, Terms, straight
 
 LOOSE = 0.5
 """Prior standard deviation of a factor's logarithm where nothing was declared."""
+
+CLOSE = 1e-13
+"""Relative error of a compliance as a polynomial in a joint's position; more degrees than these are not tried."""
+DEGREES = (8, 16, 32, 64)
 
 COUPLED, BENT = 0.05, 0.3
 """Where the search for the size of couplings and of what depends on position starts."""
@@ -71,6 +77,22 @@ class LogCompliance(Compliance):
     def constant(self) -> Array | None:
         """C where no position counts."""
         return None if self.degree or self._same is None else self.compliance(NOWHERE)
+
+    def terms(self) -> Terms:
+        """Return the compliance as a polynomial in the joint's position over its travel, to rounding."""
+        if self.joint is None or self.constant is not None:
+            return super().terms()
+        for degree in DEGREES:
+            places = np.cos(np.pi * (np.arange(2 * degree) + 0.5) / (2 * degree))
+            row = Row((self.middle + self.reach * places)[:, None], {self.joint: 0})
+            wanted = self.compliance(row).reshape(len(places), 36)
+            values = np.polynomial.chebyshev.chebvander(places, degree)
+            coefficients = np.asarray(np.linalg.lstsq(values, wanted, rcond=None)[0], float)
+            if np.abs(values @ coefficients - wanted).max() <= CLOSE * np.abs(wanted).max():
+                column, parts = f"q_{self.joint}", enumerate(coefficients.reshape(-1, 6, 6))
+                numbers = (self.middle, self.reach)
+                return [straight(part, Factor(Of.CHEBYSHEV, column, (*numbers, float(n)))) for n, part in parts]
+        raise UnsupportedError(f"bends too much with {self.joint} for a polynomial of degree {DEGREES[-1]}")
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the derivative, exp's being known where T is diagonal (Daleckii and Krein)."""

@@ -15,6 +15,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag, LawError
 from armflex.laws.law import Law, Parameter, Ranges, Row, embed
+from armflex.laws.terms import Neurons, Term, Terms
 from armflex.storage.schema import LARGEST, Numbers, check_arrays
 
 NEARBY = 1e-4
@@ -128,12 +129,10 @@ class NetworkLaw(Law):
                 norms[i, j] = np.linalg.norm(out, axis=1) @ np.linalg.norm(into, axis=0)
         return norms
 
-    def neurons(self) -> tuple[Array, Array, Array, Array]:
-        """Return the law as `gains.T @ tanh(units.T @ load + bias) + constant`, loads and twists in SI.
-
-        (k, S H) units, (S H,) bias, (S H, k) gains, (k,) constant.
-        """
-        return *self._units, *self._answers
+    def terms(self) -> Terms:
+        """Return the neurons of all networks together, and a constant."""
+        (units, bias), (gains, constant) = self._units, self._answers
+        return Neurons(embed(units.T, axes=1), bias, embed(gains, axes=1)), Term(embed(constant, axes=1))
 
     def _twist(self, load: Array) -> Array:
         (units, bias), (gains, constant) = self._units, self._answers

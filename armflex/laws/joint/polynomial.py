@@ -15,6 +15,7 @@ import numpy as np
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import LawError, UnknownNameError, did_you_mean, listing
 from armflex.laws.law import Law, Parameter, Row, block_diagonal, check_ordered, embed
+from armflex.laws.terms import UNITS, Kind, Term, Terms, part, power
 from armflex.storage.schema import Numbers, check_arrays, check_shapes
 
 _NORMS = {
@@ -137,6 +138,10 @@ class PolynomialLaw(Law):
     def scatter(self, wrench: Array, row: Row) -> Array:
         return embed(np.diag(self.residual_std**2))
 
+    def terms(self) -> Terms:
+        """Return a term of every feature."""
+        return self._map.terms(np.ones(6))
+
     @property
     def trained_on(self) -> Array:
         return self.loads
@@ -177,6 +182,30 @@ class FeatureMap:
         if odd is not None:
             total = total + (odd[0] * np.abs(load)[..., None, :] + odd[1] * np.square(load)[..., None, :])
         return total
+
+    def terms(self, scale: Array) -> list[Term]:
+        """Return the sum at loads multiplied by (6,) numbers, as terms."""
+        found = []
+        for place, along in zip(self.places.tolist(), self.coefficients, strict=True):
+            members, name = list(_MEMBERS[place]), FEATURES[place]
+            ways = [part(scale[i] * UNITS[i]) for i in members]
+            if name in _NORMS and len(members) == 1:
+                features = (replace(ways[0], kind=Kind.SIZE),)
+            elif name in _NORMS:
+                counts = np.zeros(6)
+                counts[members] = 1.0
+                features = (power(np.diag(counts * scale**2), 0.5),)
+            elif name.endswith("^3"):
+                features = (*ways, *ways, *ways)
+            elif name.endswith("|"):
+                features = (*ways, replace(ways[0], kind=Kind.SIZE))
+            else:
+                features = tuple(ways)
+            if len(features) == 1 and features[0].kind is Kind.PART:
+                found.append(Term(np.zeros(6), np.outer(along, features[0].u)))
+            else:
+                found.append(Term(along, features=features))
+        return found
 
     @cached_property
     def _parts(self) -> tuple[Array, Array, Array, Array, Array | None]:

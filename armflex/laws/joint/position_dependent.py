@@ -15,6 +15,7 @@ from armflex.errors import LawError, did_you_mean
 from armflex.laws.joint.linear import SYMMETRIC, check_compliance, declared_matrix, declared_std, entries
 from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
 from armflex.laws.law import NOWHERE, Compliance, Parameter, Ranges, Row, block_norms
+from armflex.laws.terms import Terms, powers, straight
 
 EXAMPLE = """
 model = "position_dependent"
@@ -73,6 +74,11 @@ class PositionDependentLaw(Compliance):
         for coefficient in self.coefficients[-2::-1]:
             total = total * position + coefficient
         return total
+
+    def terms(self) -> Terms:
+        """Return a term of every power of the position."""
+        column = f"q_{self.joint}"
+        return [straight(part, *powers(column, exponent)) for exponent, part in enumerate(self.coefficients)]
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the load that each entry multiplies, times the power of the position."""

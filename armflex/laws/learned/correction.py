@@ -18,6 +18,7 @@ from armflex.laws.joint.log_compliance import root_of
 from armflex.laws.joint.polynomial import FeatureMap, feature_values
 from armflex.laws.law import Law, Parameter, Row
 from armflex.laws.learned.seen import STEEPEST, Seen
+from armflex.laws.terms import Neurons, Term, Terms
 
 TAKEN = 0.25
 """Of the compliance that a correction may take where it fades."""
@@ -74,6 +75,9 @@ class Correction(Law):
         carried = self.law.tangent(within, row) @ self.seen.drawing_in(wrench)
         along = self.law.twist(within, row)[..., :, None] * self.seen.slope(wrench)[..., None, :]
         return self.seen.weight(wrench)[..., None, None] * carried + along
+
+    def terms(self) -> Terms:
+        return [replace(term, window=self.seen) for term in self.law.terms()]
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         by_law = self.law.by_values(self.seen.drawn_in(wrench), row)
@@ -184,6 +188,12 @@ class NetworkCorrection(Correcting):
         curve = np.tanh((wrench[..., self.axes] / self.typical) @ hidden.T + bias)
         return (curve - np.tanh(bias)) @ (self.to_twist @ output).T
 
+    def terms(self) -> Terms:
+        hidden, bias, output = self._weights
+        units, gains = np.zeros((len(bias), 6)), self.to_twist @ output
+        units[:, self.axes] = hidden / self.typical
+        return Neurons(units, bias, gains.T), Term(-gains @ np.tanh(bias))
+
     def tangent(self, wrench: Array, row: Row) -> Array:
         hidden, bias, output = self._weights
         slope = 1.0 - np.tanh((wrench[..., self.axes] / self.typical) @ hidden.T + bias) ** 2
@@ -249,6 +259,9 @@ class PolynomialCorrection(Correcting):
 
     def twist(self, wrench: Array, row: Row) -> Array:
         return self._map.values(wrench * self._inverse)
+
+    def terms(self) -> Terms:
+        return self._map.terms(self._inverse)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         return self._map.slopes(wrench * self._inverse) * self._inverse

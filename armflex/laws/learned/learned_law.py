@@ -17,6 +17,7 @@ from armflex.errors import Flag
 from armflex.laws.law import Law, Parameter, Ranges, Row, SteppedLaw, beyond
 from armflex.laws.learned.correction import Correction, NetworkCorrection, PolynomialCorrection, fading
 from armflex.laws.learned.seen import Seen
+from armflex.laws.terms import Terms
 
 SLACK = 0.02
 """Of the range of a load, by which it may be beyond those seen: a campaign's loads are those of the arm as it bends."""
@@ -103,6 +104,9 @@ class LearnedLaw(Law):
     def parts(self) -> tuple[Law, ...]:
         """The plain law's parts, and the correction."""
         return (*self.plain.parts, *(() if self.correction is None else (self.correction,)))
+
+    def terms(self) -> Terms:
+        return [term for part in self.parts for term in part.terms()]
 
     @property
     def constant(self) -> Array | None:

@@ -25,7 +25,6 @@ from support.structures import nonlinear
 from armflex import Arm, Payload, Trajectory, compensate, load_arm
 from armflex.errors import InputError, SmallDisplacementError, UnstableEquilibriumError, UnsupportedError
 from armflex.export.c_code import KEYWORDS, export
-from armflex.export.c_laws import SHAPES
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
@@ -116,11 +115,6 @@ def test_compensation_is_pythons(both: tuple[Arm, CompiledArm]) -> None:
     np.testing.assert_allclose(poses[:, :, 3], goal, rtol=0, atol=CLOSE)
     apart = np.abs(found - wanted.trajectory.q)[held & reached].max(axis=1)
     assert (apart < 1e-7).mean() > 0.99
-
-
-def test_every_effect_is_in_it_or_was_never_the_arms() -> None:
-    at_work = {name for name, law in EVERY.items() if law.act is Act.TWIST}
-    assert at_work == set(SHAPES)
 
 
 def test_every_effect_at_once(tmp_path: Path) -> None:

@@ -1,0 +1,349 @@
+"""Laws as sums of terms: the form in which the compiled kernel and exported C know every law.
+
+    twist = sum over terms of (matrix @ w + along) * product of features(w) * product of factors(row)
+
+A feature is a number made of the load w, a factor one made of a column of the row. What is scaled, or carried to
+another place, stays of this form. A small network is one term of many neurons, `gains.T @ tanh(units @ w + bias)`.
+A law that says its terms needs nothing else: its twist and its tangent follow, and both engines know it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import UnsupportedError
+from armflex.laws.row import Row
+
+if TYPE_CHECKING:
+    from typing import Protocol
+
+    class Window(Protocol):
+        """Loads under which a term counts; see `learned.seen.Seen`."""
+
+        mean: Array
+        precision: Array
+        energy: Array | None
+        faded: float
+
+
+UNITS = np.eye(6)
+UNITS.flags.writeable = False
+
+LEAST = 1e-300
+"""What a number that is raised to a power is at least."""
+
+MOST_FACTORS = 2
+"""Columns that one term may depend on."""
+
+
+class Kind(IntEnum):
+    """What a feature makes of a load w; the kernel and `arm.c` have the same."""
+
+    PART = 0
+    """u . w"""
+    SIZE = 1
+    """|u . w|"""
+    CLIPPED = 2
+    """u . w, at most 1 in size: play that the load takes up."""
+    TANH = 3
+    """tanh(u . w + bias)"""
+    RAISED = 4
+    """(bias + w' form w)^exponent"""
+
+
+class Of(IntEnum):
+    """What a factor makes of a column x; `a` to `d` are its numbers, and `arm.c` has the same."""
+
+    ONE = 0
+    POWER = 1
+    """((x - a) / b)^c"""
+    SINE = 2
+    """sin(a x)"""
+    COSINE = 3
+    STEP = 4
+    """1 from a on"""
+    BUMP = 5
+    """exp(-((x - a) / b)^2 / 2)"""
+    TENT = 6
+    """1 at knot d, 0 at the knots beside it; knots are c apart from a on, and b is the last."""
+    CREEP = 7
+    """log(1 + x / a), x at least 0"""
+    OVERLAP = 8
+    """1 / (a + |x - b|)"""
+    CHEBYSHEV = 9
+    """Polynomial of degree c in a travel with the middle a and the half b."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A number made of a (..., 6) load; see `Kind`.
+
+    Attributes:
+        kind: Which.
+        u: (6,) of a part of the load, as a tuple: features are compared and hashed.
+        bias, exponent: Numbers of some kinds.
+        form: (36,) of a quadratic form of it, rows behind one another; empty where none counts.
+    """
+
+    kind: Kind
+    u: tuple[float, ...] = (0.0,) * 6
+    bias: float = 0.0
+    exponent: float = 1.0
+    form: tuple[float, ...] = ()
+
+    @property
+    def matrix(self) -> Array:
+        """(6, 6) form."""
+        return np.array(self.form).reshape(6, 6)
+
+    @property
+    def degree(self) -> float:
+        """Power of the load's size with which it grows in the end."""
+        if self.kind is Kind.RAISED:
+            return 2.0 * self.exponent
+        return 1.0 if self.kind in (Kind.PART, Kind.SIZE) else 0.0
+
+    def of(self, load: Array) -> Array:
+        """Return the (...,) number."""
+        return self.with_slope(load)[0]
+
+    def with_slope(self, load: Array) -> tuple[Array, Array]:
+        """Return the (...,) number and its (..., 6) derivative by the load, 0 at a corner."""
+        if self.kind is Kind.RAISED:
+            moved = load @ (form := self.matrix)
+            base = np.maximum(self.bias + (moved * load).sum(axis=-1), LEAST)
+            slope = np.where(base > LEAST, self.exponent, 0.0) * base ** (self.exponent - 1.0)
+            return base**self.exponent, slope[..., None] * (moved + load @ form.T)
+        way = np.array(self.u)
+        part = load @ way
+        if self.kind is Kind.TANH:
+            value = np.tanh(part + self.bias)
+            slope = 1.0 - value**2
+        elif self.kind is Kind.SIZE:
+            value, slope = np.abs(part), np.sign(part)
+        elif self.kind is Kind.CLIPPED:
+            value, slope = np.clip(part, -1.0, 1.0), (np.abs(part) < 1.0).astype(float)
+        else:
+            value, slope = part, np.ones_like(part)
+        return value, slope[..., None] * way
+
+    def carried(self, action: Array) -> Feature:
+        """Return the feature of the load `action.T @ w`."""
+        form = tuple((action @ self.matrix @ action.T).ravel().tolist()) if self.form else ()
+        return replace(self, u=tuple((action @ np.array(self.u)).tolist()), form=form)
+
+
+def part(way: Array, kind: Kind = Kind.PART, bias: float = 0.0) -> Feature:
+    """Return a feature of the part (6,) u . w of the load."""
+    return Feature(kind, tuple(np.asarray(way, dtype=float).tolist()), bias)
+
+
+def power(form: Array, exponent: float, bias: float = 0.0) -> Feature:
+    """Return the feature (bias + w' form w)^exponent of a (6, 6) form."""
+    return Feature(
+        Kind.RAISED, bias=bias, exponent=exponent, form=tuple(np.asarray(form, dtype=float).ravel().tolist())
+    )
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A function of a column; see `Of`."""
+
+    kind: Of
+    column: str
+    numbers: tuple[float, ...]
+
+    def at(self, row: Row) -> Array:
+        """Return its (...,) value; raise `MissingCovariateError` where the row lacks the column."""
+        x = np.asarray(row.column(self.column), dtype=float)
+        a, b, c, d = (*self.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
+        match self.kind:
+            case Of.POWER:
+                return ((x - a) / b) ** int(c)
+            case Of.SINE:
+                return np.sin(a * x)
+            case Of.COSINE:
+                return np.cos(a * x)
+            case Of.STEP:
+                return np.where(x >= a, 1.0, 0.0)
+            case Of.BUMP:
+                return np.exp(-0.5 * ((x - a) / b) ** 2)
+            case Of.TENT:
+                return np.maximum(1.0 - np.abs((np.clip(x, a, b) - a) / c - d), 0.0)
+            case Of.CREEP:
+                return np.log1p(np.maximum(x, 0.0) / a)
+            case Of.OVERLAP:
+                return 1.0 / (a + np.abs(x - b))
+            case Of.CHEBYSHEV:
+                return np.polynomial.chebyshev.chebval((x - a) / b, np.eye(int(c) + 1)[-1])
+            case _:
+                return np.ones_like(x)
+
+
+def powers(column: str, exponent: int, above: float = 0.0) -> tuple[Factor, ...]:
+    """Return the factor (column - above)^exponent, none where that is 1."""
+    return (Factor(Of.POWER, column, (above, 1.0, float(exponent))),) if exponent else ()
+
+
+def waves(column: str, number: float) -> tuple[Factor, Factor]:
+    """Return the sine and the cosine of a column times a wave number."""
+    return Factor(Of.SINE, column, (number,)), Factor(Of.COSINE, column, (number,))
+
+
+def tents(column: str, low: float, high: float, count: int) -> list[Factor]:
+    """Return the `count + 1` hats over knots spread evenly from `low` to `high`; they sum to one."""
+    apart = (high - low if high > low else 1.0) / count
+    return [Factor(Of.TENT, column, (low, high, apart, float(i))) for i in range(count + 1)]
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """A part of a law; see the head of this module.
+
+    Attributes:
+        along: (6,) twist [m, rad], the flexure's axes.
+        matrix: (6, 6) times the load, None for none.
+        features: Of the load, multiplied.
+        factors: Of columns, multiplied; `MOST_FACTORS` at most.
+        window: Loads under which a learned correction counts, None where all do.
+    """
+
+    along: Array
+    matrix: Array | None = None
+    features: tuple[Feature, ...] = ()
+    factors: tuple[Factor, ...] = ()
+    window: Window | None = None
+
+    @property
+    def linear(self) -> bool:
+        """Whether it is affine in the load: no feature, no window."""
+        return not self.features and self.window is None
+
+    @property
+    def degree(self) -> float:
+        """Power of the load's size with which it grows in the end."""
+        return (self.matrix is not None) + sum(feature.degree for feature in self.features)
+
+    def times(self, number: float | Array, *factors: Factor) -> Term:
+        """Return the term with its twist multiplied, by one number or (6,) of them, and further factors."""
+        matrix = None if self.matrix is None else np.reshape(number, (-1, 1)) * self.matrix
+        return replace(self, along=self.along * number, matrix=matrix, factors=_with(self.factors, factors))
+
+    def carried(self, action: Array) -> Term:
+        """Return the term of the law `action @ law(action.T @ w)`."""
+        matrix = None if self.matrix is None else action @ self.matrix @ action.T
+        features = tuple(one.carried(action) for one in self.features)
+        return Term(action @ self.along, matrix, features, self.factors, _carried(self.window, action))
+
+    def twist(self, load: Array) -> Array:
+        """Return the (..., 6) twist under (..., 6) loads but for its factors."""
+        value = self.along if self.matrix is None else self.along + load @ self.matrix.T
+        for feature in self.features:
+            value = feature.of(load)[..., None] * value
+        return np.broadcast_to(value, load.shape)
+
+    def tangent(self, load: Array) -> Array:
+        """Return the (..., 6, 6) derivative by the load but for its factors."""
+        value = self.along if self.matrix is None else self.along + load @ self.matrix.T
+        slope = np.zeros((*load.shape, 6)) if self.matrix is None else np.broadcast_to(self.matrix, (*load.shape, 6))
+        for feature in self.features:
+            number, by_load = feature.with_slope(load)
+            slope = number[..., None, None] * slope + value[..., :, None] * by_load[..., None, :]
+            value = number[..., None] * value
+        return slope
+
+
+@dataclass(frozen=True, eq=False)
+class Neurons:
+    """A network's hidden layer: `gains.T @ tanh(units @ w + bias)`, loads and twists in SI.
+
+    Attributes:
+        units: (H, 6).
+        bias: (H,).
+        gains: (H, 6).
+        factors, window: As of a `Term`.
+    """
+
+    units: Array
+    bias: Array
+    gains: Array
+    factors: tuple[Factor, ...] = ()
+    window: Window | None = None
+
+    linear = False
+
+    def times(self, number: float | Array, *factors: Factor) -> Neurons:
+        """Return the same with its twist multiplied, and further factors."""
+        return replace(self, gains=self.gains * number, factors=_with(self.factors, factors))
+
+    def carried(self, action: Array) -> Neurons:
+        """Return the neurons of the law `action @ law(action.T @ w)`."""
+        units, gains = self.units @ action.T, self.gains @ action.T
+        return Neurons(units, self.bias, gains, self.factors, _carried(self.window, action))
+
+    def twist(self, load: Array) -> Array:
+        """Return the (..., 6) twist under (..., 6) loads but for its factors."""
+        return np.tanh(load @ self.units.T + self.bias) @ self.gains
+
+    def tangent(self, load: Array) -> Array:
+        """Return the (..., 6, 6) derivative by the load but for its factors."""
+        slopes = 1.0 - np.tanh(load @ self.units.T + self.bias) ** 2
+        return (slopes @ (self.gains[:, :, None] * self.units[:, None, :]).reshape(-1, 36)).reshape(*load.shape, 6)
+
+    def single(self) -> Iterator[Term]:
+        """Yield every neuron as a term of its own."""
+        for unit, bias, gain in zip(self.units, self.bias.tolist(), self.gains, strict=True):
+            yield Term(gain, features=(part(unit, Kind.TANH, bias),), factors=self.factors, window=self.window)
+
+
+Terms = Sequence[Term | Neurons]
+OneTerm = TypeVar("OneTerm", Term, Neurons)
+
+
+def straight(compliance: Array, *factors: Factor) -> Term:
+    """Return the term of a (6, 6) compliance."""
+    return Term(np.zeros(6), compliance, factors=factors)
+
+
+def weight_of(factors: Sequence[Factor], row: Row) -> Array | float:
+    """Return the (...,) product of factors in a row, 1 of none."""
+    value: Array | float = 1.0
+    for factor in factors:
+        value = value * factor.at(row)
+    return value
+
+
+def twist_of(terms: Terms, load: Array, row: Row) -> Array:
+    """Return the (..., 6) twist of terms without windows under (..., 6) loads."""
+    total = np.zeros(load.shape)
+    for term in terms:
+        total = total + np.asarray(weight_of(term.factors, row))[..., None] * term.twist(load)
+    return total
+
+
+def tangent_of(terms: Terms, load: Array, row: Row) -> Array:
+    """Return its (..., 6, 6) derivative by the load."""
+    total = np.zeros((*load.shape, 6))
+    for term in terms:
+        total = total + np.asarray(weight_of(term.factors, row))[..., None, None] * term.tangent(load)
+    return total
+
+
+def _with(factors: tuple[Factor, ...], more: tuple[Factor, ...]) -> tuple[Factor, ...]:
+    if len(factors) + len(more) > MOST_FACTORS:
+        raise UnsupportedError(f"depends on more than {MOST_FACTORS} columns at once")
+    return factors + more
+
+
+def _carried(window: Window | None, action: Array) -> Window | None:
+    if window is None:
+        return None
+    energy = None if window.energy is None else action @ window.energy @ action.T
+    mean, precision = np.linalg.solve(action.T, window.mean), action @ window.precision @ action.T
+    return replace(window, mean=mean, precision=precision, energy=energy)  # pyright: ignore[reportArgumentType]
