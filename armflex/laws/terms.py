@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -97,7 +98,12 @@ class Feature:
     exponent: float = 1.0
     form: tuple[float, ...] = ()
 
-    @property
+    @cached_property
+    def way(self) -> Array:
+        """(6,) u."""
+        return np.array(self.u)
+
+    @cached_property
     def matrix(self) -> Array:
         """(6, 6) form."""
         return np.array(self.form).reshape(6, 6)
@@ -120,8 +126,7 @@ class Feature:
             base = np.maximum(self.bias + (moved * load).sum(axis=-1), LEAST)
             slope = np.where(base > LEAST, self.exponent, 0.0) * base ** (self.exponent - 1.0)
             return base**self.exponent, slope[..., None] * (moved + load @ form.T)
-        way = np.array(self.u)
-        part = load @ way
+        part = load @ self.way
         if self.kind is Kind.TANH:
             value = np.tanh(part + self.bias)
             slope = 1.0 - value**2
@@ -131,12 +136,12 @@ class Feature:
             value, slope = np.clip(part, -1.0, 1.0), (np.abs(part) < 1.0).astype(float)
         else:
             value, slope = part, np.ones_like(part)
-        return value, slope[..., None] * way
+        return value, slope[..., None] * self.way
 
     def carried(self, action: Array) -> Feature:
         """Return the feature of the load `action.T @ w`."""
         form = tuple((action @ self.matrix @ action.T).ravel().tolist()) if self.form else ()
-        return replace(self, u=tuple((action @ np.array(self.u)).tolist()), form=form)
+        return replace(self, u=tuple((action @ self.way).tolist()), form=form)
 
 
 def part(way: Array, kind: Kind = Kind.PART, bias: float = 0.0) -> Feature:

@@ -402,34 +402,40 @@ def _curves(numbers: Laws, places: np.ndarray, size: int, weights: Array) -> Mot
     ways, alongs, kinds = np.zeros((len(shapes), size)), np.zeros((len(at), size)), shapes[:, 0].astype(int)
     np.put_along_axis(ways, of_shape, -shapes[:, 3:9], axis=1)
     np.put_along_axis(alongs, at, numbers.bent[:, 36:42], axis=1)
-    bias, sized, clipped, bounded, raised = (
-        shapes[:, 1] * (kinds == Kind.TANH),
-        *(np.flatnonzero(kinds == kind) for kind in (Kind.SIZE, Kind.CLIPPED, Kind.TANH, Kind.RAISED)),
-    )
+    bias, raised = shapes[:, 1] * (kinds == Kind.TANH), np.flatnonzero(kinds == Kind.RAISED)
+    each = ((Kind.SIZE, np.abs), (Kind.CLIPPED, lambda x: np.minimum(np.maximum(x, -1.0), 1.0)), (Kind.TANH, np.tanh))
+    bounds = [(np.flatnonzero(kinds == kind), shape) for kind, shape in each if (kinds == kind).any()]
     exponents, more, loads = shapes[raised, 2], shapes[raised, 1], of_shape[raised]
     forms = _stacked(shapes[raised, 9:].reshape(-1, 6, 6), loads, size)
     soft = np.flatnonzero(numbers.bent[:, 42])
     matrices, onto = _stacked(-numbers.bent[soft, :36].reshape(-1, 6, 6), at[soft], size), at[soft].ravel()
     gather = np.zeros((size, len(onto)))
     gather[onto, np.arange(len(onto))] = 1.0
-    alongs = alongs.T.copy()
+    # What is not there takes as long as what is.
+    partly, pushing, several = len(raised) < len(shapes), alongs.any(), len(pieces) < len(shapes)
+    alongs, ones, each_soft = alongs.T.copy(), np.ones(len(shapes)), np.repeat(soft, 6)
 
     def curves(torque: Array) -> Array:
-        numbers = ways.dot(torque)
-        numbers += bias
-        numbers[sized] = np.abs(numbers[sized])
-        numbers[clipped] = np.minimum(np.maximum(numbers[clipped], -1.0), 1.0)
-        numbers[bounded] = np.tanh(numbers[bounded])
+        numbers = ways.dot(torque) if partly else ones.copy()
+        if partly:
+            numbers += bias
+        for places, shape in bounds:
+            numbers[places] = shape(numbers[places])
         if len(raised):
-            squares = (forms.dot(torque).reshape(-1, 6) * torque[loads]).sum(axis=1) + more
+            squares = (forms.dot(torque).reshape(-1, 6) * torque[loads]).dot(SIX)
+            squares += more
             numbers[raised] = np.maximum(squares, LEAST) ** exponents
-        values = np.multiply.reduceat(numbers, pieces) * weights
-        found = alongs.dot(values)
+        values = np.multiply.reduceat(numbers, pieces) if several else numbers
+        values *= weights
+        found = alongs.dot(values) if pushing else np.zeros(size)
         if len(soft):
-            found += gather.dot((matrices.dot(torque).reshape(-1, 6) * values[soft, None]).ravel())
+            found += gather.dot(matrices.dot(torque) * values[each_soft])
         return found
 
     return curves
+
+
+SIX = np.ones(6)
 
 
 def _stacked(blocks: Array, at: np.ndarray, size: int) -> Array:

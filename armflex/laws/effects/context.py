@@ -122,7 +122,7 @@ class Context:
 
     def column(self, name: str) -> Array:
         """Return the (N,) values of a column or of a joint's position ('q_J')."""
-        return column_of(self.row, name)
+        return self.row.column(name)
 
     def here(self, location: Location, arm: Manipulator) -> Here:
         """Return what is known about the arm at a location."""
@@ -165,13 +165,6 @@ class Context:
         wrench = self.wrenches[site].copy()
         wrench[view.rows] = view.load_at(site)
         return wrench
-
-
-def column_of(row: Row, name: str) -> Array:
-    """Return the values of a column or of a joint's position ('q_J')."""
-    if name.startswith("q_") and name[2:] in row.joint_index:
-        return row.position(name[2:])
-    return row.covariate(name)
 
 
 def survey(

@@ -23,7 +23,7 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     both = np.outer(here.direction, UNITS[AXES.index(here.location.partner)])
-    return [[straight(both + both.T)]]
+    return [[straight(np.asarray(both + both.T, float))]]
 
 
 CROSS_COUPLING = TwistLaw(

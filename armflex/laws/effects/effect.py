@@ -458,12 +458,12 @@ class TwistLaw(EffectLaw):
 
     Attributes:
         basis: The twist per amplitude.
-        terms: The same as terms, in which the compiled kernel and exported C know it.
+        terms: The same as terms, in which the compiled kernel and exported C know it; None where nobody says them.
     """
 
     act: Act = Act.TWIST
     basis: Basis
-    terms: TermsBy
+    terms: TermsBy | None = None
 
     def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         return self.basis(*self._asked(location, inner, view, context))[:, list(location.terms)]

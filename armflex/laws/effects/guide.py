@@ -14,7 +14,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.context import AXES_TURN, column_of
+from armflex.laws.effects.context import AXES_TURN
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import along, of_column, on_axis, shares_of_load
@@ -23,7 +23,7 @@ from armflex.laws.terms import Factor, Kind, Of, Term, part, straight
 
 def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
     load = along(here, wrench)
-    overlap = inner[1] + np.abs(column_of(row, here.location.covariates[0]) - inner[2])
+    overlap = inner[1] + np.abs(row.column(here.location.covariates[0]) - inner[2])
     return np.clip(load / inner[0], -1.0, 1.0) / overlap, load / overlap
 
 

@@ -14,10 +14,9 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
+from armflex.errors import Flag, InputError, MissingCovariateError, UnsupportedError, did_you_mean, listing, naming
 from armflex.laws import Law, Row
 from armflex.laws.declared import Flexure
-from armflex.laws.effects.context import column_of
 from armflex.laws.effects.effect import Act, Effect, LoadLaw, Manipulator, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.law import NOTHING, UNLOADED, Composed, Ranges, WithoutParameters, anywhere, by_wrench
@@ -67,6 +66,8 @@ class BoundTwist(WithoutParameters):
 
     def terms(self) -> Terms:
         """Return the terms of the effect's law times its amplitudes."""
+        if self.law.terms is None:
+            raise UnsupportedError(f"is a {self.law.name}, which has no form in C")
         known = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
         return [term.times(value) for value, basis in known if value for term in basis]
 
@@ -151,7 +152,7 @@ MARGIN = 0.05
 
 def excess(row: Row, name: str, low: float, high: float) -> Array:
     """Return by how much of a range from low to high a column is beyond it, below zero where it is within."""
-    values = column_of(row, name)
+    values = row.column(name)
     return np.maximum(low - values, values - high) / max(high - low, 1e-9 * max(abs(low), abs(high)), 1e-300)
 
 
@@ -165,7 +166,7 @@ def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
     found: dict[int, list[Flag]] = {}
     for effect in effects:
         for name, low, high in effect.seen:
-            values, size = np.atleast_1d(column_of(row, name)), np.atleast_1d(excess(row, name, low, high))
+            values, size = np.atleast_1d(row.column(name)), np.atleast_1d(excess(row, name, low, high))
             for i in np.flatnonzero(size > MARGIN).tolist():
                 text = f"{name} = {values[i]:.4g} is outside the {low:.4g} to {high:.4g} it was found in"
                 text += "" if effect.law.physical else ", where it is no law: the arm without it may be nearer there"

@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records, column_of
+from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records
 from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 from armflex.laws.terms import UNITS, Factor, Term, powers, straight
@@ -99,7 +99,7 @@ def approach(here: Here, row: Row) -> Array:
 def warmth(here: Here, row: Row, reference: float, lag: float) -> Array:
     """Return the (...,) temperature above the reference, lagged where there is a lag."""
     name = lagged_name(here.location, (lag,)) if lag > 0.0 else here.location.covariates[0]
-    return column_of(row, name) - reference
+    return row.column(name) - reference
 
 
 def lagged_name(location: Location, inner: Values) -> str:
@@ -109,7 +109,7 @@ def lagged_name(location: Location, inner: Values) -> str:
 
 def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     """Return (N,) the location's column behind a first-order lag, `inner[-1]` seconds; at rest at the first row."""
-    values, lag = column_of(row, here.location.covariates[0]), inner[-1]
+    values, lag = row.column(here.location.covariates[0]), inner[-1]
     if lag <= 0.0:
         return values
     return follow(row.covariate("time"), values, lag)

@@ -13,7 +13,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.context import AXES, Context, Records, column_of
+from armflex.laws.effects.context import AXES, Context, Records
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
 from armflex.laws.effects.shapes import along, compliances, of_column, on_axis, told_from_aliases, twists
@@ -40,7 +40,7 @@ def hats(values: Array, low: float, high: float, count: int) -> Array:
 
 def _away(here: Here, wrench: Array, row: Row, middle: float = 0.0) -> Array:
     """Return how far the location's column is from a value, once for every load."""
-    return (column_of(row, here.location.covariates[0]) - middle) * np.ones(wrench.shape[:-1])
+    return (row.column(here.location.covariates[0]) - middle) * np.ones(wrench.shape[:-1])
 
 
 def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
@@ -48,18 +48,18 @@ def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Ar
 
 
 def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    angle = inner[0] * column_of(row, here.location.covariates[0])
+    angle = inner[0] * row.column(here.location.covariates[0])
     return np.sin(angle), np.cos(angle)
 
 
 def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    first, second = (column_of(row, name) for name in here.location.covariates)
+    first, second = (row.column(name) for name in here.location.covariates)
     tents = hats(first, inner[0], inner[1], KNOTS)
     return (*tents, *(tent * (second - inner[2]) for tent in [*tents, 1.0 - sum(tents)]))
 
 
 def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    first, second = (column_of(row, name) for name in here.location.covariates)
+    first, second = (row.column(name) for name in here.location.covariates)
     sine, cosine = np.sin(inner[0] * first), np.cos(inner[0] * first)
     return [wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)]
 
@@ -138,7 +138,7 @@ SPLINE = TwistLaw(
     amplitudes=tuple(Amplitude(name, "{m}") for name in TENTS),
     terms=lambda here, inner: twists(here.direction, *([tent] for tent in _tents(here, inner))),
     basis=on_axis(
-        lambda here, wrench, row, inner: hats(column_of(row, here.location.covariates[0]), inner[0], inner[1], KNOTS)
+        lambda here, wrench, row, inner: hats(row.column(here.location.covariates[0]), inner[0], inner[1], KNOTS)
     ),
     inner=(LOW, HIGH),
     plausible=FREE,

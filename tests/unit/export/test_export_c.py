@@ -28,7 +28,6 @@ from armflex.export.c_code import KEYWORDS, export
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.effect import Act
 from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.hardening import HardeningLaw
 from armflex.laws.joint.polynomial import FEATURES, PolynomialLaw, feature_values

@@ -24,6 +24,7 @@ from armflex.laws.joint.linear import LinearFit
 from armflex.laws.joint.network import weight_count
 from armflex.laws.joint.polynomial import PolynomialLaw
 from armflex.laws.law import anywhere
+from armflex.laws.terms import tangent_of, twist_of
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
 
@@ -187,6 +188,16 @@ def test_an_affine_form_is_the_law(law):
         if known is not None:
             expected = known[0] + (known[1] @ loads[..., None])[..., 0]
             np.testing.assert_allclose(law.twist(loads, rows), expected, rtol=1e-9, atol=1e-15)
+
+
+def test_terms_are_the_law(law):
+    if law.known_terms is not None:
+        loads, rows = asked(law)
+        for found, expected in (
+            (twist_of(law.known_terms, loads, rows), law.twist(loads, rows)),
+            (tangent_of(law.known_terms, loads, rows), law.tangent(loads, rows)),
+        ):
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
 
 
 def test_scaled_is_what_it_says(law):
