@@ -412,24 +412,25 @@ def _curves(numbers: Laws, places: np.ndarray, size: int, weights: Array) -> Mot
     gather = np.zeros((size, len(onto)))
     gather[onto, np.arange(len(onto))] = 1.0
     # What is not there takes as long as what is.
-    partly, pushing, several = len(raised) < len(shapes), alongs.any(), len(pieces) < len(shapes)
-    alongs, ones, each_soft = alongs.T.copy(), np.ones(len(shapes)), np.repeat(soft, 6)
+    pushing, several, each_soft = alongs.any(), len(pieces) < len(shapes), np.repeat(soft, 6)
+    alongs, everything = alongs.T.copy(), np.vstack([ways, forms, matrices])
+    first, last = len(ways), len(ways) + len(forms)
 
     def curves(torque: Array) -> Array:
-        numbers = ways.dot(torque) if partly else ones.copy()
-        if partly:
-            numbers += bias
+        products = everything.dot(torque)
+        numbers = products[:first]
+        numbers += bias
         for places, shape in bounds:
             numbers[places] = shape(numbers[places])
         if len(raised):
-            squares = (forms.dot(torque).reshape(-1, 6) * torque[loads]).dot(SIX)
+            squares = (products[first:last].reshape(-1, 6) * torque[loads]).dot(SIX)
             squares += more
             numbers[raised] = np.maximum(squares, LEAST) ** exponents
         values = np.multiply.reduceat(numbers, pieces) if several else numbers
         values *= weights
         found = alongs.dot(values) if pushing else np.zeros(size)
         if len(soft):
-            found += gather.dot(matrices.dot(torque) * values[each_soft])
+            found += gather.dot(products[last:] * values[each_soft])
         return found
 
     return curves
