@@ -233,7 +233,11 @@ def _metropolis_chain(density: Collapsed, mode: Array, draws: int, seed: np.rand
 
     As many steps of burn-in come before its draws.
     """
-    from armflex.bench.metropolis import Adaptation, adaptive_metropolis, scale_of  # for the paper's reproduction alone
+    from armflex.sampling.metropolis import (  # for the paper's reproduction alone
+        Adaptation,
+        adaptive_metropolis,
+        scale_of,
+    )
 
     problem, prior = density.problem, density.prior
     own, start = prior.precisions[problem.groups], density.mean(mode)

@@ -93,7 +93,7 @@ def learner(model: str, options: Options) -> Learner:
             return lambda loads, deflections, seed: _compliance(loads, deflections, options.structure)
         case "linear":
             _one_of(options.sampler, ("closed-form", "metropolis"), model)
-            from armflex.bench.metropolis import fit_linear_chain
+            from armflex.bench.fit_linear_chain import fit_linear_chain
 
             return lambda loads, deflections, seed: fit_linear_chain(
                 loads, deflections, options.structure, seed=seed, allow_unconverged=allow

@@ -11,18 +11,10 @@ from scipy.special import digamma, ndtri
 from scipy.stats import rankdata
 
 from armflex.bench.fit_linear import fit_compliance
-from armflex.bench.metropolis import (
-    Adaptation,
-    Chain,
-    Running,
-    adaptive_metropolis,
-    fit_linear_chain,
-    sample_compliance,
-    scale_of,
-    updated,
-)
+from armflex.bench.fit_linear_chain import fit_linear_chain, sample_compliance
 from armflex.errors import ConvergenceError, InputError, NotFiniteError, ShapeError
 from armflex.sampling.diagnostics import Diagnostics, check_converged, diagnose, ess, rhat
+from armflex.sampling.metropolis import Adaptation, Chain, Running, adaptive_metropolis, scale_of, updated
 
 EPSILON = 1e-3
 

@@ -15,7 +15,7 @@ from support.campaigns import draw
 
 from armflex import Arm, load_arm, map_workspace, read_measurements
 from armflex.bench.fit_bayesian import evident_prior, sample
-from armflex.bench.metropolis import sample_compliance
+from armflex.bench.fit_linear_chain import sample_compliance
 from armflex.bench.network_problem import scaled_problem
 from armflex.estimate import bootstrap
 from armflex.parallel import in_order
