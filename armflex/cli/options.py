@@ -5,18 +5,19 @@ from __future__ import annotations
 import functools
 import json
 import os
+import sys
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
 from armflex.arm import Arm, warn
-from armflex.cli.terminal import show_flags, telling
+from armflex.cli.terminal import print_table, say, show_flags, telling
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
@@ -29,6 +30,9 @@ from armflex.robot.robot import lock_side_joints
 from armflex.rows.wrench import Wrench
 from armflex.storage.whole_file import is_replaced, write_whole
 from armflex.trajectory import Trajectory, read_trajectory
+
+if TYPE_CHECKING:
+    from armflex.intake import Intake
 
 RADIANS = np.pi * np.pi / 180.0
 """What is pi, as written, in degrees [rad]."""
@@ -252,6 +256,61 @@ anyway = click.option(
 )
 
 
+def as_they_are(function: Callable) -> Callable:
+    """Add what is asked of files that are read as they are, see `taken_in`: `sigma`, `take`, `targets`."""
+    for option in (
+        click.option(
+            "--target",
+            "targets",
+            multiple=True,
+            metavar="NAME",
+            help="Topic, frame, body or marker of a recording that is the target; several are several targets.",
+        ),
+        click.option(
+            "--take",
+            multiple=True,
+            metavar="COLUMN=MEANING",
+            help="What a column is where its name does not say it: q_J1_deg, x_mm, pose, time, payload, session.",
+        ),
+        click.option(
+            "--sigma",
+            type=Quantity("length"),
+            metavar="0.05mm",
+            help="One standard deviation of a measured coordinate of a log and a tracker's export as they are.",
+        ),
+    ):
+        function = option(function)
+    return function
+
+
+def taken_in(
+    paths: Sequence[Path], sigma: float | None, take: Sequence[str], targets: Sequence[str], dh: str | None = None
+) -> Intake:
+    """Return files as they are as one campaign; print what was taken for what, and how rows were joined.
+
+    Raises:
+        InputError: As `intake`; coordinates and no `sigma`.
+    """
+    from armflex.intake import intake  # imports scipy
+
+    pairs = [one.rpartition("=") for one in take]
+    if wrong := next((one for one, pair in zip(take, pairs, strict=True) if not pair[0] or not pair[2]), None):
+        raise InputError(f"--take {wrong}: expected COLUMN=MEANING")
+    asked = {column: meaning for column, _, meaning in pairs}
+
+    def ask(question: str, choices: Sequence[str]) -> str:
+        return click.prompt(question, type=click.Choice(list(choices)), err=True)
+
+    found = intake(paths, sigma or np.nan, asked, ask if sys.stdin.isatty() else None, targets, dh)
+    if sigma is None and "sigma" in found.columns:
+        raise InputError("the files have coordinates: --sigma 0.05mm says how well one is measured")
+    print_table("Columns", ["file", "column", "is", "unit", "because of"], found.taken)
+    say(f"{len(found.lines)} rows, joined {found.joined}.")
+    for note in found.notes:
+        say(f"Note: {note}.")
+    return found
+
+
 def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command an arm and its campaigns, and how both are taken: `keep`, `anyway`, `lax`.
 
@@ -260,18 +319,35 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
 
     @functools.wraps(function)
     def with_rows(
-        payload: str, force_text: str | None, points: PointExport | None, paths: tuple[Path, ...], **rest: Any
+        payload: str,
+        force_text: str | None,
+        points: PointExport | None,
+        paths: tuple[Path, ...],
+        sigma: float | None,
+        take: tuple[str, ...],
+        targets: tuple[str, ...],
+        **rest: Any,
     ) -> Any:
         if points is not None and len(paths) > 1:
             raise InputError(f"--points has the positions of one campaign, and {len(paths)} are given")
+        if sigma is None and (take or targets):
+            raise InputError("--take and --target are for files as they are, which need --sigma")
 
         def measured(arm: Arm) -> Measurements:
             unnamed = unnamed_loads(arm, payload, force_text)
+            if sigma is not None:
+                found = taken_in(paths, sigma, take, targets)
+                if missing := [
+                    line for line in found.declare.splitlines() if line[0] == "[" and line[12:-1] not in arm.sensors
+                ]:
+                    text = found.declare.replace("TIP", arm.robot.tip)
+                    raise InputError(f"{missing[0]} is not in the arm file, for the further target:\n{text}")
+                return read_measurements(found.table, arm, unnamed=unnamed)
             return joined([read_measurements(path, arm, points=points, unnamed=unnamed) for path in paths], arm)
 
         return function(measured=measured, **rest)
 
-    found = force_option(payload_option(with_rows))
+    found = as_they_are(force_option(payload_option(with_rows)))
     measured = click.argument("paths", metavar="MEAS.csv ...", type=InputPath, nargs=-1, required=True)
     for given in (points, lax, anyway, keep, measured, click.argument("arm_path", metavar="ARM", type=InputPath)):
         found = given(found)

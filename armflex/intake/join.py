@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -13,11 +14,13 @@ import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import InputError, Place, TableError, did_you_mean, listing
-from armflex.intake.meanings import Meaning, meanings
+from armflex.intake.dh import arm_text, is_dh, read_dh
+from armflex.intake.meanings import Ask, Meaning, meanings
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
 from armflex.measured.points import LENGTHS
+from armflex.measured.table import Column, Table, csv_text
 
 TARGET = re.compile(r"(.+?)[ _\-.:]*(?:T|SMR|TGT|TARGET|PRISM|REFL\w*)[ _\-]?(\d)", re.IGNORECASE)
 """How the name of a point ends that is of one target among several."""
@@ -26,9 +29,6 @@ CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
 
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
-
-Ask = Callable[[str, Sequence[str]], str]
-"""Asks a question with its possible answers, where somebody is there to answer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +41,30 @@ class Intake:
         joined: How rows were brought together, in words.
         declare: What the arm file needs for it: a further target's [instrument.NAME].
         notes: What was left out, and why; what was found of clocks.
+        lines: (N,) line of the log that each row is of.
+        path: The log.
+        arm: Text of an arm file, where one of the files has its DH parameters.
     """
 
     columns: Mapping[str, Sequence[Any]]
     taken: tuple[tuple[str, str, str, str, str], ...]
     joined: str
-    declare: str = ""
-    notes: tuple[str, ...] = ()
+    declare: str
+    notes: tuple[str, ...]
+    lines: tuple[int, ...]
+    path: Path
+    arm: str | None = None
+
+    @property
+    def table(self) -> Table:
+        """The campaign as a table in SI, as if read from the log."""
+        cells = {
+            name: tuple(repr(one) if isinstance(one, float) else str(one) for one in own)
+            for name, own in self.columns.items()
+        }
+        text = csv_text([cells, *zip(*cells.values(), strict=True)])
+        columns = {name: Column(name, "", 1.0, own) for name, own in cells.items()}
+        return Table(self.path, columns, self.lines, hashlib.sha256(text.encode()).hexdigest())
 
 
 def intake(
@@ -56,8 +73,11 @@ def intake(
     taken: Mapping[str, str] | None = None,
     ask: Ask | None = None,
     targets: Sequence[str] = (),
+    dh: str | None = None,
 ) -> Intake:
     """Return the campaign that a controller's log and a tracker's export are together, or one file with both.
+
+    A log alone becomes rows without readings: a path, or poses to predict.
 
     A recording counts where the arm stands: a row for each dwell, with the means of what was recorded in it.
 
@@ -67,6 +87,7 @@ def intake(
         taken: What columns are where their names do not say it, by name: `q_J1_deg`, `x_mm`, `pose`, `time`.
         ask: Asks where a guess is open; a file is refused there when not given.
         targets: Which topics, bodies or markers of recordings are the targets.
+        dh: Form of a table of DH parameters among the files, "standard" or "modified".
 
     Raises:
         InputError: With everything that is wrong or open in the files, each with what to do.
@@ -79,6 +100,15 @@ def intake(
             sources += read_sources(path)
         except TableError as error:
             wrong.append(str(error))
+    rows_of_arm = next((one for one in sources if is_dh(one)), None)
+    sources, arm = [one for one in sources if one is not rows_of_arm], None
+    if rows_of_arm is not None:
+        try:
+            arm = read_dh(rows_of_arm, dh, ask)
+        except TableError as error:
+            wrong += [
+                f"{rows_of_arm.path}: {line}" for line in str(error).removeprefix(f"{rows_of_arm.path}: ").splitlines()
+            ]
     every = {name for one in sources for name in one.header}
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
@@ -105,7 +135,7 @@ def intake(
         elif not source.part:
             named = listing(source.header)
             wrong.append(f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg")
-    if not wrong and (len(logs) != 1 or not points):
+    if not wrong and (len(logs) != 1 or (not points and len(sources) > 1)):
         text = f"{len(logs)} files have joints and {len(points)} have x y z"
         wrong.append(f"{text}: give one log and one export, or one file of both")
     if wrong:
@@ -114,7 +144,15 @@ def intake(
     for i in exports:  # what an instrument's program adds is no cause of the arm's errors
         understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
     sources, notes = _standing(sources, understood, log, exports)
-    return _campaign(sources, understood, log, exports, sigma, notes)
+    found = _campaign(sources, understood, log, exports if points else None, sigma, notes)
+    if rows_of_arm is None or arm is None:
+        return found
+    joints = [name.removeprefix("q_") for name in found.columns if name.startswith("q_")]
+    if len(joints) != len(arm.rows):
+        text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
+        raise TableError(Place(rows_of_arm.path), text)
+    of_arm = tuple((rows_of_arm.title, *cells) for cells in arm.taken)
+    return replace(found, taken=of_arm + found.taken, arm=arm_text(arm, joints, found.declare))
 
 
 def _chosen(
@@ -180,16 +218,16 @@ def _campaign(
     sources: Sequence[Source],
     understood: Sequence[Sequence[Meaning]],
     log_at: int,
-    exports: Sequence[int],
+    exports: Sequence[int] | None,
     sigma: float,
     notes: Sequence[str],
 ) -> Intake:
-    """Return the rows of the log with the places that belong to them."""
+    """Return the rows of the log with the places that belong to them; `exports` is None where there are none at all."""
     log, of_log = sources[log_at], understood[log_at]
     rows, notes, hows = _numbers(log, of_log, ("joint",)), list(notes), list[str]()
     names = list(map(str, _cells(log, of_log, "name") or range(1, len(log.lines) + 1)))
     placed: dict[str, Array] = {}
-    for i in exports or (log_at,):
+    for i in exports or (() if exports is None else (log_at,)):
         xyz = np.column_stack([_numbers(sources[i], understood[i], ("coordinate",))[axis] for axis in "xyz"])
         if not exports:
             pairs, how, about = {"": np.arange(len(names))}, "one file: row by row", []
@@ -197,14 +235,17 @@ def _campaign(
             pairs, names, how, about = _joined(log, of_log, names, sources[i], understood[i])
         hows, notes = [*hows, how], [*notes, *about]
         for target, own in pairs.items():
-            label = target if len(exports) < 2 else str(len(placed) + 1)
+            label = target if not exports or len(exports) < 2 else str(len(placed) + 1)
             placed[label] = np.where((own >= 0)[:, None], xyz[own], np.nan)
-    columns: dict[str, Sequence[Any]] = {"pose": names}
+    columns: dict[str, Sequence[Any]] = {"pose": names} if exports is not None else {"via": names}
     for one in of_log:
         if one.kind == "kept":
             columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
     if (seconds := _time(log, of_log)) is not None:
         columns["time"] = (seconds - seconds.min()).tolist()
+    elif exports is None:
+        columns["time"] = np.arange(len(names), dtype=float).tolist()
+        notes.append("the log has no times: each row is a second after the one before")
     for name, values in rows.items():
         columns[f"q_{name}"] = values.tolist()
     for number, (target, xyz) in enumerate(placed.items()):
@@ -220,7 +261,7 @@ def _campaign(
     table = tuple(
         (source.title, one.column, _words(one), one.unit or "", one.why)
         for i, (source, own) in enumerate(zip(sources, understood, strict=True))
-        if i in (log_at, *exports) or not source.part
+        if i in (log_at, *(exports or ())) or not source.part
         for one in own
     )
     declare = "\n".join(
@@ -228,7 +269,8 @@ def _campaign(
         f"point = [0.0, 0.0, 0.0]\npoint_std = 0.3       # its place is found\nsigma = {sigma:g}"
         for target in list(placed)[1:]
     )
-    return Intake(columns, table, listing(dict.fromkeys(hows)), declare, tuple(notes))
+    how = listing(dict.fromkeys(hows)) if hows else "to nothing: each is a via-point"
+    return Intake(columns, table, how, declare, tuple(notes), log.lines, log.path)
 
 
 def _words(one: Meaning) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,9 @@ import numpy as np
 from armflex.conventions import UNITS
 from armflex.intake.sources import Cells, Source, numbers
 from armflex.measured.points import LENGTHS
+
+Ask = Callable[[str, Sequence[str]], str]
+"""Asks a question with its possible answers, where somebody is there to answer."""
 
 TURN = 2.2 * np.pi
 """Tolerance: position [rad] of a joint beyond which it is none: controllers count one turn either way at most."""

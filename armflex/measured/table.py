@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
     from armflex.arm import Arm
 
-Tabular: TypeAlias = "str | Path | DataFrame"
-"""Where a table is: the name of a file, CSV or Parquet, or a pandas data frame of the same columns."""
+Tabular: TypeAlias = "str | Path | DataFrame | Table"
+"""Where a table is: the name of a file, CSV or Parquet, a pandas data frame of the same columns, or a table as read."""
 
 MAX_BYTES = 200_000_000
 BLOCK = 1 << 20
@@ -71,11 +71,15 @@ class Column:
 
 @dataclass(frozen=True)
 class Table:
-    """A table: columns by name without unit suffix, and the line of each row (of all but CSV: as if it were CSV)."""
+    """A table: columns by name without unit suffix, and the line of each row (of all but CSV: as if it were CSV).
+
+    `digest` is of what it was made from, where that is not the file alone.
+    """
 
     path: Path | Frame
     columns: Mapping[str, Column]
     lines: tuple[int, ...]
+    digest: str = ""
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -83,6 +87,8 @@ class Table:
     @property
     def sha256(self) -> str:
         """Of the file, or of what the data frame holds."""
+        if self.digest:
+            return self.digest
         if isinstance(self.path, Frame):
             return self.path.sha256
         return hashlib.sha256(self.path.read_bytes()).hexdigest()
@@ -153,6 +159,8 @@ def read_table(path: Tabular, kinds: Mapping[str, str]) -> Table:
         TableError: Missing, empty, too large, no text, without header, a duplicate column, a row of the wrong length, a
             unit of the wrong kind, or Parquet or Excel where pyarrow or openpyxl is not installed.
     """
+    if isinstance(path, Table):
+        return path
     if not isinstance(path, str | Path):
         frame, found = _frame_rows(path)
         return next(_tables(frame, kinds, found, None))

@@ -198,16 +198,15 @@ def test_three_files_of_metrology_come_to_a_sheet(tmp_path: Path) -> None:
     export = ["Report", "Name;X [mm];Y [mm];Z [mm]"]
     export += [f"M{i // 2}_T{i % 2 + 1};{';'.join(map(comma, point))}" for i, point in enumerate(points)]
     written(tmp_path, "\n".join(log), "\n".join(export))
-    declared = "".join(
-        f"J{i} = {{ theta_deg = {theta}, d_mm = {d}, a_mm = {a}, alpha_deg = {alpha} }}\n"
-        for i, (theta, d, a, alpha) in enumerate(ROWS, 1)
-    )
-    said = fine(run_here(tmp_path, "intake", "log.txt", "export.txt", "--sigma", "0.05mm", "-o", "rows.csv")).stdout
-    instrument = said[said.index("[instrument.target2]") : said.index("Written")].replace("TIP", "flange")
-    (tmp_path / "arm.toml").write_text(
-        '[robot]\ndh = "standard"\ngravity = [0.0, 0.0, -9.81]\n[robot.joint]\n'
-        f"{declared}[prior]\njoint_offset = 0.005\ngeometry = 1e-3\ntool = 0.3\n{instrument}"
-    )
+    table = [
+        "Axis;theta [deg];d [mm];a [mm];alpha [deg]",
+        *(f"{i};{';'.join(map(str, r))}" for i, r in enumerate(ROWS)),
+    ]
+    (tmp_path / "dh.csv").write_text("\n".join(table))
+    asked = ("intake", "dh.csv", "log.txt", "export.txt", "--sigma", "0.05mm", "-o", "rows.csv", "--arm", "arm.toml")
+    assert "--dh standard or --dh modified" in run_here(tmp_path, *asked).stderr
+    assert not (tmp_path / "rows.csv").exists()
+    fine(run_here(tmp_path, *asked, "--dh", "standard"))
     out = fine(run_here(tmp_path, "calibrate", "arm.toml", "rows.csv", "-o", "fit.toml"))
     named = out.stdout + out.stderr
     assert all(f"rows.csv:{line}" in named for line in (22, 42, 43))
@@ -216,5 +215,41 @@ def test_three_files_of_metrology_come_to_a_sheet(tmp_path: Path) -> None:
     sheet = {
         (row["section"], row["of"], row["quantity"]): row for row in csv.DictReader((tmp_path / "sheet.csv").open())
     }
+    direct = fine(
+        run_here(tmp_path, "calibrate", "arm.toml", "log.txt", "export.txt", "--sigma", "0.05mm", "-o", "f.toml")
+    )
+    assert "log.txt:22" in direct.stdout  # a row is named by its line in the log
+    assert "by name, targets 1, 2" in direct.stdout
+    fine(run_here(tmp_path, "intake", "log.txt", "-o", "path.csv"))
+    fine(run_here(tmp_path, "export", "fit.toml", "--to", "krl", "--traj", "path.csv", "-o", "path.src"))
+    assert (tmp_path / "path.src").read_text().count("PTP {E6AXIS") == 80
     found = float(sheet["dh_standard", "J2", "a"]["value"])
     assert found == pytest.approx(1e-3 * (270.0 + more[1, 1]), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("header", "form", "asked"),
+    [
+        ("theta_i;d_i [mm];a_(i-1);alpha_(i-1)", "modified", None),
+        ("Joint;alpha (deg);a (mm);d (mm);theta (deg)", "standard", "standard"),
+        ("θ;d;a;α", "standard", "standard"),
+    ],
+)
+def test_dh_tables_as_data_sheets_have_them(tmp_path: Path, header: str, form: str, asked: str | None) -> None:
+    spelt = [cell.replace("θ", "theta").replace("α", "alpha") for cell in header.split(";")]
+    first = [next((name for name in ("theta", "alpha", "d", "a") if cell.startswith(name)), "") for cell in spelt]
+    order = [name for name in first if name]
+    keys = ("theta", "d", "a", "alpha")
+    rows = [";".join(["1"] * header.startswith("Joint") + [str(row[keys.index(key)]) for key in order]) for row in ROWS]
+    (tmp_path / "dh.csv").write_text("\n".join([header, *rows]))
+    found = intake([tmp_path / "dh.csv", *written(tmp_path, LOGS["degrees"], EXPORTS["leica"])], 5e-5, dh=asked)
+    assert found.arm is not None
+    assert f'dh = "{form}"' in found.arm
+    assert "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 270.0, alpha_deg = 0.0 }" in found.arm
+
+
+def test_a_log_alone_is_a_path(tmp_path: Path) -> None:
+    found = intake(written(tmp_path, LOGS["kuka"], EXPORTS["leica"])[:1], np.nan)
+    assert found.columns["via"] == NAMES
+    assert found.columns["time"] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert "x" not in found.columns
