@@ -286,7 +286,7 @@ def as_they_are(function: Callable) -> Callable:
 def taken_in(
     paths: Sequence[Path], sigma: float | None, take: Sequence[str], targets: Sequence[str], dh: str | None = None
 ) -> Intake:
-    """Return files as they are as one campaign; print what was taken for what, and how rows were joined.
+    """Return files as they are as one campaign; print what each column was taken as, and how rows were joined.
 
     Raises:
         InputError: As `intake`; coordinates and no `sigma`.
