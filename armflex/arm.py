@@ -28,6 +28,8 @@ from armflex.errors import (
     NotFiniteError,
     ShapeError,
     UnknownNameError,
+    UnsupportedError,
+    listing,
 )
 from armflex.laws.declared import Flexure as Flexure
 from armflex.laws.effects.effect import Effect, Model
@@ -62,6 +64,7 @@ from armflex.parameters import (
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
+from armflex.robot.linkage import TREE
 from armflex.robot.urdf import Joint
 from armflex.rows.wrench import Wrench
 
@@ -175,7 +178,7 @@ class Arm:
     springs: tuple[Spring, ...] = ()
 
     def __post_init__(self) -> None:
-        known = [joint.name for joint in self.robot.chain]
+        known = [*(joint.name for joint in self.robot.places), *self.robot.linkage.closures]
         for flexure in self.flexures:
             if flexure.joint is not None and flexure.joint not in known:
                 raise UnknownNameError("joint between base and tip", flexure.joint, known)
@@ -215,6 +218,18 @@ class Arm:
     def flexure_names(self) -> tuple[str, ...]:
         """Names of the flexures, those that only effects make last: the order of wrenches and twists."""
         return tuple(flexure.name for flexure in self.modelled)
+
+    @property
+    def chain(self) -> bool:
+        """Whether it is a chain without springs and loops: compiled code knows no others."""
+        return not self.springs and self.robot.linkage is TREE
+
+    def check_tree(self, asker: str) -> None:
+        """Raise `UnsupportedError` where the arm has loops or passive joints, for what does not know them yet."""
+        linkage = self.robot.linkage
+        if linkage is not TREE:
+            named = listing((*linkage.closures, *linkage.passive))
+            raise UnsupportedError(f"{asker} is not for an arm with loops or passive joints yet; this one has {named}")
 
     @cached_property
     def link_names(self) -> tuple[str, ...]:
@@ -457,6 +472,7 @@ class Arm:
             InputError: The arm has no flexure, or nothing that moves has a mass; else as `deflection`.
             UrdfError: What moves has moments of inertia that no body has.
         """
+        self.check_tree("modes")
         found = self.deflection(q, payload, covariates=covariates, wrenches=wrenches, enforce_limits=enforce_limits)
         return modes_of(found.solved, count, self.damping_ratio)
 

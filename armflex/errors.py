@@ -203,6 +203,17 @@ class ConvergenceError(ArmflexError):
         self.history = tuple(history)
 
 
+class ClosureError(ConvergenceError):
+    """A loop cannot be closed at a pose, or not in one way only.
+
+    `loop` is its name; `gap` by how much it gaps where it is nearest to closed [m, or rad where it gaps by an angle].
+    """
+
+    def __init__(self, problem: str, loop: str, gap: float) -> None:
+        super().__init__(problem, ())
+        self.loop, self.gap = loop, gap
+
+
 class ExtrapolationError(ArmflexError):
     """A trained law was asked beyond the loads that it was trained on."""
 

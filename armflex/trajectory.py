@@ -210,7 +210,7 @@ class Trajectory(Result):
 
     def lengths(self, arm: Arm) -> Array:
         """Return the (N,) length of path [m] that the rigid arm's tip has gone to each row, where it is meant to be."""
-        nominal, steps = arm.loaded(None).nominal or arm.loaded(None).chain, np.linspace(0.0, 1.0, ARC + 1)
+        nominal, steps = arm.loaded(None), np.linspace(0.0, 1.0, ARC + 1)
         q, gone = self.for_arm(arm).meant, [np.zeros(1)]
         for first in range(0, len(q) - 1, TOGETHER):
             here, there = q[first : first + TOGETHER][: len(q) - 1 - first], q[first + 1 : first + 1 + TOGETHER]

@@ -17,6 +17,9 @@ from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
 
+TIED = ("passive", "loop_loads", "cylinder_states", "spring_states")
+"""What a result says of joints without a drive, loops, cylinders and springs."""
+
 
 @click.command(cls=options.Command)
 @options.arm
@@ -48,7 +51,7 @@ def command(
             "method": found.method,
             "joint_names": found.names.joints,
             "flexure_names": found.names.flexures,
-            **{name: getattr(found, name) for name in (*arrays, "compliance")},
+            **{name: getattr(found, name) for name in (*arrays, "compliance", *TIED)},
             "covariance": covariance,
             "load_factor": found.load_factor,
             "pose": found.pose.homogeneous,
@@ -72,6 +75,7 @@ def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> N
             for joint, q, load, share in joints
         ],
     )
+    print_ties(arm, found)
     if not names.flexures:
         say("No flexure is declared: the arm is rigid and its tip does not move.")
         return
@@ -100,3 +104,19 @@ def print_deflection(arm: Arm, found: Deflection, covariance: Array | None) -> N
     )
     if found.load_factor < NEAR:
         say(f"It would buckle under {number(found.load_factor)} times these loads.", "")
+
+
+def print_ties(arm: Arm, found: Deflection) -> None:
+    """Print what is not of the chain: joints without a drive, pins of loops, cylinders and springs."""
+    if found.passive:
+        rows = [[name, number(position)] for name, position in found.passive.items()]
+        print_table("Joints without a drive", ["joint", "rad or m"], rows)
+    if found.loop_loads:
+        loads = [[name, *(number(x / 1e3) for x in load)] for name, load in found.loop_loads.items()]
+        title = "Load at the pin of every loop, on its `link`, in that link's axes"
+        print_table(title, ["loop", "fx kN", "fy kN", "fz kN", "mx kNm", "my kNm", "mz kNm"], loads)
+    states = {spring.name: state for spring, state in zip(arm.springs, found.spring_states, strict=True)}
+    states = found.cylinder_states | states
+    if states:
+        rows = [[name, number(length), number(tension / 1e3)] for name, (length, tension) in states.items()]
+        print_table("Cylinders and springs", ["name", "length m", "tension kN"], rows)

@@ -215,6 +215,7 @@ def calibrate(
         UnsupportedError: The arm has effects that change how the instrument stands or reads.
         ConvergenceError: The fit did not settle.
     """
+    arm.check_tree("calibrate")
     measurements = as_campaign(measurements, arm)
     used, _ = _usable(arm, measurements, rows)
     about: tuple[Flag, ...] = ()

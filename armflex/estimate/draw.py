@@ -112,7 +112,7 @@ def ensemble(
     rows = check_positions(arm, np.atleast_2d(positions), enforce_limits=True)
     count = len(rows) if positions.ndim == 2 else 0
     known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
-    if arm.certainty is None and not (arm.pulls or arm.springs):
+    if arm.certainty is None and arm.chain and not arm.pulls:
         found = drawn_displacements(arm, rows, payload, known, method, draws, seed)
     else:  # one after the other
         found = np.empty((draws, len(rows), 6))

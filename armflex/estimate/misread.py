@@ -415,7 +415,7 @@ def _first_look(
 
     def at(case: Case) -> tuple[Array, Array]:
         rigid = case.arm.loaded(None)
-        return fixed.in_base(rigid_tips(rigid.nominal or rigid.chain, case.rows.q)), case.rows.position
+        return fixed.in_base(rigid_tips(rigid, case.rows.q)), case.rows.position
 
     def squares(points: Array, seen: Array, near: tuple[Array, Array] | None) -> Array:
         turn, shift, _ = rigid_fit(*near) if near is not None else (fixed.pose.rotation, fixed.pose.translation, 0.0)

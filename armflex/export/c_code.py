@@ -59,6 +59,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     """
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():
         raise InputError(f"--name {name!r} is no name in C: expected letters, digits and _, no keyword")
+    arm.check_tree("export --to c")
     tables = _tables(arm)
     text = TEMPLATE.read_text(encoding="utf-8")
     arm, counts = tables.arm, {count: value for count, (value, _) in tables.counts.items()}

@@ -91,6 +91,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     Raises:
         TableError, MissingCovariateError: The rows cannot be used.
     """
+    arm.check_tree("export --to sheet")
     whole = with_constants(arm)
     rows = None if over is None else read_measurements(over, arm, inputs_only=True)
     # As the arm that the controller knows is taken apart, so that its rows can be held against these.

@@ -32,6 +32,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         UrdfError: The file that the arm was read from can no longer be read.
         TableError, MissingCovariateError: The rows cannot be used.
     """
+    arm.check_tree("export --to urdf")
     whole = with_constants(arm)
     corrections, rows = whole.corrections, None if over is None else read_measurements(over, arm, inputs_only=True)
     root = _as_xml(arm.robot.urdf) if arm.robot.urdf.translated else parse_xml(arm.robot.urdf.path)

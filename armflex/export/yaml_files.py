@@ -37,6 +37,7 @@ def export(arm: Arm, flavour: str, over: Path | None = None) -> Exported:
         UnsupportedError: The flavour has no place for this arm's joints or names.
         TableError, MissingCovariateError: The rows cannot be used.
     """
+    arm.check_tree("export --to yaml")
     flavours = {"ur_calibration": _ur, "robot_calibration": _robot}
     if flavour not in flavours:
         raise InputError(f"flavour {flavour!r}: expected one of {listing(flavours)}")

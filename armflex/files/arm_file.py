@@ -41,6 +41,7 @@ from armflex.files.calibration_table import (
 from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.link_table import read_link
+from armflex.files.linkage_table import read_linkage
 from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import read_spring
 from armflex.laws import read_law
@@ -170,6 +171,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         robot, flexure, more = read_link(name, table, robot)
         bent.append(flexure)
         flags = (*flags, *more)
+    locked = root.table["robot"].get("locked", {})
+    robot, tied = read_linkage(root, robot, tuple(locked))
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
     tables, presets = root.subs("flexure"), root.subs("preset")
     if preset is not None:
@@ -181,7 +184,9 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         raise ArmFileError(root.place("flexure"), f"has {len(tables)} flexures, more than the {MAX_LINKS} allowed")
     if taken := [flexure.name for flexure in bent if flexure.name in tables]:
         raise tables[taken[0]].fail("joint", f"[link.{taken[0]}] is a flexure of this name: choose another one")
-    flexures = (*bent, *(_read_flexure(name, table, robot) for name, table in tables.items()))
+    if taken := [flexure.name for flexure in tied if flexure.name in tables]:
+        raise tables[taken[0]].fail("joint", f"{taken[0]!r} is a loop or a cylinder, which says itself how it gives")
+    flexures = (*bent, *(_read_flexure(name, table, robot) for name, table in tables.items()), *tied)
     springs = tuple(read_spring(name, table, robot) for name, table in root.subs("spring").items())
     measurement = Measurement()
     if root.has("measurement"):
@@ -319,12 +324,13 @@ def _read_payload(name: str, table: Declaration) -> Payload:
 
 def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
     joint = table.text("joint")
-    chain = [joint.name for joint in robot.chain]
-    if joint not in chain:
-        hint = did_you_mean(joint, chain)
-        raise table.fail("joint", f"no joint {joint!r} between base and tip{hint} (known: {listing(chain)})")
+    places = {one.name: one for one in robot.places}
+    if joint not in places:
+        hint = did_you_mean(joint, places)
+        where = "between base and tip" + " or in a loop" * bool(robot.linkage.closures)
+        raise table.fail("joint", f"no joint {joint!r} {where}{hint} (known: {listing(places)})")
     if table.has("joint_stiffness"):
-        table = _by_joint_stiffness(table, next(one for one in robot.chain if one.name == joint))
+        table = _by_joint_stiffness(table, places[joint])
     law = read_law(table, joint, _ranges(robot))
     learn = read_learning(table, law_name(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
@@ -391,7 +397,7 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
     # A joint_stiffness in another unit shows by how far the arm's own weight would turn the joint.
     places = [joint.name for joint in robot.chain]
     for flexure in flexures:
-        if flexure.joint is None or flexure.name not in stated:
+        if flexure.joint not in places or flexure.name not in stated:
             continue
         beyond = robot.chain[places.index(flexure.joint) :]
         drive = drive_of(beyond[0])

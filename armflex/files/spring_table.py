@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import did_you_mean, listing
 from armflex.mechanics.pinocchio_model import build_model
@@ -23,45 +24,57 @@ def read_spring(name: str, table: Declaration, robot: Robot) -> Spring:
         ArmFileError: There is no such link, no joint moves the ends against each other, an end is farther from its
             link's origin than the robot reaches, or the numbers are no spring's.
     """
-    rigid = build_model(robot)
-    links, ends = [], []
-    for key, where in (("link", "at"), ("to", "at_to")):
-        link, point = table.text(key), table.numbers(where, (3,))
-        if link not in rigid.links:
-            hint = did_you_mean(link, rigid.links)
-            raise table.fail(key, f"no link {link!r} at or beyond the base{hint} (known: {listing(rigid.links)})")
-        if (apart := float(np.linalg.norm(point))) > max(robot.reach, 1.0):
-            raise table.fail(where, f"is {apart:g} m from the origin of {link!r}, more than the reach: millimetres?")
-        links.append(link)
-        ends.append(point)
-    carriers = {rigid.model.frames[rigid.frame(link)].parentJoint for link in links}
+    rigid, ends = build_model(robot), read_ends(table, robot)
+    carriers = {rigid.model.frames[rigid.frame(link)].parentJoint for link, _ in ends}
     if len(carriers) == 1:
-        raise table.fail("to", f"no joint moves {links[1]!r} against {links[0]!r}: the spring does nothing")
+        raise table.fail("to", f"no joint moves {ends[1][0]!r} against {ends[0][0]!r}: the spring does nothing")
     law = _read_gas(table) if table.has("pressure") else _read_coil(table)
     table.finish()
-    return Spring(name, links[0], ends[0], links[1], ends[1], law)
+    return Spring(name, *ends[0], *ends[1], law)
+
+
+def read_ends(table: Declaration, robot: Robot) -> tuple[tuple[str, Array], tuple[str, Array]]:
+    """Return the two links that something joins, each with the (3,) point of it in its frame [m].
+
+    Raises:
+        ArmFileError: There is no such link, or a point is farther from its link's origin than the robot reaches.
+    """
+    found, links = [], robot.urdf.below(robot.base)
+    for key, where in (("link", "at"), ("to", "at_to")):
+        link, point = table.text(key), table.numbers(where, (3,))
+        if link not in links:
+            hint = did_you_mean(link, links)
+            raise table.fail(key, f"no link {link!r} at or beyond the base{hint} (known: {listing(links)})")
+        if (apart := float(np.linalg.norm(point))) > max(robot.reach, 1.0):
+            raise table.fail(where, f"is {apart:g} m from the origin of {link!r}, more than the reach: millimetres?")
+        found.append((link, point))
+    first, second = found
+    if first[0] == second[0]:
+        raise table.fail("to", f"both ends are on link {first[0]!r}: it joins a link to itself")
+    return first, second
 
 
 def _read_coil(table: Declaration) -> TensionLaw:
-    rate = _positive(table, "rate", "N/m")
+    rate = positive(table, "rate", "N/m")
     if not table.has("preload"):
-        return CoilSpring(rate, _positive(table, "free_length", "m"))
+        return CoilSpring(rate, positive(table, "free_length", "m"))
     if table.has("free_length"):
         raise table.fail("preload", "stands beside 'free_length': give one of them")
-    return CoilSpring(rate, _positive(table, "length0", "m"), table.number("preload"))
+    return CoilSpring(rate, positive(table, "length0", "m"), table.number("preload"))
 
 
 def _read_gas(table: Declaration) -> TensionLaw:
     if table.has("rate"):
         raise table.fail("pressure", "is of a gas spring, 'rate' of a linear one: give one of them")
-    pressure, area = _positive(table, "pressure", "Pa"), _positive(table, "area", "m^2")
-    length, exponent = _positive(table, "length0", "m"), table.number("exponent", 1.0)
+    pressure, area = positive(table, "pressure", "Pa"), positive(table, "area", "m^2")
+    length, exponent = positive(table, "length0", "m"), table.number("exponent", 1.0)
     if not 1.0 <= exponent <= 2.0:
         raise table.fail("exponent", f"is {exponent:g}, expected 1 (constant temperature) to 2")
     return GasSpring(pressure, area, length, exponent)
 
 
-def _positive(table: Declaration, key: str, unit: str) -> float:
+def positive(table: Declaration, key: str, unit: str) -> float:
+    """Return a number above zero."""
     value = table.number(key)
     if value <= 0.0:
         raise table.fail(key, f"expected more than 0 {unit}, got {value:g}")

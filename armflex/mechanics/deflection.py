@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
 from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, real_array
-from armflex.errors import ExtrapolationError, Flag, ShapeError, naming
+from armflex.errors import ExtrapolationError, Flag, ShapeError, UnsupportedError, naming
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import beyond_seen
@@ -39,10 +39,13 @@ from armflex.mechanics.many_rows import (
     kernel_pays,
     rigid_tips,
     rotations,
+    tips_of,
 )
+from armflex.mechanics.mechanism import Linear, Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.parallel import in_order, in_pieces
 from armflex.result import Result
+from armflex.robot.linkage import TREE
 from armflex.robot.urdf import drive_of
 from armflex.rows.wrench import check_rows
 
@@ -187,7 +190,7 @@ class Deflection(_Result[float]):
         asked_flags: Flags of the question.
     """
 
-    TOLD = (*_Result.TOLD, "load_factor")
+    TOLD = (*_Result.TOLD, "load_factor", "passive", "loop_loads", "cylinder_states", "spring_states")
 
     solved: Equilibrium
     asked_flags: tuple[Flag, ...] = ()
@@ -278,6 +281,21 @@ class Deflection(_Result[float]):
         worst = int(np.argmax(shares := self.drive_shares))
         text = f"drive of {self.names.joints[worst]!r} carries {shares[worst]:.0%} of its limit"
         return (Flag("beyond_effort", text),) if shares[worst] > 1.0 else ()
+
+    @property
+    def passive(self) -> dict[str, float]:
+        """Positions [rad or m] of the joints without a drive, by name."""
+        return {}
+
+    @property
+    def loop_loads(self) -> dict[str, Array]:
+        """(6,) what `to` exerts on `link` at the pin of every loop, in axes of `link` [N, Nm], by the loop's name."""
+        return {}
+
+    @property
+    def cylinder_states(self) -> dict[str, Array]:
+        """(2,) length between the pins [m] and tension [N] of every cylinder, by name."""
+        return {}
 
     @cached_property
     def spring_states(self) -> Array:
@@ -394,6 +412,116 @@ class Deflection(_Result[float]):
         return found
 
 
+class MechanismDeflection(Deflection):
+    """The same of an arm with loops: what follows from the response of a chain follows from the mechanism's."""
+
+    @property
+    def passive(self) -> dict[str, float]:
+        """See `Deflection`; those that follow others by a gear are among them."""
+        places = self._mechanics.flex.free_q
+        return dict(zip(self.arm.robot.linkage.free, self._configuration[places].tolist(), strict=True))
+
+    @property
+    def loop_loads(self) -> dict[str, Array]:
+        """See `Deflection`."""
+        return {loop.name: self._forces[k] for k, loop in enumerate(self.arm.robot.linkage.loops)}
+
+    @property
+    def cylinder_states(self) -> dict[str, Array]:
+        """See `Deflection`."""
+        linkage, lengths = self.arm.robot.linkage, self._mechanics.lengths(self._configuration)
+        tensions = self._forces[len(linkage.loops) :, 0]
+        pairs = zip(linkage.cylinders, lengths, tensions, strict=False)
+        return {one.name: np.array([length, tension]) for one, length, tension in pairs}
+
+    @property
+    def _forces(self) -> Array:
+        return -self._at_rest[1][self._mechanics.model.nv :].reshape(-1, 6)
+
+    @cached_property
+    def joint_loads(self) -> Array:
+        """See `Deflection`; of a cylinder its tension along x."""
+        return self._mechanics.joint_loads(self._configuration, self.solved.case, self._at_rest[1])
+
+    @property
+    def drive_loads(self) -> Array:
+        """See `Deflection`; of a cylinder its tension. What follows a drive by a gear loads it, too."""
+        linkage, tensions = self.arm.robot.linkage, self._forces[len(self.arm.robot.linkage.loops) :, 0]
+        return np.append(-self._at_rest[1][self._mechanics.flex.v_index], tensions[: len(linkage.cylinders)])
+
+    @cached_property
+    def load_factor(self) -> float:
+        """See `Deflection`."""
+        return load_factor(self._mechanics.tangent(self._configuration, *self._at_rest, self.solved.case, self._row))
+
+    @property
+    def tangent(self) -> Array:
+        """Raise: the flexures of a mechanism are not free of each other."""
+        raise UnsupportedError("an arm with loops has no tangent of its flexures alone: ask for load_factor")
+
+    @cached_property
+    def flexure_jacobian(self) -> Array:
+        """See `Deflection`; the loops stay closed, by the joints without a drive as far as they can."""
+        linear, flex = self._linear, self._mechanics.flex
+        tree = flex.flexure_v < self._mechanics.model.nv
+        found = np.empty((6, len(tree)))
+        found[:, tree] = self._held[:, flex.flexure_v[tree]] @ linear.bodily
+        found[:, ~tree] = self._by_gap @ linear.rows[:, flex.flexure_v[~tree] - self._mechanics.model.nv]
+        return found
+
+    @cached_property
+    def joint_jacobian(self) -> Array:
+        """See `Deflection`; the loops stay closed."""
+        return np.concatenate([self._held[:, self._mechanics.flex.v_index], self._by_gap[:, self._linear.lengths]], 1)
+
+    @cached_property
+    def total_jacobian(self) -> Array:
+        """See `Deflection`."""
+        linear, tip = self._linear, self._tip
+        moved = tip @ linear.by_motion[:, self._mechanics.flex.v_index]
+        change = self.arm.stack.change_with_position(self.wrenches.ravel(), self._row)
+        return np.concatenate([moved, tip @ linear.by_gap[:, linear.lengths]], axis=1) + tip @ linear.by_law @ change
+
+    @cached_property
+    def compliance(self) -> Array:
+        """See `Deflection`."""
+        return self._tip @ self._linear.by_load @ self._tip.T
+
+    @cached_property
+    def covariance(self) -> Array | None:
+        """See `Deflection`."""
+        laws = self.arm.stack.covariance(self.wrenches.ravel(), self._row)
+        if laws is None:
+            return None
+        gain = self._tip @ self._linear.by_law
+        return gain @ laws @ gain.T
+
+    @property
+    def _mechanics(self) -> Mechanism:
+        mechanics = self.solved.loaded.mechanics
+        assert isinstance(mechanics, Mechanism)
+        return mechanics
+
+    @cached_property
+    def _linear(self) -> Linear:
+        return self._mechanics.linear(self._configuration, *self._at_rest, self.solved.case, self._row)
+
+    @cached_property
+    def _tip(self) -> Array:
+        return self._mechanics.tip_jacobian(self._configuration)
+
+    @cached_property
+    def _by_gap(self) -> Array:
+        """(6, m) motion of the tip per length of what closes, by the joints without a drive alone."""
+        free = self._mechanics.flex.free_v
+        return self._tip[:, free] @ np.linalg.pinv(self._linear.ways[:, free])
+
+    @cached_property
+    def _held(self) -> Array:
+        """(6, nv) motion of the tip per body motion of everything else, the loops closed."""
+        return self._tip - self._by_gap @ self._linear.ways
+
+
 def deflect(
     loaded: LoadedArm, case: LoadCase, flags: tuple[Flag, ...], method: str, allow_large: bool = False
 ) -> Deflection:
@@ -410,7 +538,8 @@ def deflect(
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
     found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
     flags = (*flags, *near_buckling(found.load_factor)) if found.load_factor < NEAR else flags
-    return Deflection(found, (*known, *flags) if flags else known)
+    kind = Deflection if loaded.arm.robot.linkage is TREE else MechanismDeflection
+    return kind(found, (*known, *flags) if flags else known)
 
 
 def near_buckling(factor: float) -> tuple[Flag, ...]:
@@ -462,6 +591,8 @@ class DeflectionBatch(_Result[Array]):
         """Return one of the rows by itself; its equilibrium is not solved again."""
         loaded, case = self.arm.loaded(self.payload(i)), self.case.some(i)
         checked, flags = self.arm.check_position(case.q, enforce_limits=False)
+        if isinstance(loaded.mechanics, Mechanism):
+            return deflect(loaded, case._replace(q=checked), flags, self.asked.method, self.asked.allow_large)
         mechanics, method, case = loaded.mechanics, self.asked.method, case._replace(q=checked)
         rigid, motion = mechanics.rigid_configuration(checked), np.zeros(mechanics.model.nv)
         motion[loaded.flex.flexure_v] = self.twists[i].ravel()
@@ -483,8 +614,7 @@ class DeflectionBatch(_Result[Array]):
         """(N, 4, 4) tip poses of the rigid arm in the base frame [m]."""
         if self.asked.few:
             return np.array([self.row(i).rigid_pose.homogeneous for i in self._others]).reshape(-1, 4, 4)
-        loaded = self.arm.loaded(None)
-        return rigid_tips(loaded.nominal or loaded.chain, self.q)
+        return rigid_tips(self.arm.loaded(None), self.q)
 
     @cached_property
     def pose(self) -> Array:
@@ -542,11 +672,11 @@ class DeflectionBatch(_Result[Array]):
     def corrected(self) -> Array:
         """(N, 6) of the displacement due to `Arm.corrections` [m, rad]."""
         nowhere, loaded = np.zeros((len(self.q), 6)), self.arm.loaded(None)
-        if loaded.nominal is None:
+        if not self.arm.corrections.move:
             return nowhere
         if self.asked.few:
             return np.array([self.row(i).corrected for i in self._others]).reshape(-1, 6)
-        return displaced_from(nowhere, rigid_tips(loaded.chain, self.q), self.rigid_pose)
+        return displaced_from(nowhere, tips_of(loaded.chain, self.q), self.rigid_pose)
 
     @cached_property
     def covariance(self) -> Array | None:
@@ -651,7 +781,7 @@ def deflect_batch(
     check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, moves=False)  # raises where a link is not the arm's
-    if asked.compiled(case) and (arm.springs or not kernel_pays(len(q))):
+    if asked.compiled(case) and (not arm.chain or not kernel_pays(len(q))):
         asked = asked._replace(few=True)
     here = asked.compiled(case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)

@@ -21,10 +21,12 @@ from armflex.errors import (
     InputError,
     SmallDisplacementError,
     UnstableEquilibriumError,
+    UnsupportedError,
     did_you_mean,
 )
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, integrate
 
 METHODS = ("newton", "fixed_point", "first_order", "exact")
@@ -106,6 +108,8 @@ def find_equilibrium(
     laws = mechanics.laws
     if laws.changing:
         laws.know(loaded.row(case.q, case.covariates))
+    if isinstance(mechanics, Mechanism):
+        return _of_mechanism(mechanics, loaded, case, method, allow_large)
     rigid, load, law = mechanics.rigid_configuration(case.q), mechanics.load(case), laws.motion
     # To look for what runs away takes as long as a quarter of a step. Laws that are not curved do not under the weight,
     # nor under loads of a size that a quantity may have.
@@ -142,6 +146,21 @@ def find_equilibrium(
         if not allow_large:
             check_small(found.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
     return found
+
+
+def _of_mechanism(
+    mechanics: Mechanism, loaded: LoadedArm, case: LoadCase, method: str, allow_large: bool
+) -> Equilibrium:
+    """Return where a mechanism comes to rest: by Newton's method, on all of it together."""
+    check_method(method)
+    if method in ("fixed_point", "first_order"):
+        raise UnsupportedError(f"method {method!r} is not for an arm with loops or passive joints: ask for 'exact'")
+    rest = mechanics.rest(case, loaded.row(case.q, case.covariates))
+    factor = _lasting(rest.tangent)
+    if not allow_large:
+        check_small(rest.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
+    squares = np.square(rest.history).tolist()
+    return Equilibrium(loaded, case, rest.rigid, rest.motion, rest.torque, "newton", squares, None, factor)
 
 
 RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")
@@ -255,7 +274,13 @@ def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
         torque = load(mechanics.flexed(found.rigid, found.motion))
         found = found._replace(motion=mechanics.laws.motion(torque), torque=torque)
     first = found.method == "first_order"  # whose loads are those of the arm that is not deflected
-    tangent, factor = tangent_of(found._replace(motion=np.zeros_like(found.motion)) if first else found), math.inf
+    tangent = tangent_of(found._replace(motion=np.zeros_like(found.motion)) if first else found)
+    return found._replace(tangent=None if first else tangent, load_factor=_lasting(tangent))
+
+
+def _lasting(tangent: Array) -> float:
+    """Return the load factor of a tangent, infinite where it is far from buckling; raise where the arm would leave."""
+    factor = math.inf
     if not np.isfinite(tangent).all():
         raise ConvergenceError("the loads or the laws give no finite twists", ())
     if np.linalg.norm(tangent - np.eye(len(tangent))) > SHARE:  # which else bounds every eigenvalue's distance from 1
@@ -263,7 +288,7 @@ def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
     if factor <= 1.0:
         text = f"the arm would not stay where its loads balance: it buckles under {factor:.4g} times its loads"
         raise UnstableEquilibriumError(text, 1.0 - 1.0 / factor)
-    return found._replace(tangent=None if first else tangent, load_factor=factor)
+    return factor
 
 
 def tangent_of(found: Equilibrium) -> Array:

@@ -10,18 +10,25 @@ end, C the laws' tangent, G the geometric stiffness and E the derivative of exp6
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.pinocchio_model import BASE_AXES, LoadCase, by_mass_centre, frame_jacobian, place_frames
-
-TERMS = 20
-"""Of the series of exp6's derivative, which ends below rounding for turns of a radian."""
+from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.pinocchio_model import (
+    BASE_AXES,
+    LoadCase,
+    by_mass_centre,
+    exponential_jacobian,
+    frame_jacobian,
+    place_frames,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +125,98 @@ def linearised(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, twists: Arra
         for k, frame in enumerate(ends):
             poses[i, k] = data.oMf[frame].homogeneous
             jacobians[i, k] = frame_jacobian(model, data, configuration, frame, BASE_AXES)
-    bodily = _in_blocks(_exponential_jacobian(twists.reshape(count, -1, 6)))
+    bodily = _in_blocks(exponential_jacobian(twists.reshape(count, -1, 6)))
     tangent = np.eye(len(flexures)) + _in_blocks(tangents) @ turned[:, :, flexures] @ bodily
     following = np.empty_like(bodily)
     following[:] = np.linalg.solve(tangent.swapaxes(1, 2), bodily.swapaxes(1, 2)).swapaxes(1, 2)
     return FewRows(loaded, rows, tangents, poses, jacobians, following, turned, weighed, loads)
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismRows:
+    """Some rows of one payload of an arm with loops, linearised: `FewRows`' questions, answered as `Linear` does.
+
+    Attributes:
+        loaded, rows, tangents, poses, jacobians, loads: As of `FewRows`; sites have the closures behind them.
+        laws: (M, v, 6 n) body motion of everything per change of the flexures' laws.
+        by_load: (M, v, v) per load on everything.
+        by_motion: (M, v, v) per body motion of anything.
+        by_gap: (M, v, 6 K) per twist in a closure.
+        weighed: (M, v, 3) loads on everything per gravity [per m/s^2].
+    """
+
+    loaded: LoadedArm
+    rows: np.ndarray
+    tangents: Array
+    poses: Array
+    jacobians: Array
+    laws: Array
+    by_load: Array
+    by_motion: Array
+    by_gap: Array
+    weighed: Array
+    loads: Array
+
+    def among(self, number: np.ndarray) -> MechanismRows:
+        """See `FewRows`."""
+        own = np.flatnonzero(number[self.rows] >= 0)
+        some = {field.name: getattr(self, field.name)[own] for field in fields(self)[2:]}
+        return MechanismRows(self.loaded, number[self.rows[own]], **some)
+
+    def by_end(self, end: str | None) -> Array:
+        """Return the (M, 6, v) motion of an end per body motion of everything; None is the tip."""
+        return self.jacobians[:, -1 if end is None else self.loaded.links.index(end)]
+
+    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
+        """See `FewRows`."""
+        return (self.by_end(end) @ self.laws).reshape(len(self.rows), 6, -1, 6)
+
+    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array) -> Array:
+        """See `FewRows`."""
+        if what in ("tip", "links"):
+            return self.poses[:, -1:] if what == "tip" else self.poses[:, :-1]
+        if what == "loads":
+            return self.loads
+        moved, count = self.by_end(end), len(self.rows)
+        if what == "gravity":
+            return moved @ self.by_load @ self.weighed
+        if what == "motions":
+            return (moved @ self.by_load)[:, None] @ np.swapaxes(self.jacobians[:, :-1], 2, 3)
+        by_motion, by_gap, linkage = moved @ self.by_motion, moved @ self.by_gap, self.loaded.arm.robot.linkage
+        if what == "joints":
+            lengths = 6 * (len(linkage.loops) + np.arange(len(linkage.cylinders)))
+            return np.concatenate([by_motion[:, :, self.loaded.probed.flex.v_index], by_gap[:, :, lengths]], axis=2)
+        sites = by_motion[:, :, self.loaded.probed_v]
+        return np.concatenate([sites, by_gap], axis=2).reshape(count, 6, -1, 6)
+
+
+def linearised_mechanism(
+    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, founds: Sequence[Equilibrium], tangents: Array
+) -> MechanismRows:
+    """Return some rows of an arm with loops linearised where it rests; arguments as of `linearised`."""
+    mechanics, probed = loaded.mechanics, loaded.probed
+    assert isinstance(mechanics, Mechanism) and isinstance(probed, Mechanism)
+    model, data, flex, nv = probed.model, probed.data, probed.flex, probed.model.nv
+    ends, parts = [*map(flex.frame, loaded.links), flex.tip], []
+    own = mechanics.flex
+    for i, found in enumerate(founds):
+        assert found.torque is not None
+        one, row = case.some(i), loaded.row(case.q[i], case.some(i).covariates)
+        motion, torque = np.zeros(flex.size), np.zeros(flex.size)
+        motion[flex.flexure_v], motion[nv:] = found.motion[own.flexure_v], found.motion[mechanics.model.nv :]
+        free = mechanics.flexed(found.rigid, found.motion)[own.free_q]
+        configuration = probed.flexed(probed.configuration(one.q, free), motion)
+        torque[nv:] = found.torque[mechanics.model.nv :]
+        torque[:nv] = probed.held(configuration, one, torque)
+        linear = probed.linear(configuration, motion, torque, one, row, mechanics.idle(one, row))
+        weighed = pin.computeTotalMass(model) * by_mass_centre(model, data, configuration).T
+        place_frames(model, data, configuration)
+        poses = np.array([data.oMf[frame].homogeneous for frame in ends])
+        jacobians = np.array([frame_jacobian(model, data, configuration, frame, BASE_AXES) for frame in ends])
+        loads = -np.concatenate([torque[loaded.probed_v], torque[nv:]]).reshape(-1, 6)
+        by_gap = linear.by_gap @ linear.rows
+        parts.append((poses, jacobians, linear.by_law, linear.by_load, linear.by_motion, by_gap, weighed, loads))
+    return MechanismRows(loaded, rows, tangents, *map(np.array, zip(*parts, strict=True)))
 
 
 def tangents_of(stack: LawStack, loaded: LoadedArm, case: LoadCase, loads: Array) -> Array:
@@ -131,21 +225,6 @@ def tangents_of(stack: LawStack, loaded: LoadedArm, case: LoadCase, loads: Array
     whole = stack.tangent(loads.reshape(len(loads), -1), row)
     n = loads.shape[1]
     return np.einsum("mkikj->mkij", whole.reshape(len(loads), n, 6, n, 6))
-
-
-def _exponential_jacobian(twists: Array) -> Array:
-    """Return the (..., 6, 6) body motion per change of (..., 6) exponential coordinates; Pinocchio's is good to 7e-9.
-
-    The series `sum (-ad)^k / (k + 1)!` of the right Jacobian of SE(3) (Barfoot, State Estimation for Robotics, 7.83).
-    """
-    turning, found = np.zeros((*twists.shape, 6)), np.eye(6)
-    for place in ((0, 0), (1, 1), (0, 1)):
-        vector = twists[..., 3:] if place[0] == place[1] else twists[..., :3]
-        skew = np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2)
-        turning[..., 3 * place[0] : 3 * place[0] + 3, 3 * place[1] : 3 * place[1] + 3] = skew
-    for k in range(TERMS, 0, -1):
-        found = np.eye(6) - turning @ found / (k + 1)
-    return found
 
 
 def _in_blocks(parts: Array) -> Array:

@@ -20,9 +20,11 @@ from armflex.laws.effects.effect import Manipulator
 from armflex.mechanics.certificate import StabilityBound, bound_stability
 from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
+from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
 from armflex.mechanics.spring import Spring
 from armflex.robot import Corrections, Robot, Site
+from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"
@@ -109,7 +111,8 @@ class Structure(Manipulator, Protocol):
         flags: Flags about it as declared.
         sites: Of its flexures, in order; `stack` has their laws, with the effects at work there.
         pulls: Loads that effects put on its links.
-        springs: Between points of its links; compiled code knows none.
+        springs: Between points of its links.
+        chain: Whether it is a chain without springs and loops: compiled code knows no others.
         names: Of joints and flexures, base and tip.
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
@@ -130,6 +133,8 @@ class Structure(Manipulator, Protocol):
     def pulls(self) -> Sequence[Load]: ...
     @property
     def springs(self) -> tuple[Spring, ...]: ...
+    @property
+    def chain(self) -> bool: ...
     @property
     def names(self) -> Names: ...
     @property
@@ -229,7 +234,17 @@ class LoadedArm:
             return self._local.probed
 
     def _mechanics(self, flex: FlexModel) -> Mechanics:
-        return Mechanics(self.rigid, flex, self.arm.stack, self.arm.pulls, self.arm.springs)
+        arm, own = self.arm, (self.rigid, flex, self.arm.stack, self.arm.pulls, self.arm.springs)
+        return Mechanics(*own) if arm.robot.linkage is TREE else Mechanism(*own, arm.robot, arm.corrections)
+
+    @property
+    def site_names(self) -> tuple[str, ...]:
+        """Names of the places where a twist may be inserted: of `sites`, or of `probed` and then of closures."""
+        robot = self.arm.robot
+        if robot.linkage is TREE:
+            return self.sites.names
+        joints = (name for joint in robot.jointed for name in (f"link:{joint.name}", joint.name))
+        return ("base", *joints, "tool", *robot.linkage.closures)
 
     @property
     def probed_v(self) -> np.ndarray:
@@ -240,11 +255,11 @@ class LoadedArm:
     def _probed(self) -> tuple[FlexModel, np.ndarray]:
         robot, own = self.robot, list(self.arm.sites)
         end, places = robot.chain[-1].name, [Site("base", None)]
-        for joint in robot.moving:
+        for joint in robot.jointed:
             places += [Site(f"link:{joint.name}", joint.name, True), Site(joint.name, joint.name)]
         last, numbers = {site.joint: i for i, site in enumerate(own) if not site.before}, []
         for place in (*places, Site("tool", end)):
-            apart = place.before or (place.name == "tool" and end in self.arm.joint_names)
+            apart = place.before or (place.name == "tool" and robot.chain[-1] in robot.jointed)
             numbers.append(len(own) if apart else last.get(place.joint, len(own)))
             if numbers[-1] == len(own):  # it does not give there: Pinocchio's workspace grows with the cube of these
                 own.append(replace(place, name=f"probe:{place.name}"))
@@ -331,9 +346,10 @@ class LoadedArm:
     def stability_bound(self) -> StabilityBound | None:
         """How far weight and what pulls at it can soften the arm; None where a joint or a pull can go any way.
 
-        A spring may soften an arm as well as its weight may: with one there is no bound, and the tangent is looked at.
+        A spring or a loop may soften an arm as well as its weight may: with one there is no bound, and the tangent is
+        looked at.
         """
-        if self.arm.springs:
+        if not self.arm.chain:
             return None
         ranges = {joint.name: (joint.lower, joint.upper) for joint in self.arm.robot.moving}
         model, flex, slides = self.flex.model, self.flex, [j for j in self.arm.robot.moving if j.kind == "prismatic"]

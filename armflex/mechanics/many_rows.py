@@ -26,6 +26,7 @@ from armflex.mechanics.chain import RIGID, SLIDES, TURNS, Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.parallel import in_pieces
+from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench, check_rows
 
 COMPILED = ("exact", "first_order")
@@ -151,8 +152,8 @@ class Pushes:
     """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), sited: bool = False) -> None:
-        if loaded.arm.springs:  # whoever may ask for them answers by Pinocchio instead
-            raise UnsupportedError("compiled code knows no springs")
+        if not loaded.arm.chain:  # whoever may ask for them answers by Pinocchio instead
+            raise UnsupportedError("compiled code knows no springs and no loops")
         self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
         self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._chain = loaded.sited_chain if sited else loaded.chain
@@ -298,7 +299,7 @@ class RowSolver:
         else:
             fine = self._run(q, laws, self.pushes.wrenches(q), rooms, ready, self._exact, into)
         if self._nominal is not None:
-            true, nominal = rigid_tips(self._chain, q), rigid_tips(self._nominal, q)
+            true, nominal = tips_of(self._chain, q), tips_of(self._nominal, q)
             into.displacement[:] = displaced_from(into.displacement, true, nominal)
         return fine
 
@@ -399,8 +400,15 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
         yield slice(int(some[0]), int(some[-1]) + 1) if together else some
 
 
-def rigid_tips(chain: Chain, q: Array) -> Array:
-    """Return the (N, 4, 4) poses of the rigid arm's tip at (N, nq) joint positions."""
+def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
+    """Return the (N, 4, 4) poses of the tip of the rigid arm, where the controller knows it, at (N, nq) positions."""
+    if loaded.arm.robot.linkage is not TREE:
+        return np.array([loaded.mechanics.rigid_tip_pose(one).homogeneous for one in q]).reshape(-1, 4, 4)
+    return tips_of(loaded.nominal or loaded.chain, q)
+
+
+def tips_of(chain: Chain, q: Array) -> Array:
+    """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions."""
     if _loaded:
         found = np.empty((len(q), 4, 4))
         kernel().rigid_tips(*chain.numbers, np.ascontiguousarray(q), found)

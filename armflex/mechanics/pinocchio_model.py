@@ -22,8 +22,10 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
 from armflex.mechanics.laws import LawStack, PlacedLaws
-from armflex.mechanics.spring import PlacedSprings, Spring
+from armflex.mechanics.spring import Spring
+from armflex.mechanics.ties import Ties
 from armflex.robot import Corrections, Robot, Site
+from armflex.robot.linkage import TREE, Linkage
 from armflex.robot.urdf import MOVING, Joint
 from armflex.rows.wrench import Wrench, same_objects, wrenches_in
 
@@ -44,6 +46,9 @@ log3, dot, BASE_AXES = pin.log3, np.dot, pin.LOCAL_WORLD_ALIGNED
 BASE = np.eye(4)
 NOTHING_KNOWN: Mapping[str, Array] = {}
 
+TERMS = 20
+"""Of the series of exp6's derivative, which ends below rounding for turns of a radian."""
+
 MAX_FREEDOMS = 1000
 """Joints and six times the flexures; Pinocchio's workspace grows with the cube of it (3500 take 22 s to make)."""
 
@@ -55,11 +60,13 @@ class FlexModel:
     Attributes:
         model: Shared read-only; each thread makes its own `pin.Data`.
         neutral: (nq_model,) configuration with all joints and flexures at zero.
-        q_index: (nq,) place of each joint position in the configuration.
+        q_index: (nq,) place of each joint position in the configuration; cylinders, which are last, have none.
         v_index: (nq,) place of each joint velocity.
-        flexure_v: (6 n,) places of the flexures' twists, in the order of the sites.
+        flexure_v: (6 n,) places of the flexures' twists, in the order of the sites; of those at closures in the slots.
         tip: Frame id of the tip link.
         base: Frame id of the base link.
+        free_q, free_v: (p,) places of the joints without a drive.
+        size: Velocities of the model, and after them six slots for each closure of the robot's linkage.
     """
 
     model: pin.Model
@@ -69,6 +76,9 @@ class FlexModel:
     flexure_v: np.ndarray
     tip: int
     base: int
+    free_q: np.ndarray
+    free_v: np.ndarray
+    size: int
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -97,10 +107,10 @@ def build_model(
     Raises:
         UnsupportedError: More than `MAX_FREEDOMS` degrees of freedom.
     """
-    freedoms = len(robot.moving) + 6 * len(sites)
+    freedoms = len(robot.jointed) + 6 * len(sites)
     if freedoms > MAX_FREEDOMS:
         raise UnsupportedError(f"{robot.urdf.path}: {freedoms} degrees of freedom, more than {MAX_FREEDOMS}")
-    corrections, model, on_chain = corrections or Corrections(), pin.Model(), {joint.name for joint in robot.chain}
+    corrections, model, on_chain = corrections or Corrections(), pin.Model(), {joint.name for joint in robot.places}
     model.name, model.gravity.linear = robot.urdf.name, robot.gravity
 
     def flexed(joint: str | None, parent: int, place: pin.SE3, before: bool = False) -> tuple[int, pin.SE3]:
@@ -122,19 +132,31 @@ def build_model(
         added = model.addJoint(parent, _joint_model(joint), here * corrections.zero(joint), joint.name)
         return flexed(joint.name, added, pin.SE3.Identity())
 
-    stack = [(robot.base, *flexed(None, 0, pin.SE3.Identity()))]
+    # A joint is added with all that it carries before the next one: Pinocchio takes subtrees to be consecutive.
+    stack: list[tuple[str, Joint | None, int, pin.SE3]] = [(robot.base, None, *flexed(None, 0, pin.SE3.Identity()))]
     while stack:
-        link, parent, place = stack.pop()
+        link, joint, parent, place = stack.pop()
+        if joint is not None:
+            parent, place = jointed(joint, parent, place)
         body = corrections.body(link, robot.urdf.links[link].inertial)
         if body is not None:
             model.appendBodyToJoint(parent, body, place)
         model.addFrame(pin.Frame(link, parent, 0, place, pin.FrameType.BODY))
-        stack.extend((joint.child, *jointed(joint, parent, place)) for joint in robot.urdf.children[link])
+        stack.extend((joint.child, joint, parent, place) for joint in robot.urdf.children[link])
     tip = model.getFrameId(robot.tip, pin.FrameType.BODY)
     if payload is not None:
         model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
-    joints = [model.joints[model.getJointId(name)] for name in robot.joint_names]
-    starts = [model.joints[model.getJointId(_flexure_name(site))].idx_v for site in sites]
+    closures, free = robot.linkage.closures, robot.linkage.free
+    joints, freed = (
+        [model.joints[model.getJointId(joint.name)] for joint in robot.jointed if (joint.name in free) is wanted]
+        for wanted in (False, True)
+    )
+    starts = [
+        model.nv + 6 * closures.index(site.joint)
+        if site.joint in closures
+        else model.joints[model.getJointId(_flexure_name(site))].idx_v
+        for site in sites
+    ]
     return FlexModel(
         model=model,
         neutral=pin.neutral(model),
@@ -143,6 +165,9 @@ def build_model(
         flexure_v=np.array([start + axis for start in starts for axis in range(6)], dtype=int),
         tip=tip,
         base=model.getFrameId(robot.base, pin.FrameType.BODY),
+        free_q=np.array([joint.idx_q for joint in freed], dtype=int),
+        free_v=np.array([joint.idx_v for joint in freed], dtype=int),
+        size=model.nv + 6 * len(closures),
     )
 
 
@@ -230,12 +255,13 @@ class Mechanics:
         stack: LawStack,
         pulls: Sequence[Load] = (),
         springs: Sequence[Spring] = (),
+        linkage: Linkage = TREE,
+        moved: Mapping[str, Array] | None = None,
     ) -> None:
-        self.rigid, self.flex, self.pulls = rigid, flex, tuple(pulls)
+        self.rigid, self.flex, self.pulls, self.linkage = rigid, flex, tuple(pulls), linkage
         self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
-        self.springs = PlacedSprings(springs, self.model, self.data) if springs else None
-        self._pushed = bool(pulls or springs)
-        self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.model.nv)
+        self.ties = Ties(self.model, self.data, linkage, springs, moved) if springs or linkage is not TREE else None
+        self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.size)
         self._frames = {link: flex.frame(link) for link in flex.links}
         self._carriers: dict[str, tuple[int, Array, Array]] = {}
         # Views into Pinocchio's own memory: to ask for them costs more than to compute what they show.
@@ -262,11 +288,14 @@ class Mechanics:
 
         They are what parents exert on children: minus the loads that deform.
         """
+        load = self._of_tree(case)
+        return load if self.ties is None else partial(self._sprung, load)
+
+    def _of_tree(self, case: LoadCase) -> Callable[[Array], Array]:
+        """Return the same without springs."""
         moves = case.v is not None or case.a is not None
-        if not (moves or case.wrenches or self._pushed):
+        if not (moves or case.wrenches or self.pulls):
             return self.weight
-        if self.springs is not None:
-            return partial(self._sprung, case)
         if moves:
             v, a = self._velocities(case)
             return self._loaded(case.wrenches, partial(_accelerated, v, a))
@@ -274,19 +303,19 @@ class Mechanics:
             self._last = case.wrenches, self._loaded(case.wrenches, static_torque)
         return self._last[1]
 
-    def _sprung(self, case: LoadCase, configuration: Array) -> Array:
+    def _sprung(self, load: Callable[[Array], Array], configuration: Array) -> Array:
         """Return the torque that holds an arm with springs."""
-        forces = self._forces(configuration, (*case.wrenches, *self.pulls))
-        if case.moves:
-            return _accelerated(*self._velocities(case), self.model, self.data, configuration, forces)
-        return static_torque(self.model, self.data, configuration, forces)
+        assert self.ties is not None
+        torque = load(configuration)
+        pin.computeJointJacobians(self.model, self.data, configuration)
+        return torque + self.ties.sprung()[1]
 
     def spring_states(self, configuration: Array) -> Array:
         """Return (n_springs, 2) of lengths [m] and tensions [N]."""
-        if self.springs is None:
+        if self.ties is None:
             return np.empty((0, 2))
-        place_joints(self.model, self.data, configuration)
-        return self.springs.states()
+        pin.computeJointJacobians(self.model, self.data, configuration)
+        return self.ties.sprung()[0]
 
     def _loaded(self, wrenches: tuple[Wrench, ...], hold: Callable[..., Array]) -> Callable[[Array], Array]:
         """Return the map for what holds the arm under forces on Pinocchio's joints, in their axes."""
@@ -339,10 +368,25 @@ class Mechanics:
         self._carriers[link] = found = frame.parentJoint, by_turn, frame.placement.inverse().action
         return found
 
-    def stiffness(self, configuration: Array, case: LoadCase) -> Array:
-        """Return the (nv, nv) change of the torque per body motion of joints and flexures: the geometric stiffness."""
+    def stiffness(self, configuration: Array, case: LoadCase, forces: Array | None = None) -> Array:
+        """Return the (nv, nv) change of the torque per body motion of joints and flexures: the geometric stiffness.
+
+        Args:
+            configuration: Of the flexible model.
+            case: What acts.
+            forces: (6 K,) in the closures' slots, where these and the springs are placed already; None without them.
+        """
+        total = self._stiffness_of_tree(configuration, case)
+        if self.ties is not None:
+            if forces is None:  # else they are placed already
+                self.ties.place(configuration)
+                self.ties.sprung()
+            total += self.ties.stiffness(np.zeros(0) if forces is None else forces)
+        return total
+
+    def _stiffness_of_tree(self, configuration: Array, case: LoadCase) -> Array:
         model, data, loads = self.model, self.data, (*case.wrenches, *self.pulls)
-        if not (loads or case.moves or self.springs):
+        if not (loads or case.moves):
             return np.array(pin.computeGeneralizedGravityDerivatives(model, data, configuration))
         forces, (v, a) = self._forces(configuration, loads), self._velocities(case)
         total = np.array(pin.computeRNEADerivatives(model, data, configuration, v, a, forces)[0])
@@ -355,9 +399,6 @@ class Mechanics:
             change = turn.T @ load.change(pose.homogeneous) @ turn
             change[:, 3:] += np.vstack([pin.skew(local.linear), pin.skew(local.angular)])
             total -= jacobian.T @ change @ jacobian
-        if self.springs is not None:
-            place_joints(model, data, configuration)
-            total += self.springs.stiffness(configuration)
         return total
 
     def exponential_jacobian(self, rigid: Array, motion: Array) -> Array:
@@ -395,6 +436,9 @@ class Mechanics:
     def joint_loads(self, configuration: Array, case: LoadCase) -> Array:
         """Return the (nq, 6) wrench on the structure at every joint, in the joint's child frame [N, Nm]."""
         forces, (v, a) = self._forces(configuration, (*case.wrenches, *self.pulls)), self._velocities(case)
+        if self.ties is not None:
+            self._sprung(self.weight, configuration)
+            self.ties.push(np.zeros(0), forces)
         rnea(self.model, self.data, configuration, v, a, forces)
         return np.array([-self.data.f[self.model.getJointId(name)].vector for name in self.rigid.model.names[1:]])
 
@@ -415,9 +459,6 @@ class Mechanics:
             owner = self.model.frames[frame]
             local = _in_axes_of(self.frame_pose(configuration, frame), load)
             forces[owner.parentJoint] = forces[owner.parentJoint] + owner.placement.act(local)
-        if self.springs is not None:
-            place_joints(self.model, self.data, configuration)
-            self.springs.push(forces)
         return forces
 
 
@@ -431,3 +472,18 @@ def _in_axes_of(pose: pin.SE3, load: Load) -> pin.Force:
     """Return a load in the axes of its link."""
     wrench = load.at(pose.homogeneous)
     return pin.Force(pose.rotation.T @ wrench[:3], pose.rotation.T @ wrench[3:])
+
+
+def exponential_jacobian(twists: Array) -> Array:
+    """Return the (..., 6, 6) body motion per change of (..., 6) exponential coordinates; Pinocchio's is good to 7e-9.
+
+    The series `sum (-ad)^k / (k + 1)!` of the right Jacobian of SE(3) (Barfoot, State Estimation for Robotics, 7.83).
+    """
+    turning, found = np.zeros((*twists.shape, 6)), np.eye(6)
+    for place in ((0, 0), (1, 1), (0, 1)):
+        vector = twists[..., 3:] if place[0] == place[1] else twists[..., :3]
+        skew = np.cross(vector[..., None, :], np.eye(3)).swapaxes(-1, -2)
+        turning[..., 3 * place[0] : 3 * place[0] + 3, 3 * place[1] : 3 * place[1] + 3] = skew
+    for k in range(TERMS, 0, -1):
+        found = np.eye(6) - turning @ found / (k + 1)
+    return found

@@ -51,7 +51,7 @@ class Prepared:
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
         joints, flexures = len(loaded.arm.joint_names), len(loaded.flexure_joints)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
-        self._compiled = method in COMPILED and not loaded.arm.springs
+        self._compiled = method in COMPILED and loaded.arm.chain
         self._free = [self._workspace()] if self._compiled else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:

@@ -23,7 +23,7 @@ from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.chain import Chain
 from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small, find_equilibrium
-from armflex.mechanics.few_rows import FewRows, linearised, tangents_of
+from armflex.mechanics.few_rows import FewRows, MechanismRows, linearised, linearised_mechanism, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.many_rows import (
@@ -38,6 +38,7 @@ from armflex.mechanics.many_rows import (
 )
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_pieces, in_threads
+from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench, check_rows
 
 AT_ONCE = 1024
@@ -110,7 +111,7 @@ class Response:
     laws: Array
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
-    _parts: tuple[_Part | FewRows, ...]
+    _parts: tuple[_Part | FewRows | MechanismRows, ...]
     case: LoadCase
     end: str | None = None
 
@@ -198,6 +199,8 @@ class Response:
         part = next(one for one in self._parts if row in one.rows)
         mechanics, case = part.loaded.mechanics, self.case.some(row)
         case = case._replace(wrenches=tuple(one.under(part.loaded.robot.gravity) for one in case.wrenches))
+        if isinstance(part, MechanismRows):
+            return find_equilibrium(part.loaded, case, allow_large=True)
         motion = np.zeros(mechanics.model.nv)
         motion[mechanics.flex.flexure_v] = self.flexure_twists[row]
         rigid = mechanics.rigid_configuration(self.row.q[row])
@@ -262,12 +265,12 @@ def respond(
     case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
-    # Compiled code knows no springs.
-    few = bool(arm.springs)
+    # Compiled code knows no springs and no loops.
+    few = not arm.chain
     few = few or (len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q)))
     solve = _solved_alone if few else _solved
 
-    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows:
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows | MechanismRows:
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
@@ -288,8 +291,7 @@ def respond(
     # No rows are a part, too.
     pieces = [(loaded, some) for loaded, own in groups for some in in_pieces(own, AT_ONCE) or [own]]
     parts = tuple(in_threads(solved, pieces))
-    frames = parts[0].loaded
-    named = (frames.link_frames.names, frames.sites.names)
+    named = (parts[0].loaded.links, parts[0].loaded.site_names)
     arrays = (loads, twists.reshape(len(q), 6 * n), laws)
     return Response(Row(q, arm.joint_index, known), *arrays, *named, parts, case)
 
@@ -322,20 +324,27 @@ def _solved(
 
 def _solved_alone(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows, Solution]:
+) -> tuple[FewRows | MechanismRows, Solution]:
     """Return the same of few rows, each by Pinocchio."""
     found = Solution.empty(len(rows), len(loaded.arm.sites))
-    _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
+    each = _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
     tangents = tangents_of(loaded.arm.stack, loaded, case, found.wrenches)
-    part = linearised(loaded, rows, case, found.twists.reshape(len(rows), -1), tangents)
+    if loaded.arm.robot.linkage is TREE:
+        part = linearised(loaded, rows, case, found.twists.reshape(len(rows), -1), tangents)
+    else:
+        part = linearised_mechanism(loaded, rows, case, each, tangents)
     into[rows] = part.by_law(None, case.q, found.twists)
     return part, found
 
 
-def _rest(loaded: LoadedArm, case: LoadCase, some: np.ndarray, into: Solution, method: str, allow_large: bool) -> None:
-    """Put into `into` where the arm rests in some rows, each by itself."""
-    places = loaded.flex.flexure_v
+def _rest(
+    loaded: LoadedArm, case: LoadCase, some: np.ndarray, into: Solution, method: str, allow_large: bool
+) -> list[Equilibrium]:
+    """Return where the arm rests in some rows, each by itself, and put it into `into`."""
+    places, found = loaded.flex.flexure_v, []
     for i in some.tolist():
         one = find_equilibrium(loaded, case.some(i), method, allow_large)
         assert one.torque is not None  # where stability was checked
         into.twists[i], into.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)
+        found.append(one)
+    return found

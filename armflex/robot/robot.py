@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
 from armflex.errors import Flag, JointLimitError, Place, UnknownNameError, UrdfError, did_you_mean, listing
 from armflex.robot.formats import read_other
+from armflex.robot.linkage import TREE, Linkage
 from armflex.robot.urdf import MOVING, Inertial, Joint, Link, Urdf, Visual, parse_xml, read_urdf
 
 TCP = "tcp"
@@ -53,6 +54,7 @@ class Robot:
         strict: Whether impossible inertias are refused where the arm is asked to move.
         mount: (3, 3) how the base stands in a level world, whose z is up; the unit matrix where nobody says.
         tool_joint: Name of the fixed joint beyond the declared tip link that leads to `tip`, None without a tool.
+        linkage: What is joined once more, and the joints without a drive.
     """
 
     urdf: Urdf
@@ -65,6 +67,7 @@ class Robot:
     strict: bool = True
     mount: Array = field(default_factory=lambda: np.eye(3))
     tool_joint: str | None = None
+    linkage: Linkage = TREE
 
     def check_motion(self) -> None:
         """Raise `UrdfError` where inertial loads cannot be computed; see `check_motion`."""
@@ -91,13 +94,24 @@ class Robot:
         return tuple(name for name, one in known.items() if one.mass and not one.inertia.any())
 
     @cached_property
+    def jointed(self) -> tuple[Joint, ...]:
+        """The joints that move, the chain's first: driven, passive and following ones."""
+        return tuple(joint for joint in self.places if joint.kind in MOVING)
+
+    @cached_property
+    def places(self) -> tuple[Joint, ...]:
+        """The joints where something may give: those of the chain, in order, and those beside it that move."""
+        return (*self.chain, *self.linkage.beside)
+
+    @cached_property
     def moving(self) -> tuple[Joint, ...]:
-        """The chain's moving joints, in order."""
-        return tuple(joint for joint in self.chain if joint.kind in MOVING)
+        """The driven joints, the chain's first, in order; cylinders last."""
+        driven = (joint for joint in self.jointed if joint.name not in self.linkage.free)
+        return (*driven, *(cylinder.joint for cylinder in self.linkage.cylinders))
 
     @cached_property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the chain's moving joints: the order of q."""
+        """Names of the driven joints: the order of q."""
         return tuple(joint.name for joint in self.moving)
 
     @cached_property
@@ -284,7 +298,10 @@ def load_robot(
     elif mount is None and down[2] > 0.5 * size:
         text = f"gravity {down.tolist()} points along +z of the base: upside down on purpose?"
         flags.append(Flag("gravity", text))
-    return Robot(document, base, chain[-1].child, chain, down, held, (*flags, *mimics), strict, stands, tool_joint)
+    following = following_of(document, chain)
+    linkage = Linkage(followers=following) if following else TREE
+    flags = (*flags, *mimics)
+    return Robot(document, base, chain[-1].child, chain, down, held, flags, strict, stands, tool_joint, linkage)
 
 
 def with_tool(urdf: Urdf, link: str, tool: pin.SE3) -> tuple[Urdf, str]:
@@ -342,7 +359,7 @@ def find_chain(urdf: Urdf, base: str, tip: str | None) -> tuple[Joint, ...]:
     Raises:
         UnknownNameError: No such link.
         UrdfError: `tip` is one of several, does not descend from `base`, or nothing moves between them; a joint of the
-            chain cannot be read or mimics another.
+            chain cannot be read, or follows none of it.
     """
     if tip is None:
         leaves = [link for link in urdf.below(base) if not urdf.children[link]]
@@ -364,18 +381,32 @@ def find_chain(urdf: Urdf, base: str, tip: str | None) -> tuple[Joint, ...]:
             raise joint.faults[0].error
     if not any(joint.kind in MOVING for joint in chain):
         raise UrdfError(urdf.links[tip].place, f"no joint moves between base {base!r} and tip {tip!r}")
-    for joint in chain:
-        if joint.mimic and joint.kind in MOVING:
-            master, factor, offset = joint.mimic
-            if master not in urdf.joints:
-                missing = UnknownNameError("joint", master, urdf.joints)
-                raise UrdfError(joint.place, f"joint {joint.name!r}, mimic: {missing}")
-            text = f"joint {joint.name!r} of the chain mimics {master!r}, which is not supported: remove the <mimic> "
-            own = (
-                f"tag and give its position as a column of its own, q_{joint.name} = {factor:g} q_{master} + {offset:g}"
-            )
-            raise UrdfError(joint.place, text + own)
+    following_of(urdf, chain)
     return tuple(chain)
+
+
+def following_of(urdf: Urdf, chain: Sequence[Joint]) -> dict[str, tuple[str, float, float]]:
+    """Return the joints of a chain that follow others of it by <mimic>: whom, by what factor and from what offset.
+
+    Raises:
+        UrdfError: One follows no joint that moves with the chain, or itself.
+    """
+    moving = {joint.name: joint for joint in chain if joint.kind in MOVING}
+    found = {name: joint.mimic for name, joint in moving.items() if joint.mimic}
+    for name, (master, factor, offset) in found.items():
+        if master not in urdf.joints:
+            missing = UnknownNameError("joint", master, urdf.joints)
+            raise UrdfError(moving[name].place, f"joint {name!r}, mimic: {missing}")
+        if master not in moving:
+            text = f"joint {name!r} of the chain mimics {master!r}, which is not one that moves between base and tip: "
+            own = f"remove the <mimic> tag and give a column of its own, q_{name} = {factor:g} q_{master} + {offset:g}"
+            raise UrdfError(moving[name].place, text + own)
+        way = [name]
+        while way[-1] in found:
+            way.append(found[way[-1]][0])
+            if way[-1] in way[:-1]:
+                raise UrdfError(moving[name].place, f"joint {name!r} mimics itself: {' mimics '.join(way)}")
+    return found
 
 
 def lock_side_joints(

@@ -351,7 +351,7 @@ class _Judge:
         error, near = found.displacement, points.target is not None
         if points.target is not None:
             rigid = self.arm.loaded(None)
-            error = displaced_from(error, found.rigid_pose, rigid_tips(rigid.nominal or rigid.chain, points.target))
+            error = displaced_from(error, found.rigid_pose, rigid_tips(rigid, points.target))
         sizes = np.stack([np.linalg.norm(error[:, half], axis=1) for half in HALVES], axis=1)
         bent = np.linalg.norm(found.displacement[:, 3:], axis=1)
         self.turns = tuple(

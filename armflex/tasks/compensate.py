@@ -515,7 +515,7 @@ def _gaps(arm: Arm, moved: Trajectory) -> Array:
     for some in in_pieces(np.flatnonzero(same), TOGETHER):
         half = np.full(len(some), 0.5)
         middle = known.between(some, half)
-        target = rigid_tips(rigid.nominal or rigid.chain, middle.meant)
+        target = rigid_tips(rigid, middle.meant)
         found = arm.deflection(middle.q, middle.payload, **middle.asked)
         gaps[some] = np.linalg.norm(found.pose[:, :3, 3] - target[:, :3, 3], axis=1)
     return gaps

@@ -245,7 +245,7 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
         raise InputError("no pose was measured twice under one payload in one session: ISO 9283 needs repeats")
     used = np.concatenate(sets)
     rigid = arm.loaded(None)
-    tips = rigid_tips(rigid.nominal or rigid.chain, measurements.q[used])
+    tips = rigid_tips(rigid, measurements.q[used])
     setup, placed, sessions = Setup(arm, arm.instrument or Instrument()), False, [measurements.session[i] for i in used]
     if arm.instrument is None and arm.measurement.frame != "base":
         setup, placed = placed_rigidly(setup, setup.instrument.in_base(tips), measurements, used), True

@@ -54,4 +54,5 @@ def trace(
     """
     from armflex.trace.run import trace as run
 
+    arm.check_tree("trace")
     return run(arm, as_campaign(measurements, arm), rows, report, keep, account, progress, anyway)

@@ -24,6 +24,7 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
 from armflex.parallel import Progress
+from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import (
@@ -43,6 +44,7 @@ from armflex.tasks.check import CheckReport
 from armflex.trajectory import Trajectory, as_trajectory
 
 GHOST, STEEL, LOAD = "#9fb4c8", "#c9ced6", "#7a4a21"
+PIN, TIE, SPRING = "#3b4252", "#b08d3c", "#5f8f5a"
 RIGID_PATH, FLEXED_PATH = "#6c8ebf", "#e4572e"
 VERDICTS = {"ok": "#2e9e4f", "uncertain": "#f0a202", "fail": "#d7263d"}
 MARKER_SIZES = {"ok": 1.0, "uncertain": 1.2, "fail": 1.4}
@@ -224,11 +226,13 @@ def arm_scene(
     colors = contribution_colors(shown)
     times = motion.times
     shapes, missing = _link_shapes(arm, motion, meshes)
+    tree = arm.robot.linkage is TREE
     scene = Scene(
         title=arm.robot.urdf.name,
         subtitle=_subtitle(arm, shown, motion, factor),
         nodes=(
             *_nodes(arm, motion, factor, colors, shapes),
+            *_ties(arm, motion, factor),
             *_triads(arm, motion, factor),
             *_arrows(arm, motion, factor),
         ),
@@ -239,7 +243,8 @@ def arm_scene(
         notes=(*_notes(arm, shown, motion, factor), *missing),
         times=times if len(times) > 1 else None,
         speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
-        posable=replace(posable(arm, shown, factor), frame=motion.worst, when=_when(motion)),
+        # A slider moves what its joint carries; with loops other joints move as well.
+        posable=replace(posable(arm, shown, factor), frame=motion.worst, when=_when(motion)) if tree else None,
     )
     scene = _standing(scene, arm.robot.mount)
     return replace(scene, floor_z=float(scene_points(scene)[:, 2].min()) - 0.02 * arm.robot.reach)
@@ -318,7 +323,7 @@ def _triads(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
     )
     flexed = [frame.link_poses(factor) for frame in motion.frames]
     places = {"axes/base": arm.robot.base, "axes/tip": arm.robot.tip}
-    places |= {f"joint axes/{_leaf(joint.name)}": joint.child for joint in arm.robot.moving}
+    places |= {f"joint axes/{_leaf(joint.name)}": joint.child for joint in arm.robot.jointed}
     for name, link in places.items():
         yield Node(name, np.array([pose[link] for pose in flexed]), axes, link)
 
@@ -401,8 +406,12 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tupl
     slides = {
         joint.child: -joint.axis * far
         for joint, far in zip(arm.robot.moving, furthest, strict=True)
-        if joint.kind == "prismatic"
+        if joint.kind == "prismatic" and joint in arm.robot.jointed
     }
+    joined = {}
+    for one in (*arm.robot.linkage.loops, *arm.robot.linkage.cylinders):
+        joined.setdefault(one.link, []).append(one.at)
+        joined.setdefault(one.to, []).append(one.at_to)
     for name, link in arm.robot.urdf.links.items():
         shapes, known = [], len(missing)
         for visual in link.visuals:
@@ -416,6 +425,7 @@ def _link_shapes(arm: Arm, motion: Motion, meshes: bool) -> tuple[dict[str, tupl
         if not shapes or len(missing) > known:
             ends = [joint.origin for joint in arm.robot.urdf.children[name]]
             ends += [slides[name]] if name in slides else []
+            ends += joined.get(name, [])
             rods = [(end, float(np.linalg.norm(end))) for end in ends]
             shapes += [
                 Shape("capsule", np.array([radius, length]), _along(end), STEEL) for end, length in rods if length > 0.0
@@ -459,8 +469,10 @@ def _nodes(
             color = colors.get(owner.get(link, ""))
             solids = (replace(shape, color=color or shape.color, opacity=1.0) for shape in shapes[link])
             yield Node(f"flexed/{_leaf(link)}", np.array([pose[link] for pose in flexed]), tuple(solids), link)
-    child = {joint.name: joint.child for joint in arm.robot.chain}
+    child = {joint.name: joint.child for joint in arm.robot.places}
     for flexure in arm.flexures:
+        if flexure.joint not in child and flexure.joint is not None:
+            continue  # a pin or a cylinder, which is drawn itself
         link = child[flexure.joint] if flexure.joint else arm.robot.base
         ball = Shape("sphere", np.array([0.022 * max(arm.robot.reach, 0.1)]), color=colors[flexure.name])
         yield Node(f"flexure/{_leaf(flexure.name)}", np.array([pose[link] for pose in flexed]), (ball,), link)
@@ -473,6 +485,33 @@ def _nodes(
         carried = np.flatnonzero(masses)
         tips = [flexed[i][arm.robot.tip] for i in np.clip(range(len(flexed)), carried[0], carried[-1])]
         yield Node("payload", np.array(tips), (Shape("box", size, place, LOAD),), arm.robot.tip)
+
+
+def _ties(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
+    """Yield the pins of loops, and cylinders and springs: halves that turn about either end and slide in each other."""
+    flexed, radius = [frame.link_poses(factor) for frame in motion.frames], 0.02 * max(arm.robot.reach, 0.1)
+
+    def at(link: str, point: Array) -> Array:
+        return np.array([pose[link][:3, :3] @ point + pose[link][:3, 3] for pose in flexed])
+
+    for loop in arm.robot.linkage.loops:
+        poses = np.tile(np.eye(4), (len(flexed), 1, 1))
+        poses[:, :3, 3] = at(loop.link, loop.at)
+        yield Node(
+            f"loops/{_leaf(loop.name)}", poses, (Shape("sphere", np.array([1.2 * radius]), color=PIN),), loop.link
+        )
+    for kind, ties in (("cylinders", arm.robot.linkage.cylinders), ("springs", arm.springs)):
+        for one in ties:
+            ends = at(one.link, one.at), at(one.to, one.at_to)
+            longest = float(np.linalg.norm(ends[1] - ends[0], axis=1).max())
+            for part, (here, there), thick in (("barrel", ends, 1.0), ("rod", ends[::-1], 0.55)):
+                poses = np.array([_along(end) for end in there - here])
+                poses[:, :3, 3] = here
+                place = np.eye(4)
+                place[2, 3] = 0.275 * longest
+                size = np.array([thick * radius, 0.55 * longest])
+                shape = Shape("cylinder", size, place, TIE if kind == "cylinders" else SPRING)
+                yield Node(f"{kind}/{_leaf(one.name)} {part}", poses, (shape,))
 
 
 def payload_box(payload: Payload) -> tuple[Array, Array]:

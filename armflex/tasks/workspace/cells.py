@@ -18,7 +18,7 @@ import numpy as np
 
 from armflex.arm import Arm, ManyRows
 from armflex.conventions import Array
-from armflex.errors import NO_ANSWER, Flag
+from armflex.errors import NO_ANSWER, ClosureError, Flag
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.mechanics.deflection import length_sigma
 from armflex.mechanics.many_rows import kernel_pays
@@ -190,6 +190,8 @@ def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array, rows
         some: ManyRows = q[rows]
         found = arm.deflection(some, payload, **options)
     except tuple(NO_ANSWER.values()) as error:
+        if len(rows) == 1 and isinstance(error, ClosureError):
+            return  # the loops let no drive come here: it is no configuration
         if len(rows) > 1:
             for half in np.array_split(rows, 2):
                 yield from _outcomes(arm, payload, options, q, half)

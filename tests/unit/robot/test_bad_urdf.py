@@ -247,10 +247,10 @@ EDITS: dict[str, tuple[str, str, tuple[str, ...], str]] = {
         ("'elbow'", "'sholder'", "did you mean 'shoulder'?"),
         ELBOW,
     ),
-    "row17-mimic-on-the-chain": (
+    "row17-mimic-of-itself": (
         ELBOW_LIMIT,
-        ELBOW_LIMIT + '<mimic joint="shoulder" multiplier="-2" offset="0.3"/>',
-        ("'elbow'", "'shoulder'", "remove the <mimic>", "q_elbow = -2 q_shoulder + 0.3"),
+        ELBOW_LIMIT + '<mimic joint="elbow" multiplier="-2" offset="0.3"/>',
+        ("'elbow'", "mimics itself"),
         ELBOW,
     ),
     "row17-floating": (

@@ -1,0 +1,214 @@
+"""[joint.NAME], [[loop]] and [cylinder.NAME]: what makes a mechanism of a tree of links."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.declaration import Declaration
+from armflex.errors import did_you_mean, listing
+from armflex.files.spring_table import positive, read_ends
+from armflex.laws.declared import Flexure
+from armflex.laws.joint.linear import LinearLaw, declared_std, read_compliance
+from armflex.mechanics.mechanism import ASSEMBLED, Closing, gaping
+from armflex.mechanics.pinocchio_model import build_model
+from armflex.mechanics.ties import Ties
+from armflex.robot import Corrections, Robot
+from armflex.robot.linkage import KINDS, Cylinder, Linkage, Loop
+from armflex.robot.urdf import MOVING, Joint
+
+SAME = 1e-6
+"""Distance [m] within which two points of a link are one."""
+
+
+def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[Robot, tuple[Flexure, ...]]:
+    """Return a robot with its loops, cylinders and joints without a drive, and the flexures of pins and cylinders.
+
+    Args:
+        root: The arm.toml.
+        robot: The robot, with every link that the arm.toml makes.
+        held: Joints that [robot.locked] names: they do not move, whatever they hang on.
+
+    Raises:
+        ArmFileError: A name, a point or a number cannot be meant, a loop joins what it must not, closes nowhere, or
+            says what another one says.
+    """
+    joints, loops = root.subs("joint"), root.array_of("loop")
+    cylinders = root.subs("cylinder")
+    if not (joints or loops or cylinders):
+        return robot, ()
+    passive, driven = {}, []
+    for name, table in joints.items():
+        joint = _joint(name, table, robot, held)
+        if table.flag("passive"):
+            passive[name] = table.number("q0") if table.has("q0") else None
+        else:
+            driven.append(name)
+        if joint.mimic is not None:
+            raise table.fail("passive", f"joint {name!r} mimics {joint.mimic[0]!r}, so it has its position from there")
+        table.finish()
+    names: dict[str, Declaration] = {}
+    ends = []
+    for table in (*loops, *cylinders.values()):
+        ends.append(read_ends(table, robot))
+    read = tuple(_loop(table, *own) for table, own in zip(loops, ends, strict=False))
+    pistons = tuple(
+        _cylinder(name, table, *own) for (name, table), own in zip(cylinders.items(), ends[len(loops) :], strict=True)
+    )
+    tables = (*loops, *cylinders.values())
+    for one, table in zip((*read, *pistons), tables, strict=True):
+        if one.name in names or one.name in robot.urdf.joints:
+            raise table.fail("name", f"{one.name!r} is the name of another loop, cylinder or joint: choose another one")
+        names[one.name] = table
+    links = [link for one in (*read, *pistons) for link in (one.link, one.to)]
+    links += [robot.urdf.joints[name].child for name in (*passive, *driven)]
+    beside = _beside(robot, links, held)
+    followers = dict(robot.linkage.followers)
+    for joint in beside:
+        if joint.mimic is not None and joint.name not in passive:
+            followers[joint.name] = joint.mimic
+    linkage = Linkage(passive, beside, read, pistons, followers)
+    known = [joint.name for joint in (*robot.chain, *beside) if joint.kind in MOVING]
+    for name, (master, _, _) in followers.items():
+        if master not in known:
+            text = f"joint {name!r} mimics {master!r}, which is no joint that moves with the chain or a loop"
+            raise root.fail("loop", f"{text} (known: {listing(known)})")
+    locked = {name: at for name, at in robot.locked.items() if name not in {joint.name for joint in beside}}
+    flags = tuple(f for f in robot.flags if f.code != "locked_mimic" or not any(repr(j.name) in f.text for j in beside))
+    robot = replace(robot, linkage=linkage, locked=locked, flags=flags)
+    _check(root, robot, names)
+    robot = replace(robot, linkage=replace(linkage, loops=_turned(robot)))
+    flexures = [_gives(name, table) for name, table in names.items()]
+    for table in tables:
+        table.finish()
+    return robot, tuple(one for one in flexures if one is not None)
+
+
+def _joint(name: str, table: Declaration, robot: Robot, held: Sequence[str]) -> Joint:
+    known = [one.name for one in robot.urdf.joints.values() if one.kind in MOVING and one.name not in held]
+    if name not in known:
+        hint = did_you_mean(name, known)
+        raise table.fail("passive", f"[joint.{name}]: no joint {name!r} that moves{hint} (known: {listing(known)})")
+    return robot.urdf.joints[name]
+
+
+def _beside(robot: Robot, links: Sequence[str], held: Sequence[str]) -> tuple[Joint, ...]:
+    """Return the joints off the chain that carry some links, in the order of the robot's file."""
+    on_chain, found = {joint.name for joint in robot.chain}, set()
+    for link in links:
+        while link != robot.base and link in robot.urdf.parents:
+            joint = robot.urdf.parents[link]
+            if joint.kind in MOVING and joint.name not in on_chain and joint.name not in held:
+                if joint.faults:
+                    raise joint.faults[0].error
+                found.add(joint.name)
+            link = joint.parent
+    return tuple(joint for name, joint in robot.urdf.joints.items() if name in found)
+
+
+def _loop(table: Declaration, first: tuple[str, Array], second: tuple[str, Array]) -> Loop:
+    kind = table.choice("kind", KINDS)
+    axis = np.array([0.0, 0.0, 1.0])
+    if kind in ("revolute", "cylindrical"):
+        axis = table.numbers("axis", (3,))
+        if not (length := float(np.linalg.norm(axis))) > SAME:
+            raise table.fail("axis", f"is {axis.tolist()}, which has no direction")
+        axis = axis / length
+    elif table.has("axis"):
+        raise table.fail("axis", f"a {kind} loop has none")
+    return Loop(table.text("name"), *first, *second, kind, axis, np.eye(3))
+
+
+def _cylinder(name: str, table: Declaration, first: tuple[str, Array], second: tuple[str, Array]) -> Cylinder:
+    lower, upper = positive(table, "lower", "m"), positive(table, "upper", "m")
+    if not lower < upper:
+        raise table.fail("upper", f"is {upper:g} m, expected more than the lower {lower:g} m")
+    effort = positive(table, "effort", "N") if table.has("effort") else np.inf
+    return Cylinder(name, *first, *second, lower, upper, effort, table.place())
+
+
+def _check(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) -> None:
+    """Refuse loops that no joint moves, that say the same, or that close nowhere; and joints that nothing holds."""
+    linkage, model = robot.linkage, build_model(robot)
+    closures = (*linkage.loops, *linkage.cylinders)
+    carrier = {link: model.model.frames[model.frame(link)].parentJoint for link in model.links}
+    placed = {link: model.model.frames[model.frame(link)].placement for link in model.links}
+    points = []
+    for one in closures:
+        ends = {carrier[one.link]: placed[one.link].act(one.at), carrier[one.to]: placed[one.to].act(one.at_to)}
+        if len(ends) == 1:
+            text = f"joins {one.link!r} to {one.to!r}, which no joint moves against each other"
+            raise names[one.name].fail("to", f"{one.name!r} {text}")
+        for other, there in points:
+            same = isinstance(one, Cylinder) is isinstance(other, Cylinder) and ends.keys() == there.keys()
+            if same and all(np.linalg.norm(ends[key] - there[key]) < SAME for key in ends):
+                raise names[one.name].fail("at", f"{one.name!r} says what {other.name!r} says: leave one of them out")
+        points.append((one, ends))
+    held = set().union(*(_ways(robot, one.link) ^ _ways(robot, one.to) for one in closures))
+    for name in linkage.passive:
+        if name not in held:
+            text = f"joint {name!r} is passive, but no loop or cylinder is around it: nothing would hold it"
+            raise root.subs("joint")[name].fail("passive", text)
+    free = len(linkage.free)
+    data = model.model.createData()
+    ties = Ties(model.model, data, replace(linkage, loops=_as_points(linkage.loops)))
+    closing = Closing(robot, model, ties, Corrections())
+    start = np.array([*robot.home, *(at or 0.0 for at in linkage.free.values())])
+    lower = np.array([*robot.lower, *np.full(free, -np.inf)])
+    upper = np.array([*robot.upper, *np.full(free, np.inf)])
+
+    from scipy.optimize import least_squares  # only where a file with loops is read
+
+    def gaps(at: Array) -> Array:
+        q, others = np.split(at, [len(robot.lower)])
+        return closing.gaps(q, closing.configuration(q, others))[0]
+
+    best = least_squares(gaps, np.clip(start, lower, upper), bounds=(lower - 1e-9, upper + 1e-9))
+    if np.abs(best.fun).max() > ASSEMBLED:
+        error = gaping(ties, best.fun, "closes nowhere within the limits of the drives")
+        raise names.get(error.loop, root).fail("at", str(error))
+
+
+def _ways(robot: Robot, link: str) -> set[str]:
+    """Return the joints between the base and a link."""
+    found = set()
+    while link != robot.base and link in robot.urdf.parents:
+        found.add(robot.urdf.parents[link].name)
+        link = robot.urdf.parents[link].parent
+    return found
+
+
+def _as_points(loops: Sequence[Loop]) -> tuple[Loop, ...]:
+    return tuple(replace(loop, kind="spherical") for loop in loops)
+
+
+def _turned(robot: Robot) -> tuple[Loop, ...]:
+    """Return the loops with the axes of `link` in `to`, as they are where the points meet near the zero pose."""
+    linkage, model = robot.linkage, build_model(robot)
+    data = model.model.createData()
+    ties = Ties(model.model, data, replace(linkage, loops=_as_points(linkage.loops)))
+    closing = Closing(robot, model, ties, Corrections())
+    free = np.array([at or 0.0 for at in linkage.free.values()])
+    met = closing.nearest(robot.home, free)
+    ties.place(closing.configuration(robot.home, met))
+    found = []
+    for loop in linkage.loops:
+        turns = []
+        for link in (loop.link, loop.to):
+            frame = model.model.frames[model.frame(link)]
+            turns.append(data.oMi[frame.parentJoint].rotation @ frame.placement.rotation)
+        found.append(replace(loop, turn_to=turns[1].T @ turns[0]))
+    return tuple(found)
+
+
+def _gives(name: str, table: Declaration) -> Flexure | None:
+    """Return the flexure of a pin or a cylinder, None of one that does not give."""
+    if table.has("compliance"):
+        return Flexure(name, name, LinearLaw(read_compliance(table), declared_std(table)))
+    if table.has("stiffness"):
+        softness = 1.0 / positive(table, "stiffness", "N/m")
+        return Flexure(name, name, LinearLaw(np.diag([softness, 0, 0, 0, 0, 0.0]), declared_std(table)))
+    return None

@@ -1,0 +1,501 @@
+"""A mechanism at rest: a tree of links with loops, passive joints, cylinders, gears, and flexures in all of them.
+
+    mechanics.rest(case, row)   where it is, see `Rest`; `find_equilibrium` makes an `Equilibrium` of it
+    mechanics.closed(q)         positions of the joints without a drive, nothing giving
+    mechanics.linear(...)       how it answers to laws, loads, lengths and positions, see `Linear`
+    linearised_mechanism(...)   the same of many rows, in `few_rows`, with the questions that `Response` asks
+
+With t the flexures' twists, p the positions of joints without a drive and f the forces in what closes, it rests where
+
+    t = law(load),   no torque at p,   gap(t, p) = law of the pin or cylinder (f),
+
+the torque being that of the tree and its springs and A'f, A the gaps' change per body motion. Newton's method solves
+all of it together, with G the change of that torque, geometric stiffness of loads, springs and f included:
+
+    | 1 + C G_tt E   C G_tp   C A_t' |
+    | G_pt E         G_pp     A_p'   |      C the flexures' tangent, D the closures', E the derivative of exp6
+    | A_t E          A_p      -D     |
+
+Its inverse is the closed mechanism's linear response. Closures that nothing can answer to, as the second of two
+parallel rotations that a plane linkage is held against, are left as they are, and flagged: see `idle`.
+Vectors are those of Pinocchio's velocities with six slots for each closure behind them: of a motion what the pin gives,
+of a torque minus the force in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.errors import ClosureError, ConvergenceError, UnsupportedError
+from armflex.laws import Row
+from armflex.mechanics.laws import LawStack
+from armflex.mechanics.pinocchio_model import (
+    FlexModel,
+    Load,
+    LoadCase,
+    Mechanics,
+    exponential_jacobian,
+    integrate,
+    log3,
+    place_frames,
+    rnea,
+)
+from armflex.mechanics.spring import Spring
+from armflex.mechanics.ties import Ties
+from armflex.robot import Corrections, Robot
+
+CLOSED = 1e-13
+"""Largest last step of passive joints [m, rad] to where the loops close."""
+TOLERANCE = 1e-12
+"""Largest residual of an equilibrium, of any flexure or gap [m, rad]; of torques as a share of the largest."""
+LONGEST = 0.5
+"""Step of a passive joint [m, rad] beyond which a position is approached in smaller steps of the drives."""
+FINEST = 1.0 / 256.0
+"""Share of the way of the drives that is the smallest step."""
+ASSEMBLED = 2e-3
+"""Gap [m, rad] of rigid links that flexures may be bent to close."""
+ALIGNED = 1e-4
+"""Misalignment [m, rad] that is taken for rounding where nothing can answer to it."""
+SINGULAR = 1e-7
+"""Least singular value of the closures over the largest, below which passive joints are not held."""
+NOTHING = 1e-14
+"""Share of the largest compliance that is none."""
+MOST = 50
+"""Newton steps."""
+POLISHED = 1e-9
+"""Largest last step of an equilibrium [m, rad]: the next would be its square."""
+
+
+class Closing:
+    """A mechanism whose flexures do not give: where its joints without a drive are.
+
+    They are followed from where they were asked last; at first from `q0`, or from home, where none is given.
+    """
+
+    def __init__(self, robot: Robot, flex: FlexModel, ties: Ties, corrections: Corrections) -> None:
+        self._robot, self._flex, self._ties, self._linkage = robot, flex, ties, robot.linkage
+        self._driven, count = len(flex.q_index), len(ties.rows)
+        cylinders = self._linkage.cylinders
+        self.lengths = slice(
+            count - len(self._linkage.followers) - len(cylinders), count - len(self._linkage.followers)
+        )
+        self._offsets = np.array([corrections.joint_offset.get(one.name, 0.0) for one in cylinders])
+        self._last: tuple[Array, Array] | None = None
+
+    def configuration(self, q: Array, free: Array) -> Array:
+        """Return the model's configuration with drives at (nq,) and the others at (p,) positions."""
+        found = self._flex.neutral.copy()
+        found[self._flex.q_index], found[self._flex.free_q] = q[: self._driven], free
+        return found
+
+    def gaps(self, q: Array, configuration: Array) -> tuple[Array, Array]:
+        """Return (m,) gaps and (m, nv) their change per body motion."""
+        gaps, ways = self._ties.place(configuration)
+        gaps[self.lengths] -= q[self._driven :] + self._offsets
+        return gaps, ways
+
+    def closed(self, q: Array) -> Array:
+        """Return (p,) positions of the joints without a drive [rad or m].
+
+        Raises:
+            ClosureError: A loop does not close, or the joints could be anywhere.
+        """
+        if self._last is None:
+            free = self._first(q)
+        else:
+            free = self._followed(*self._last, q)
+        if free is None:
+            raise self._open(q)
+        gaps, ways = self.gaps(q, self.configuration(q, free))
+        if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
+            raise gaping(self._ties, gaps, "cannot close")
+        sizes, motions = np.linalg.svd(ways[:, self._flex.free_v])[1:]
+        if len(free) > len(sizes) or sizes[-1:] < SINGULAR * sizes[:1]:
+            joint = list(self._linkage.free)[int(np.abs(motions[-1]).argmax())]
+            row = int(np.abs(ways[:, self._flex.free_v[int(np.abs(motions[-1]).argmax())]]).argmax())
+            name = self._ties.apart(row)[0]
+            text = f"loop {name!r} is singular here: it does not hold passive joint {joint!r}, which could be anywhere"
+            raise ClosureError(text, name, float(np.abs(gaps).max(initial=0.0)))
+        self._last = q.copy(), free
+        return free
+
+    def _first(self, q: Array) -> Array | None:
+        """Return where they are at the first row: of what drives lead to from home, and `q0` itself, the nearer."""
+        given = {name: at for name, at in self._linkage.free.items() if at is not None}
+        start = np.array([given.get(name, 0.0) for name in self._linkage.free])
+        home = self._robot.home.copy()
+        lengths = self._ties.place(self.configuration(home, start))[0][self.lengths]
+        home[self._driven :] = lengths - self._offsets
+        found = []
+        settled = self._newton(home, start, np.inf)
+        if settled is not None:
+            led = self._followed(home, settled, q)
+            found += [] if led is None else [led]
+        if given or not found:
+            straight = self._newton(q, start, np.inf)
+            found += [] if straight is None else [straight]
+        return min(found, key=lambda free: float(np.abs(free - start).max(initial=0.0)), default=None)
+
+    def _followed(self, here: Array, free: Array, q: Array) -> Array | None:
+        """Return where they are when the drives have gone straight from (nq,) positions to others."""
+        done, size = 0.0, 1.0
+        while done < 1.0:
+            size = min(size, 1.0 - done)
+            found = self._newton(here + (done + size) * (q - here), free)
+            if found is not None:
+                free, done, size = found, done + size, 2.0 * size
+            elif size < FINEST:
+                return None
+            else:
+                size *= 0.5
+        return free
+
+    def _newton(self, q: Array, free: Array, longest: float = LONGEST) -> Array | None:
+        """Return where the gaps are least, None where the steps are long or do not shrink."""
+        places, before = self._flex.free_v, np.inf
+        for _ in range(MOST):
+            gaps, ways = self.gaps(q, self.configuration(q, free))
+            step = _solved(ways[:, places], gaps)
+            size = float(np.abs(step).max(initial=0.0))
+            if not size <= min(longest, np.inf if np.isinf(longest) else 0.5 * before, 1e3) and size > CLOSED:
+                return None
+            free = free - (step if size <= LONGEST else step * (LONGEST / size))
+            if size <= CLOSED:
+                return free
+            before = size if size < before or np.isinf(longest) else before
+        return None
+
+    def nearest(self, q: Array, free: Array) -> Array:
+        """Return where gaps are least near (p,) positions of the joints without a drive [rad or m]."""
+        from scipy.optimize import least_squares  # only where a file with loops is read, or one does not close
+
+        return least_squares(lambda at: self.gaps(q, self.configuration(q, at))[0], free, xtol=1e-14, ftol=1e-14).x
+
+    def _open(self, q: Array) -> ClosureError:
+        """Return what is said of drives that the loops do not let come so far."""
+        given = np.array([at or 0.0 for at in self._linkage.free.values()])
+        free = self.nearest(q, given if self._last is None else self._last[1])
+        return gaping(self._ties, self.gaps(q, self.configuration(q, free))[0], "cannot close")
+
+
+def gaping(ties: Ties, gaps: Array, what: str) -> ClosureError:
+    """Return the error about the largest of (m,) gaps."""
+    row = int(np.abs(gaps).argmax())
+    name, angle = ties.apart(row)
+    size = float(np.linalg.norm([gap for i, gap in enumerate(gaps) if ties.apart(i) == (name, angle)]))
+    shown = f"{1e3 * size:.4g} {'mrad' if angle else 'mm'}"
+    return ClosureError(f"loop {name!r} {what} here: where it is nearest it gaps by {shown}", name, size)
+
+
+def _range(matrix: Array) -> Array:
+    """Return an orthonormal basis of the motions that a compliance has."""
+    left, sizes, _ = np.linalg.svd(matrix)
+    return left[:, sizes > NOTHING * sizes[:1].max(initial=0.0)]
+
+
+def _solved(matrix: Array, values: Array) -> Array:
+    """Return the least solution of a small, perhaps overdetermined system."""
+    return np.asarray(np.linalg.lstsq(matrix, values, rcond=SINGULAR)[0], dtype=float)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """How a mechanism at rest answers, all of it in body motions of Pinocchio's velocities.
+
+    Attributes:
+        by_law: (nv, 6 n) per change of the flexures' laws.
+        by_load: (nv, nv) per load on everything.
+        by_gap: (nv, m) per length of what closes.
+        ways: (m, nv) change of the gaps per body motion.
+        turned: (nv, nv) change of the torques per body motion.
+        bodily: (6 t, 6 t) body motion of the tree's flexures per change of their twists.
+        rows: (m, 6 K) what is closed of the closures' slots.
+        lengths: Rows of the cylinders.
+    """
+
+    by_law: Array
+    by_load: Array
+    by_gap: Array
+    ways: Array
+    turned: Array
+    bodily: Array
+    rows: Array
+    lengths: slice
+
+    @cached_property
+    def by_motion(self) -> Array:
+        """(nv, nv) per body motion of anything, loads redistributing."""
+        return np.eye(len(self.turned)) - self.by_load @ self.turned - self.by_gap @ self.ways
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """A mechanism at rest.
+
+    Attributes:
+        rigid: (nq_model,) configuration with the loops closed and no flexure giving.
+        motion, torque: (size,) see the head of this file.
+        history: Largest residual before each step.
+        tangent: What its loads make of the mechanism without them, whose eigenvalues are above zero where it stays.
+    """
+
+    rigid: Array
+    motion: Array
+    torque: Array
+    history: list[float]
+    tangent: Array
+
+
+class Mechanism(Mechanics):
+    """One thread's Pinocchio of a mechanism with its payload; never to be shared between threads."""
+
+    def __init__(
+        self,
+        rigid: FlexModel,
+        flex: FlexModel,
+        stack: LawStack,
+        pulls: Sequence[Load],
+        springs: Sequence[Spring],
+        robot: Robot,
+        corrections: Corrections,
+    ) -> None:
+        super().__init__(rigid, flex, stack, pulls, springs, robot.linkage, corrections.geometry)
+        assert self.ties is not None
+        self.stack, self.tied = stack, self.ties
+        nominal = Ties(rigid.model, self._rigid_data, robot.linkage)
+        self.nominal = Closing(robot, rigid, nominal, Corrections())
+        self._true = Closing(robot, flex, self.tied, corrections)
+        self._rigid = self._true if corrections.move else self.nominal
+        places = flex.flexure_v
+        self._of_tree_places = np.flatnonzero(places < self.model.nv)
+        self.given = places[self._of_tree_places]
+        self.flexures = np.ix_(self.given, self.given)
+        self._same: Array | None = None
+
+    def closed(self, q: Array) -> Array:
+        """Return (p,) positions of the joints without a drive, the arm as calibrated, nothing giving [rad or m]."""
+        return self._rigid.closed(q)
+
+    def rigid_configuration(self, q: Array) -> Array:
+        """See `Mechanics`; the loops are closed."""
+        return self._true.configuration(q, self.closed(q))
+
+    def configuration(self, q: Array, free: Array) -> Array:
+        """Return the configuration with drives at (nq,), the others at (p,) positions and every flexure at zero."""
+        return self._true.configuration(q, free)
+
+    def flexed(self, rigid: Array, motion: Array) -> Array:
+        """See `Mechanics`; the joints without a drive move, too."""
+        return integrate(self.model, rigid, motion[: self.model.nv])
+
+    def rest(self, case: LoadCase, row: Row) -> Rest:
+        """Return where the mechanism comes to rest.
+
+        Raises:
+            ClosureError: A loop cannot be closed.
+            ConvergenceError: No equilibrium was found.
+            UnsupportedError: It moves.
+        """
+        if case.moves:
+            raise UnsupportedError("v and a are not supported for an arm with loops or passive joints yet")
+        ties, given, free, nv = self.tied, self.given, self.flex.free_v, self.model.nv
+        rigid, load = self.rigid_configuration(case.q), self.load(case)
+        motion, forces, history = np.zeros(self.flex.size), np.zeros(len(ties.rows)), []
+        idle, last, matrix, base = self._idle(case, rigid, row), np.inf, np.eye(0), np.eye(0)
+        t, p = len(given), len(free)
+        for _ in range(MOST):
+            configuration = self.flexed(rigid, motion)
+            tree = load(configuration)
+            gaps, ways = self._true.gaps(case.q, configuration)
+            torque = np.concatenate([tree + ways.T @ forces, -ties.rows.T @ forces])
+            law = self.laws.motion(torque)
+            left = np.concatenate(
+                [
+                    motion[given] - law[given],
+                    torque[free],
+                    gaps - ties.rows @ law[nv:] - idle @ (idle.T @ forces),
+                ]
+            )
+            motion[nv:] = law[nv:]
+            sizes = np.abs(left)
+            sizes[t : t + p] /= max(1.0, float(np.abs(tree).max(initial=0.0)))
+            largest = float(sizes.max(initial=0.0))
+            history.append(largest)
+            if not np.isfinite(largest):
+                break
+            if largest <= TOLERANCE and last <= POLISHED:
+                unclosed = gaps - ties.rows @ law[nv:]
+                if np.abs(unclosed).max(initial=0.0) > ALIGNED:
+                    raise gaping(ties, unclosed, "cannot close")
+                # The tangent is that of the step before, from which this one is as good as nothing.
+                return Rest(rigid, motion, torque, history, np.array(np.linalg.solve(base, matrix), dtype=float))
+            bodily = self.exponential_jacobian(rigid, motion[:nv])
+            matrix, base, scale, _ = self._matrix(configuration, bodily, torque, ways, case, row, idle)
+            left[t : t + p] /= scale
+            try:
+                step = np.linalg.solve(matrix, left)
+            except np.linalg.LinAlgError:
+                raise ConvergenceError("the tangent is singular: the arm is about to buckle", history) from None
+            last = float(np.abs(step[: t + p]).max(initial=0.0))
+            step *= min(1.0, LONGEST / max(last, 1e-300))
+            motion = motion.copy()
+            motion[given] -= step[:t]
+            motion[free] -= step[t : t + p]
+            forces = forces - step[t + p :] * scale
+        raise ConvergenceError("the equilibrium of the mechanism did not converge", history)
+
+    def _compliance(self, torque: Array, row: Row) -> Array:
+        """Return the (6 n, 6 n) tangent of the laws."""
+        if self.laws.bent or self.laws.changing:
+            return self.stack.tangent(-torque[self.flex.flexure_v], row)
+        if self._same is None:
+            self._same = self.stack.tangent(np.zeros(len(self.flex.flexure_v)), row)
+        return self._same
+
+    def _matrix(
+        self, configuration: Array, bodily: Array, torque: Array, ways: Array, case: LoadCase, row: Row, idle: Array
+    ) -> tuple[Array, Array, float, Array]:
+        """Return the tangent, the same without loads, the force [N] that one is in both, and `Linear.turned`.
+
+        Closures and springs must have been placed.
+        """
+        given, free, nv = self.given, self.flex.free_v, self.model.nv
+        tangent = self._compliance(torque, row)
+        own = self._of_tree_places
+        compliance, closing = tangent[np.ix_(own, own)], self._closing(tangent)
+        turned = self.stiffness(configuration, case, -torque[nv:])
+        scale = 1.0 / max(float(np.abs(tangent).max(initial=0.0)), 1e-9)
+        t, p, m = len(given), len(free), len(ways)
+        base, loads = np.zeros((t + p + m,) * 2), np.zeros((t + p + m,) * 2)
+        base[:t, :t] = np.eye(t)
+        base[:t, t + p :] = scale * compliance @ ways[:, given].T
+        base[t : t + p, t + p :] = ways[:, free].T
+        base[t + p :, :t], base[t + p :, t : t + p] = ways[:, given] @ bodily, ways[:, free]
+        base[t + p :, t + p :] = -scale * (closing + idle @ idle.T)
+        loads[:t, :t] = compliance @ turned[np.ix_(given, given)] @ bodily
+        loads[:t, t : t + p] = compliance @ turned[np.ix_(given, free)]
+        loads[t : t + p, :t] = turned[np.ix_(free, given)] @ bodily / scale
+        loads[t : t + p, t : t + p] = turned[np.ix_(free, free)] / scale
+        return base + loads, base, scale, turned
+
+    def _closing(self, tangent: Array) -> Array:
+        """Return the (m, m) change of the gaps per force in them, of pins and cylinders that give."""
+        nv, places = self.model.nv, self.flex.flexure_v
+        closed = np.flatnonzero(places >= nv)
+        rows = self.tied.rows[:, places[closed] - nv]
+        return rows @ tangent[np.ix_(closed, closed)] @ rows.T
+
+    def _bodily(self, motion: Array) -> Array:
+        parts = exponential_jacobian(motion[self.given].reshape(-1, 6))
+        found = np.zeros((len(self.given),) * 2)
+        for i, part in enumerate(parts):
+            found[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = part
+        return found
+
+    def _idle(self, case: LoadCase, rigid: Array, row: Row) -> Array:
+        """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to."""
+        gaps, ways = self._true.gaps(case.q, rigid)
+        tangent = self._compliance(np.zeros(self.flex.size), row)
+        own = self._of_tree_places
+        yields = _range(tangent[np.ix_(own, own)])
+        soft = _range(self._closing(tangent))
+        reached = np.concatenate([ways[:, self.flex.free_v], ways[:, self.given] @ yields, soft], axis=1)
+        left, sizes, _ = np.linalg.svd(reached)
+        rank = int((sizes > ALIGNED * sizes[:1].max(initial=0.0)).sum())
+        idle = left[:, rank:]
+        if idle.shape[1] and (np.abs(idle.T @ gaps) > ALIGNED).any():
+            raise gaping(self.tied, idle @ (idle.T @ gaps), "cannot close")
+        return idle
+
+    def idle(self, case: LoadCase, row: Row) -> Array:
+        """Return (m, k) directions of the gaps that nothing answers to."""
+        return self._idle(case, self.rigid_configuration(case.q), row)
+
+    def linear(
+        self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row, idle: Array | None = None
+    ) -> Linear:
+        """Return how the mechanism answers about where it rests.
+
+        Args:
+            configuration: (nq_model,) where it rests.
+            motion, torque: (size,) see `Rest`.
+            case: What acts.
+            row: What its laws may know.
+            idle: See `idle`, where it is known.
+        """
+        given, free, nv = self.given, self.flex.free_v, self.model.nv
+        idle = self.idle(case, row) if idle is None else idle
+        _, ways = self._true.gaps(case.q, configuration)
+        self.tied.sprung()
+        bodily = self._bodily(motion)
+        matrix, _, scale, turned = self._matrix(configuration, bodily, torque, ways, case, row, idle)
+        t, p = len(given), len(free)
+        inverse = np.linalg.inv(matrix)[: t + p]
+        inverse[:t] = bodily @ inverse[:t]
+        inverse[:, t : t + p] /= scale
+        tangent, own = self._compliance(torque, row), self._of_tree_places
+        moved = np.concatenate([given, free])
+        by_gap, by_load = np.zeros((nv, len(ways))), np.zeros((nv, nv))
+        by_gap[moved] = inverse[:, t + p :]
+        by_load[np.ix_(moved, given)] = inverse[:, :t] @ tangent[np.ix_(own, own)]
+        by_load[np.ix_(moved, free)] = inverse[:, t : t + p]
+        by_law = np.zeros((nv, len(self.flex.flexure_v)))
+        by_law[np.ix_(moved, own)] = inverse[:, :t]
+        closed = np.flatnonzero(self.flex.flexure_v >= nv)
+        by_law[:, closed] = by_gap @ self.tied.rows[:, self.flex.flexure_v[closed] - nv]
+        return Linear(by_law, by_load, by_gap, ways, turned, bodily, self.tied.rows, self._true.lengths)
+
+    def tangent(self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row) -> Array:
+        """Return what its loads make of the mechanism without them, see `Rest`; arguments as of `linear`."""
+        idle = self.idle(case, row)
+        _, ways = self._true.gaps(case.q, configuration)
+        self.tied.sprung()
+        matrix, base, *_ = self._matrix(configuration, self._bodily(motion), torque, ways, case, row, idle)
+        return np.array(np.linalg.solve(base, matrix), dtype=float)
+
+    def held(self, configuration: Array, case: LoadCase, torque: Array) -> Array:
+        """Return the (nv,) torque with the forces in closures that a (size,) torque has."""
+        tree = self.load(case)(configuration)
+        return tree - self.tied.place(configuration)[1].T @ (self.tied.rows @ torque[self.model.nv :])
+
+    def lengths(self, configuration: Array) -> Array:
+        """Return (n_cylinders,) lengths between the pins [m]."""
+        return self.tied.place(configuration)[0][self._true.lengths]
+
+    def displacement(self, configuration: Array, q: Array) -> Array:
+        """See `Mechanics`; the rigid mechanism is closed."""
+        free = self.nominal.closed(q)
+        place_frames(self.model, self.data, configuration)
+        place_frames(self.rigid.model, self._rigid_data, self.nominal.configuration(q, free))
+        found = np.empty(6)
+        np.subtract(self._shift, self._rigid_shift, found[:3])
+        found[3:] = log3(self._turn.dot(self._rigid_turn))
+        return found
+
+    def rigid_tip_pose(self, q: Array) -> pin.SE3:
+        """See `Mechanics`."""
+        place_frames(self.rigid.model, self._rigid_data, self.nominal.configuration(q, self.nominal.closed(q)))
+        return self._rigid_data.oMf[self.rigid.tip].copy()
+
+    def joint_loads(self, configuration: Array, case: LoadCase, torque: Array | None = None) -> Array:
+        """See `Mechanics`; of a cylinder its tension along x."""
+        assert torque is not None
+        forces, slots = self._forces(configuration, (*case.wrenches, *self.pulls)), -torque[self.model.nv :]
+        self._true.gaps(case.q, configuration)
+        self.tied.sprung()
+        self.tied.push(slots, forces)
+        zero = np.zeros(self.model.nv)
+        rnea(self.model, self.data, configuration, zero, zero, forces)
+        driven = [
+            int(np.flatnonzero([joint.idx_v == at for joint in self.model.joints])[0]) for at in self.flex.v_index
+        ]
+        found = [-self.data.f[joint].vector for joint in driven]
+        first = len(self.linkage.loops)
+        pulled = [np.array([slots[6 * (first + k)], 0, 0, 0, 0, 0.0]) for k in range(len(self.linkage.cylinders))]
+        return np.array([*found, *pulled]).reshape(-1, 6)

@@ -1,0 +1,249 @@
+"""What joins two links beside the tree: the pins of loops, the lengths of cylinders and springs, gears and belts.
+
+In one placed configuration of a Pinocchio model a tie says by how much it gaps, how that changes per body motion of
+everything, and how the torques that it needs change. All of it follows from the joints' Jacobian J in world axes: with
+s = -1 for what carries the first link alone and 1 for the second, D = s J the motion of the second against the first,
+
+    gap' = W D,   torque = (W D)' force = s J' h,   h = W' force the wrench on the second at the world's origin
+    torque' = s J' (h' + h x J)                     a column of J is carried by those before it
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.errors import ConvergenceError
+from armflex.mechanics.spring import SHORTEST, Spring
+from armflex.robot.linkage import Linkage, Loop
+
+skew = pin.skew
+UNITS = np.eye(3)
+
+
+class Carried:
+    """A point of a link, in the axes of the joint that carries it; `turn` and `place` are views of where that is."""
+
+    def __init__(self, model: pin.Model, data: pin.Data, link: str, at: Array) -> None:
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        self.joint, self.axes = frame.parentJoint, frame.placement.rotation
+        self.point = frame.placement.act(np.asarray(at, dtype=float))
+        self.turn, self.place = data.oMi[self.joint].rotation, data.oMi[self.joint].translation
+        self.moved = np.zeros(model.nv)  # 1 for the velocities that carry it
+        for joint in list(model.supports[self.joint])[1:]:
+            start = model.joints[joint].idx_v
+            self.moved[start : start + model.joints[joint].nv] = 1.0
+
+    @property
+    def here(self) -> Array:
+        """(3,) where it is [m]."""
+        return self.turn.dot(self.point) + self.place
+
+
+@dataclass(frozen=True)
+class Shift:
+    """How the wrench of a tie changes: by (6, 6) of the motions of both ends, world axes, and with itself."""
+
+    wrench: Array
+    by_first: Array
+    by_second: Array
+
+
+class Pin:
+    """A loop's joint: six gaps, in axes of the first link, of which those of its kind are closed."""
+
+    def __init__(self, loop: Loop, ends: tuple[Carried, Carried]) -> None:
+        self.name, self.ends, self.axis, self.fixed = loop.name, ends, loop.axis, loop.kind == "fixed"
+        first, second = ends
+        self._first, self._second, self._skew = first.axes, second.axes @ loop.turn_to, skew(loop.axis)
+        across = np.linalg.svd(loop.axis[None])[2][1:]
+        along = across if loop.kind == "cylindrical" else np.eye(3)
+        about = {"spherical": np.zeros((0, 3)), "fixed": np.eye(3)}.get(loop.kind, across)
+        self.rows = np.zeros((len(along) + len(about), 6))
+        self.rows[: len(along), :3], self.rows[len(along) :, 3:] = along, about
+
+    def place(self) -> tuple[Array, Array]:
+        """Return (6,) gaps [m, rad] and (6, 6) how they change with the motion of the second end against the first."""
+        first, second = self.ends
+        self._here, axes = second.here, first.turn @ self._first
+        self._axes, turned = axes, axes.T @ (second.turn @ self._second)
+        gap, way, back = np.empty(6), np.zeros((6, 6)), axes.T
+        gap[:3] = back.dot(self._here - first.here)
+        if self.fixed:
+            gap[3:] = pin.log3(turned)
+            self._turning = pin.Jlog3(turned) @ turned.T
+        else:
+            self._axis = turned @ self.axis
+            gap[3:] = self._skew.dot(self._axis)
+            self._turning = self.axis.dot(self._axis) * UNITS - self._axis[:, None] * self.axis
+        way[:3, :3], way[:3, 3:], way[3:, 3:] = back, -back.dot(skew(self._here)), self._turning.dot(back)
+        return gap, way
+
+    def shift(self, force: Array) -> Shift:
+        """Return how the wrench of (6,) forces in its axes changes, where it was placed last."""
+        pull, moment = self._axes @ force[:3], self._turning.T @ force[3:]
+        if self.fixed:
+            turning = -0.5 * skew(force[3:]) @ self._turning
+        else:
+            turning = -(np.outer(force[3:], self.axis) - np.outer(self.axis, force[3:])) @ skew(self._axis)
+        turning, moment = self._axes @ turning @ self._axes.T, self._axes @ moment
+        across, here = skew(pull), skew(self._here)
+        first, second = np.zeros((6, 6)), np.zeros((6, 6))
+        first[:3, 3:], first[3:, 3:] = -across, -here @ across - skew(moment) - turning
+        second[3:, :3], second[3:, 3:] = -across, across @ here + turning
+        return Shift(np.concatenate([pull, here.dot(pull) + moment]), first, second)
+
+
+class Rod:
+    """The way between two points, of a cylinder or a spring."""
+
+    def __init__(self, name: str, ends: tuple[Carried, Carried]) -> None:
+        self.name, self.ends = name, ends
+
+    def place(self) -> tuple[float, Array]:
+        """Return its length [m] and (6,) how that changes with the motion of the second end against the first."""
+        self._here = self.ends[0].here, self.ends[1].here
+        way = self._here[1] - self._here[0]
+        self.length = math.sqrt(way.dot(way))
+        if not self.length > SHORTEST:
+            raise ConvergenceError(f"the ends of {self.name!r} meet, where it has no direction", ())
+        self._along = way / self.length
+        return self.length, np.concatenate([self._along, skew(self._here[1]).dot(self._along)])
+
+    def shift(self, tension: float, rate: float = 0.0) -> Shift:
+        """Return how the wrench of a tension [N] changes that has a rate [N/m], where it was placed last."""
+        along, (p1, p2) = self._along[:, None] * self._along, map(skew, self._here)
+        turns = tension / self.length * (UNITS - along) + rate * along
+        across = tension * skew(self._along)
+        first, second = np.empty((6, 6)), np.empty((6, 6))
+        first[:3, :3], first[:3, 3:] = -turns, turns @ p1
+        second[:3, :3], second[:3, 3:] = turns, -turns @ p2
+        first[3:], second[3:] = p2 @ first[:3], p2 @ second[:3]
+        second[3:, :3] -= across
+        second[3:, 3:] += across @ p2
+        pull = tension * self._along
+        return Shift(np.concatenate([pull, p2.dot(pull)]), first, second)
+
+
+class Ties:
+    """All ties of a Pinocchio model. Closures have six slots each, of which `rows` are closed; springs have a law.
+
+    Attributes:
+        names: Of the closures: loops, cylinders, followers.
+        rows: (m, 6 K) what is closed of the closures' slots, orthonormal.
+        springs: The springs, in order.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        data: pin.Data,
+        linkage: Linkage,
+        springs: Sequence[Spring] = (),
+        moved: Mapping[str, Array] | None = None,
+    ) -> None:
+        self.model, self.data, self.springs, self.names = model, data, tuple(springs), linkage.closures
+
+        def ends(one: object) -> tuple[Carried, Carried]:
+            shift = (moved or {}).get(one.name, np.zeros(3))[:3]  # type: ignore[attr-defined]
+            return Carried(model, data, one.link, one.at + shift), Carried(model, data, one.to, one.at_to)  # type: ignore[attr-defined]
+
+        self.pins = [Pin(loop, ends(loop)) for loop in linkage.loops]
+        self.cylinders = [Rod(one.name, ends(one)) for one in linkage.cylinders]
+        self._springs = [Rod(f"spring {one.name}", ends(one)) for one in self.springs]
+        self._geared, self._offsets = np.zeros((len(linkage.followers), model.nv)), []
+        self._gears: list[tuple[int, int, float]] = []
+        for row, (name, (master, factor, offset)) in zip(self._geared, linkage.followers.items(), strict=True):
+            own, other = (model.joints[model.getJointId(one)] for one in (name, master))
+            row[own.idx_v], row[other.idx_v] = 1.0, -factor
+            self._gears.append((own.idx_q, other.idx_q, factor))
+            self._offsets.append(offset)
+        self.rows = np.zeros(
+            (sum(len(one.rows) for one in self.pins) + len(self.names) - len(self.pins), 6 * len(self.names))
+        )
+        at = 0
+        for k, one in enumerate(self.pins):
+            self.rows[at : at + len(one.rows), 6 * k : 6 * k + 6] = one.rows
+            at += len(one.rows)
+        for k in range(len(self.pins), len(self.names)):
+            self.rows[at, 6 * k] = 1.0
+            at += 1
+        carriers = [model.supports[joint] for joint in range(model.njoints)]
+        owner = [joint.id for joint in list(model.joints)[1:] for _ in range(joint.nv)]
+        # Which velocities carry the column of which: those of a joint carry each other.
+        self._before = np.array([[b in list(carriers[a]) for b in owner] for a in owner], dtype=float)
+        rods = (*self.pins, *self.cylinders, *self._springs)
+        self._signs = [one.ends[1].moved - one.ends[0].moved for one in rods]
+
+    def place(self, configuration: Array) -> tuple[Array, Array]:
+        """Return (m,) gaps of what is closed, cylinders' being their lengths, and (m, nv) their change per body motion.
+
+        It places the joints and their Jacobian of `data` as well.
+        """
+        jacobian = pin.computeJointJacobians(self.model, self.data, configuration)
+        gaps, ways, count = np.empty(len(self.rows)), np.empty((len(self.rows), self.model.nv)), 0
+        for one, sign in zip(self.pins, self._signs, strict=False):
+            gap, way = one.place()
+            some = slice(count, count + len(one.rows))
+            gaps[some], ways[some] = one.rows @ gap, (one.rows @ way) @ (jacobian * sign)
+            count += len(one.rows)
+        for one, sign in zip(self.cylinders, self._signs[len(self.pins) :], strict=False):
+            gaps[count], way = one.place()
+            ways[count] = way @ (jacobian * sign)
+            count += 1
+        for (own, master, factor), offset, row in zip(self._gears, self._offsets, self._geared, strict=True):
+            gaps[count] = configuration[own] - factor * configuration[master] - offset
+            ways[count] = row
+            count += 1
+        return gaps, ways
+
+    def sprung(self) -> tuple[Array, Array]:
+        """Return (n_springs, 2) lengths [m] and tensions [N] and (nv,) the torque that holds the arm against them.
+
+        The joints' Jacobian must have been placed.
+        """
+        states, torque, jacobian = np.empty((len(self.springs), 2)), np.zeros(self.model.nv), self.data.J
+        signs = self._signs[len(self.pins) + len(self.cylinders) :]
+        for state, spring, rod, sign in zip(states, self.springs, self._springs, signs, strict=True):
+            length, way = rod.place()
+            state[:] = length, spring.law.tension(length)
+            torque += sign * (state[1] * (way @ jacobian))
+        return states, torque
+
+    def stiffness(self, forces: Array) -> Array:
+        """Return the (nv, nv) change of torques per body motion for (6 K,) forces in closures, and of springs.
+
+        All must have been placed by `place` and `sprung`.
+        """
+        jacobian, total = self.data.J, np.zeros((self.model.nv, self.model.nv))
+        parts = [(one, one.shift(forces[6 * k : 6 * k + 6])) for k, one in enumerate(self.pins)]
+        parts += [(one, one.shift(forces[6 * k])) for k, one in enumerate(self.cylinders, len(self.pins))]
+        for spring, rod in zip(self.springs, self._springs, strict=True):
+            parts.append((rod, rod.shift(spring.law.tension(rod.length), spring.law.rate(rod.length))))
+        for (one, shift), sign in zip(parts, self._signs, strict=True):
+            force, moment = skew(shift.wrench[:3]), skew(shift.wrench[3:])
+            crossed = np.zeros((6, 6))
+            crossed[:3, 3:], crossed[3:, :3], crossed[3:, 3:] = force, force, moment
+            moved = shift.by_first @ (jacobian * one.ends[0].moved) + shift.by_second @ (jacobian * one.ends[1].moved)
+            total += sign[:, None] * ((jacobian.T @ (crossed @ jacobian)) * self._before + jacobian.T @ moved)
+        return total
+
+    def push(self, forces: Array, into: pin.StdVec_Force) -> None:
+        """Add what (6 K,) forces in closures, and springs, do to forces on Pinocchio's joints, in their axes."""
+        pulls = [(one, one.shift(forces[6 * k : 6 * k + 6]).wrench) for k, one in enumerate(self.pins)]
+        pulls += [(one, one.shift(forces[6 * k]).wrench) for k, one in enumerate(self.cylinders, len(self.pins))]
+        for spring, rod in zip(self.springs, self._springs, strict=True):
+            pulls.append((rod, rod.shift(spring.law.tension(rod.length)).wrench))
+        for one, wrench in pulls:
+            for end, side in zip(one.ends, (1.0, -1.0), strict=True):
+                into[end.joint] += self.data.oMi[end.joint].actInv(pin.Force(side * wrench))
+
+    def apart(self, row: int) -> tuple[str, bool]:
+        """Return the name of the closure that a row closes, and whether the row is an angle."""
+        slot = int(np.abs(self.rows[row]).argmax())
+        return self.names[slot // 6], slot % 6 >= 3

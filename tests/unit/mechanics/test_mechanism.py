@@ -1,0 +1,215 @@
+"""Machines with loops: how they answer, which way they close, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from support.machines import CRANE, FIVE_BAR, MACHINES, PARALLELOGRAM, UNEVEN, Machine, poses
+from support.small_arms import central_difference
+
+import armflex
+from armflex.errors import ArmFileError, ClosureError, UnsupportedError
+from armflex.laws import LinearLaw
+from armflex.mechanics.deflection import Deflection
+from armflex.mechanics.response import respond
+from armflex.rows.wrench import Wrench
+
+
+def bent(machine: Machine, folder) -> armflex.Arm:
+    """Return a machine that gives about and along all axes, with a pin and gravity springs that do."""
+    full = "[2e-8, 3e-8, 1e-8, 5e-7, 4e-7, 6e-7]"
+    machine.load(folder)
+    text = (folder / "arm.toml").read_text()
+    lines = [f"compliance = {full}" if line.startswith("compliance") else line for line in text.splitlines()]
+    lines = [f"{line}\ncompliance = [3e-8, 2e-8, 4e-8, 0, 0, 0]" if line.startswith("kind") else line for line in lines]
+    lines = [
+        f"{line}\naxis = [0, 1, 0]" if 'kind = "revolute"' in line else line for line in lines if "axis = " not in line
+    ]
+    (folder / "arm.toml").write_text("\n".join(lines))
+    return armflex.load_arm(folder / "arm.toml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_the_response_of_a_mechanism_is_its_derivative(name, tmp_path):
+    arm, q = bent(MACHINES[name], tmp_path), poses(name)[0]
+    line = respond(arm, q[None], ["none"])
+    found = arm.deflection(q)
+
+    def turned(result: Deflection) -> np.ndarray:
+        turn = pin.log3(result.pose.rotation @ found.pose.rotation.T)
+        return np.concatenate([result.pose.translation, turn])
+
+    by_drive = central_difference(lambda at: turned(arm.deflection(at)), q, 1e-5)
+    np.testing.assert_allclose(line.joints[0], by_drive, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(found.total_jacobian, by_drive, rtol=1e-6, atol=1e-7)
+
+    def pushed(force: np.ndarray, link: str = "tool") -> np.ndarray:
+        return turned(arm.deflection(q, wrenches=(Wrench(link, force[:3], force[3:]),)))
+
+    by_load = central_difference(pushed, np.zeros(6), 1.0)
+    np.testing.assert_allclose(found.compliance, by_load, rtol=1e-5, atol=1e-13)
+    carried = next(link for link in line.link_names if link not in ("base", "tool"))
+    by_load = central_difference(lambda force: pushed(force, carried), np.zeros(6), 1.0)
+    np.testing.assert_allclose(line.link_loads[0, line.link_names.index(carried)], by_load, rtol=1e-5, atol=1e-13)
+
+    def falling(gravity: np.ndarray) -> np.ndarray:
+        return turned(replace(arm, robot=replace(arm.robot, gravity=gravity)).deflection(q))
+
+    by_gravity = central_difference(falling, arm.robot.gravity, 1e-3)
+    np.testing.assert_allclose(line.gravity[0], by_gravity, rtol=1e-5, atol=1e-9)
+    # First order adds up: what flexures give, of which the loops' pins are some, is what the tip moves by.
+    assert np.linalg.norm(found.remainder[:3]) < 0.02 * np.linalg.norm(found.displacement[:3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_laws_of_flexures_pins_and_cylinders_move_the_tip_as_the_response_says(name, tmp_path):
+    arm, q = bent(MACHINES[name], tmp_path), poses(name)[1]
+    line, step = respond(arm, q[None], ["none"]), 1e-3
+    for i, flexure in enumerate(arm.flexures):
+        load, law = line.flexure_wrenches[0, i], flexure.law
+        assert isinstance(law, LinearLaw)
+        for axis in np.flatnonzero(np.abs(law.constant @ load) > 1e-12):
+            tips = []
+            for side in (1.0, -1.0):
+                softer = law.constant.copy()
+                softer[axis, axis] *= 1.0 + side * step
+                own = (*arm.flexures[:i], replace(flexure, law=replace(law, compliance=softer)), *arm.flexures[i + 1 :])
+                tips.append(replace(arm, flexures=own).deflection(q).pose.translation)
+            predicted = line.laws[0, :3, i, axis] * law.constant[axis, axis] * load[axis]
+            measured = (tips[0] - tips[1]) / (2.0 * step)
+            np.testing.assert_allclose(predicted, measured, rtol=1e-5, atol=1e-11)
+
+
+def test_many_rows_answer_as_each_by_itself(tmp_path):
+    arm, q = UNEVEN.load(tmp_path), poses("uneven", 6)
+    batch, line = arm.deflection(q), respond(arm, q, ["none"] * len(q))
+    for i in range(len(q)):
+        alone = arm.deflection(q[i])
+        np.testing.assert_allclose(batch.displacement[i], alone.displacement, atol=1e-12)
+        np.testing.assert_allclose(batch.contributions[i], alone.contributions, atol=1e-12)
+        np.testing.assert_allclose(batch.drive_loads[i], alone.drive_loads, atol=1e-6)
+        np.testing.assert_allclose(line.tip[i], alone.pose.homogeneous, atol=1e-12)
+        load = alone.wrenches[alone.names.flexures.index("crank")]
+        np.testing.assert_allclose(line.load_at("crank")[i], load, atol=1e-6)
+    prepared = arm.prepared()
+    np.testing.assert_allclose(prepared(q[2]), batch.displacement[2], atol=1e-12)
+
+
+def test_what_is_said_of_a_mechanism_is_in_its_plain_values(tmp_path):
+    found = CRANE.load(tmp_path).deflection(poses("crane")[0])
+    told = found.to_dict()
+    assert set(told["passive"]) == {"boom", "jib"}
+    assert told["cylinder_states"]["lift"][1] == pytest.approx(found.drive_loads[1])
+    assert told["loop_loads"] == {}
+
+
+def test_the_branch_is_chosen_by_q0_and_followed(tmp_path):
+    """A four-bar closes with its rod on either side; the drive alone does not choose."""
+    machine = replace(PARALLELOGRAM, loops={"tail": ("rod", (0.0, 0.0, 0.9), "fore", (-0.5, 0.0, 0.0), (0, 1, 0))})
+    arm = machine.load(tmp_path)
+    text = (tmp_path / "arm.toml").read_text()
+    found = arm.deflection(np.zeros(3)).passive
+    (tmp_path / "other.toml").write_text(
+        text.replace("[joint.elbow]\npassive = true", "[joint.elbow]\npassive = true\nq0 = 2.5").replace(
+            "[joint.foot]\npassive = true", "[joint.foot]\npassive = true\nq0 = 1.0"
+        )
+    )
+    other = armflex.load_arm(tmp_path / "other.toml")
+    elsewhere = other.deflection(np.zeros(3)).passive
+    assert abs(elsewhere["elbow"] - found["elbow"]) > 0.5
+    q = np.linspace([0.0, 0.0, 0.0], [0.0, 0.3, -0.2], 12)
+    steps = np.diff([other.deflection(row).passive["elbow"] for row in q])
+    assert np.abs(steps).max() < 0.2
+
+
+def test_a_pose_that_cannot_close_is_an_error_with_row_loop_and_gap(tmp_path):
+    arm = CRANE.load(tmp_path)
+    q = np.tile(poses("crane")[0], (3, 1))
+    q[1, 1:] = (1.55, 1.9)  # longer than boom and jib are ever apart
+    with pytest.raises(ClosureError, match=r"row 1: loop 'fold' cannot close here.* gaps by [0-9.]+ mm") as caught:
+        arm.deflection(q)
+    assert caught.value.loop == "fold" and 1e-3 < caught.value.gap < 2.0
+
+
+def test_a_singular_pose_is_an_error_that_names_the_joint(tmp_path):
+    """Both rods of the tilt lie in the plane of their ball and the gimbal's axis: dead centre."""
+    machine = replace(
+        PARALLELOGRAM,
+        hinges={**PARALLELOGRAM.hinges, "foot": replace(PARALLELOGRAM.hinges["foot"], place=(-0.4, 0.0, 0.0))},
+    )
+    arm = machine.load(tmp_path)
+    with pytest.raises(ClosureError, match="singular|cannot close"):
+        arm.deflection([0.0, 0.0, np.pi / 2])
+
+
+REFUSED = {
+    "a loop onto its own link": ('to = "fore"', 'to = "rod"', "both ends are on link 'rod'"),
+    "a link that does not exist": ('link = "rod"', 'link = "rood"', "no link 'rood'.*did you mean 'rod'"),
+    "a point metres off": ("at = [0.0, 0.0, 1.1]", "at = [0.0, 0.0, 2.4]", "'tail' closes nowhere.* gaps by"),
+    "a point in millimetres": ("at = [0.0, 0.0, 1.1]", "at = [0.0, 0.0, 1100.0]", "millimetres"),
+    "an unknown kind": ('kind = "revolute"', 'kind = "revolut"', "did you mean 'revolute'"),
+    "no axis": ("axis = [0.0, 1.0, 0.0]", "", "axis"),
+    "an axis without direction": ("axis = [0.0, 1.0, 0.0]", "axis = [0.0, 0.0, 0.0]", "no direction"),
+    "a passive joint that nothing holds": (
+        "[joint.foot]",
+        "[joint.turn]\npassive = true\n[joint.foot]",
+        "nothing would hold it",
+    ),
+    "a passive joint that does not exist": ("[joint.foot]", "[joint.fot]", "no joint 'fot'.*did you mean 'foot'"),
+    "a flexure nowhere": ('joint = "crank"', 'joint = "cranc"', "did you mean 'crank'"),
+    "a loop of a joint's name": ('name = "tail"', 'name = "foot"', "choose another one"),
+    "a key that is none": ('kind = "revolute"', 'kind = "revolute"\nkinds = 1', "did you mean 'kind'"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_declaration_that_cannot_be_meant_is_refused_with_its_line(case, tmp_path):
+    PARALLELOGRAM.load(tmp_path)
+    file = tmp_path / "arm.toml"
+    old, new, said = REFUSED[case]
+    text = file.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+    with pytest.raises(ArmFileError, match=said) as caught:
+        armflex.load_arm(file)
+    assert caught.value.place.line > 0
+
+
+def test_two_loops_that_say_the_same_are_refused(tmp_path):
+    machine = replace(PARALLELOGRAM, loops={**PARALLELOGRAM.loops, "again": PARALLELOGRAM.loops["tail"]})
+    with pytest.raises(ArmFileError, match="'again' says what 'tail' says"):
+        machine.load(tmp_path)
+
+
+def test_a_mimic_joint_follows_and_loads_its_drive(tmp_path):
+    """The elbow turns with the shoulder by a belt: as if its position were given, but for the load of the drive."""
+    machine = replace(PARALLELOGRAM, loops={}, gives={"lower": ((0, 1, 0), 3e5)})
+    hinges = {name: replace(machine.hinges[name], passive=False) for name in ("turn", "lower", "elbow")}
+    bodies = {name: machine.bodies[name] for name in ("column", "arm", "fore")}
+    machine = replace(machine, hinges=hinges, bodies=bodies)
+    driven = machine.load(tmp_path)
+    file = tmp_path / "robot.urdf"
+    head, tail = file.read_text().split('<joint name="elbow"')
+    file.write_text(f'{head}<joint name="elbow"{tail.replace("</joint>", MIMIC + "</joint>", 1)}')
+    tied = armflex.load_arm(tmp_path / "arm.toml")
+    assert tied.joint_names == ("turn", "lower")
+    found, free = tied.deflection([0.2, 0.4]), driven.deflection([0.2, 0.4, -0.7])
+    assert found.passive == {"elbow": pytest.approx(-0.7)}
+    assert np.linalg.norm(found.pose.translation - free.pose.translation) < 1e-12
+    own, elbow = free.drive_loads[1:]
+    assert found.drive_loads[1] == pytest.approx(own - 2.0 * elbow)
+
+
+MIMIC = '<mimic joint="lower" multiplier="-2" offset="0.1"/>'
+
+
+def test_what_does_not_know_loops_says_so_by_name(tmp_path):
+    arm = FIVE_BAR.load(tmp_path)
+    for ask in (lambda: arm.modes(np.zeros(2)), lambda: arm.deflection([0.0, 0.0], v=[0.1, 0.0])):
+        with pytest.raises(UnsupportedError, match="loops"):
+            ask()
