@@ -106,10 +106,7 @@ class Closing:
         Raises:
             ClosureError: A loop does not close, or the joints could be anywhere.
         """
-        if self._last is None:
-            free = self._first(q)
-        else:
-            free = self._followed(*self._last, q)
+        free = self._first(q) if self._last is None else self._followed(*self._last, q)
         if free is None:
             raise self._open(q)
         gaps, ways = self.gaps(q, self.configuration(q, free))
@@ -181,7 +178,12 @@ class Closing:
         """Return what is said of drives that the loops do not let come so far."""
         given = np.array([at or 0.0 for at in self._linkage.free.values()])
         free = self.nearest(q, given if self._last is None else self._last[1])
-        return gaping(self._ties, self.gaps(q, self.configuration(q, free))[0], "cannot close")
+        gaps = self.gaps(q, self.configuration(q, free))[0]
+        if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
+            return gaping(self._ties, gaps, "cannot close")
+        name = self._ties.apart(int(np.abs(gaps).argmax()))[0]
+        text = f"loop {name!r} closes here, but the way here leads through a singular pose, where its branches meet"
+        return ClosureError(f"{text}: give q0 of its passive joints near the first row", name, 0.0)
 
 
 def gaping(ties: Ties, gaps: Array, what: str) -> ClosureError:

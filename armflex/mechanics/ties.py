@@ -111,7 +111,7 @@ class Rod:
         way = self._here[1] - self._here[0]
         self.length = math.sqrt(way.dot(way))
         if not self.length > SHORTEST:
-            raise ConvergenceError(f"the ends of {self.name!r} meet, where it has no direction", ())
+            raise ConvergenceError(f"{self.name}: its ends meet, where it has no direction", ())
         self._along = way / self.length
         return self.length, np.concatenate([self._along, skew(self._here[1]).dot(self._along)])
 
@@ -154,8 +154,8 @@ class Ties:
             return Carried(model, data, one.link, one.at + shift), Carried(model, data, one.to, one.at_to)  # type: ignore[attr-defined]
 
         self.pins = [Pin(loop, ends(loop)) for loop in linkage.loops]
-        self.cylinders = [Rod(one.name, ends(one)) for one in linkage.cylinders]
-        self._springs = [Rod(f"spring {one.name}", ends(one)) for one in self.springs]
+        self.cylinders = [Rod(f"cylinder {one.name!r}", ends(one)) for one in linkage.cylinders]
+        self._springs = [Rod(f"spring {one.name!r}", ends(one)) for one in self.springs]
         self._geared, self._offsets = np.zeros((len(linkage.followers), model.nv)), []
         self._gears: list[tuple[int, int, float]] = []
         for row, (name, (master, factor, offset)) in zip(self._geared, linkage.followers.items(), strict=True):

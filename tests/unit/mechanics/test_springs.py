@@ -175,7 +175,7 @@ def test_springs_of_a_file(tmp_path):
     ("law", "changed", "says"),
     [
         (LINEAR, {"link": '"lonk1"'}, "no link 'lonk1'.*link1"),
-        (LINEAR, {"to": '"link1"'}, "no joint moves 'link1' against 'link1'"),
+        (LINEAR, {"to": '"link1"'}, "both ends are on link 'link1'"),
         (LINEAR, {"link": '"link6"', "to": '"tool"'}, "no joint moves 'tool' against 'link6'"),
         (LINEAR, {"at": "[-300, 0, -100]"}, "at: is .* millimetres"),
         (LINEAR, {"rate": "-1.0"}, "rate: expected more than 0 N/m"),
