@@ -64,7 +64,6 @@ from armflex.parameters import (
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
-from armflex.robot.linkage import TREE
 from armflex.robot.urdf import Joint
 from armflex.rows.wrench import Wrench
 
@@ -222,12 +221,12 @@ class Arm:
     @property
     def chain(self) -> bool:
         """Whether it is a chain without springs and loops: compiled code knows no others."""
-        return not self.springs and self.robot.linkage is TREE
+        return not self.springs and not self.robot.linkage
 
     def check_tree(self, asker: str) -> None:
         """Raise `UnsupportedError` where the arm has loops or passive joints, for what does not know them yet."""
         linkage = self.robot.linkage
-        if linkage is not TREE:
+        if linkage:
             named = listing((*linkage.closures, *linkage.passive))
             raise UnsupportedError(f"{asker} is not for an arm with loops or passive joints yet; this one has {named}")
 

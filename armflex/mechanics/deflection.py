@@ -45,7 +45,6 @@ from armflex.mechanics.mechanism import Linear, Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
 from armflex.parallel import in_order, in_pieces
 from armflex.result import Result
-from armflex.robot.linkage import TREE
 from armflex.robot.urdf import drive_of
 from armflex.rows.wrench import check_rows
 
@@ -538,7 +537,7 @@ def deflect(
     # Beyond its limits a joint may be farther out than the proof of stability knows of.
     found = find_equilibrium(loaded, case, method, allow_large, within=not flags)
     flags = (*flags, *near_buckling(found.load_factor)) if found.load_factor < NEAR else flags
-    kind = Deflection if loaded.arm.robot.linkage is TREE else MechanismDeflection
+    kind = MechanismDeflection if loaded.arm.robot.linkage else Deflection
     return kind(found, (*known, *flags) if flags else known)
 
 

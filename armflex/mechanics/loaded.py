@@ -24,7 +24,6 @@ from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
 from armflex.mechanics.spring import Spring
 from armflex.robot import Corrections, Robot, Site
-from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"
@@ -235,13 +234,13 @@ class LoadedArm:
 
     def _mechanics(self, flex: FlexModel) -> Mechanics:
         arm, own = self.arm, (self.rigid, flex, self.arm.stack, self.arm.pulls, self.arm.springs)
-        return Mechanics(*own) if arm.robot.linkage is TREE else Mechanism(*own, arm.robot, arm.corrections)
+        return Mechanism(*own, arm.robot, arm.corrections) if arm.robot.linkage else Mechanics(*own)
 
     @property
     def site_names(self) -> tuple[str, ...]:
         """Names of the places where a twist may be inserted: of `sites`, or of `probed` and then of closures."""
         robot = self.arm.robot
-        if robot.linkage is TREE:
+        if not robot.linkage:
             return self.sites.names
         joints = (name for joint in robot.jointed for name in (f"link:{joint.name}", joint.name))
         return ("base", *joints, "tool", *robot.linkage.closures)

@@ -26,7 +26,6 @@ from armflex.mechanics.chain import RIGID, SLIDES, TURNS, Chain, Frames
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.parallel import in_pieces
-from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench, check_rows
 
 COMPILED = ("exact", "first_order")
@@ -402,7 +401,7 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
 
 def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip of the rigid arm, where the controller knows it, at (N, nq) positions."""
-    if loaded.arm.robot.linkage is not TREE:
+    if loaded.arm.robot.linkage:
         return np.array([loaded.mechanics.rigid_tip_pose(one).homogeneous for one in q]).reshape(-1, 4, 4)
     return tips_of(loaded.nominal or loaded.chain, q)
 

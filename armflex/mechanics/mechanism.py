@@ -66,6 +66,8 @@ SINGULAR = 1e-7
 """Least singular value of the closures over the largest, below which passive joints are not held."""
 NOTHING = 1e-14
 """Share of the largest compliance that is none."""
+NEARLY = 1e-3
+"""The same where a loop was not followed to."""
 MOST = 50
 """Newton steps."""
 POLISHED = 1e-9
@@ -112,13 +114,8 @@ class Closing:
         gaps, ways = self.gaps(q, self.configuration(q, free))
         if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
             raise gaping(self._ties, gaps, "cannot close")
-        sizes, motions = np.linalg.svd(ways[:, self._flex.free_v])[1:]
-        if len(free) > len(sizes) or sizes[-1:] < SINGULAR * sizes[:1]:
-            joint = list(self._linkage.free)[int(np.abs(motions[-1]).argmax())]
-            row = int(np.abs(ways[:, self._flex.free_v[int(np.abs(motions[-1]).argmax())]]).argmax())
-            name = self._ties.apart(row)[0]
-            text = f"loop {name!r} is singular here: it does not hold passive joint {joint!r}, which could be anywhere"
-            raise ClosureError(text, name, float(np.abs(gaps).max(initial=0.0)))
+        if (loose := self._loose(gaps, ways, SINGULAR)) is not None:
+            raise loose
         self._last = q.copy(), free
         return free
 
@@ -134,7 +131,7 @@ class Closing:
         if settled is not None:
             led = self._followed(home, settled, q)
             found += [] if led is None else [led]
-        if given or not found:
+        if given or settled is None:
             straight = self._newton(q, start, np.inf)
             found += [] if straight is None else [straight]
         return min(found, key=lambda free: float(np.abs(free - start).max(initial=0.0)), default=None)
@@ -178,12 +175,25 @@ class Closing:
         """Return what is said of drives that the loops do not let come so far."""
         given = np.array([at or 0.0 for at in self._linkage.free.values()])
         free = self.nearest(q, given if self._last is None else self._last[1])
-        gaps = self.gaps(q, self.configuration(q, free))[0]
+        gaps, ways = self.gaps(q, self.configuration(q, free))
         if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
             return gaping(self._ties, gaps, "cannot close")
+        if (loose := self._loose(gaps, ways, NEARLY)) is not None:
+            return loose
         name = self._ties.apart(int(np.abs(gaps).argmax()))[0]
         text = f"loop {name!r} closes here, but the way here leads through a singular pose, where its branches meet"
         return ClosureError(f"{text}: give q0 of its passive joints near the first row", name, 0.0)
+
+    def _loose(self, gaps: Array, ways: Array, least: float) -> ClosureError | None:
+        """Return what is said of a joint that the loops do not hold, by the least singular value of what holds it."""
+        held = ways[:, self._flex.free_v]
+        sizes, motions = np.linalg.svd(held)[1:]
+        if held.shape[1] <= len(sizes) and not sizes[-1:] < least * sizes[:1]:
+            return None
+        joint = int(np.abs(motions[-1]).argmax())
+        name, _ = self._ties.apart(int(np.abs(held[:, joint]).argmax()))
+        text = f"loop {name!r} is singular here: it does not hold passive joint {list(self._linkage.free)[joint]!r}"
+        return ClosureError(f"{text}, which could be anywhere", name, float(np.abs(gaps).max(initial=0.0)))
 
 
 def gaping(ties: Ties, gaps: Array, what: str) -> ClosureError:

@@ -25,7 +25,7 @@ from armflex.mechanics.laws import LawStack, PlacedLaws
 from armflex.mechanics.spring import Spring
 from armflex.mechanics.ties import Ties
 from armflex.robot import Corrections, Robot, Site
-from armflex.robot.linkage import TREE, Linkage
+from armflex.robot.linkage import Linkage
 from armflex.robot.urdf import MOVING, Joint
 from armflex.rows.wrench import Wrench, same_objects, wrenches_in
 
@@ -255,12 +255,12 @@ class Mechanics:
         stack: LawStack,
         pulls: Sequence[Load] = (),
         springs: Sequence[Spring] = (),
-        linkage: Linkage = TREE,
+        linkage: Linkage | None = None,
         moved: Mapping[str, Array] | None = None,
     ) -> None:
-        self.rigid, self.flex, self.pulls, self.linkage = rigid, flex, tuple(pulls), linkage
+        self.rigid, self.flex, self.pulls, self.linkage = rigid, flex, tuple(pulls), linkage or Linkage()
         self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
-        self.ties = Ties(self.model, self.data, linkage, springs, moved) if springs or linkage is not TREE else None
+        self.ties = Ties(self.model, self.data, self.linkage, springs, moved) if springs or linkage else None
         self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.size)
         self._frames = {link: flex.frame(link) for link in flex.links}
         self._carriers: dict[str, tuple[int, Array, Array]] = {}

@@ -38,7 +38,6 @@ from armflex.mechanics.many_rows import (
 )
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_pieces, in_threads
-from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench, check_rows
 
 AT_ONCE = 1024
@@ -329,7 +328,7 @@ def _solved_alone(
     found = Solution.empty(len(rows), len(loaded.arm.sites))
     each = _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
     tangents = tangents_of(loaded.arm.stack, loaded, case, found.wrenches)
-    if loaded.arm.robot.linkage is TREE:
+    if not loaded.arm.robot.linkage:
         part = linearised(loaded, rows, case, found.twists.reshape(len(rows), -1), tangents)
     else:
         part = linearised_mechanism(loaded, rows, case, each, tangents)

@@ -86,6 +86,10 @@ class Linkage:
     cylinders: tuple[Cylinder, ...] = ()
     followers: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
 
+    def __bool__(self) -> bool:
+        """Whether anything closes or is without a drive."""
+        return bool(self.closures or self.passive)
+
     @cached_property
     def free(self) -> dict[str, float | None]:
         """Joints whose positions follow from the others, with where they are near at the first row [rad or m]."""
@@ -96,7 +100,3 @@ class Linkage:
         """Names of what closes: loops, cylinders, followers."""
         names = (one.name for one in (*self.loops, *self.cylinders))
         return (*names, *self.followers)
-
-
-TREE = Linkage()
-"""That of an arm without loops."""

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
 from armflex.errors import Flag, JointLimitError, Place, UnknownNameError, UrdfError, did_you_mean, listing
 from armflex.robot.formats import read_other
-from armflex.robot.linkage import TREE, Linkage
+from armflex.robot.linkage import Linkage
 from armflex.robot.urdf import MOVING, Inertial, Joint, Link, Urdf, Visual, parse_xml, read_urdf
 
 TCP = "tcp"
@@ -67,7 +67,7 @@ class Robot:
     strict: bool = True
     mount: Array = field(default_factory=lambda: np.eye(3))
     tool_joint: str | None = None
-    linkage: Linkage = TREE
+    linkage: Linkage = field(default_factory=Linkage)
 
     def check_motion(self) -> None:
         """Raise `UrdfError` where inertial loads cannot be computed; see `check_motion`."""
@@ -299,7 +299,7 @@ def load_robot(
         text = f"gravity {down.tolist()} points along +z of the base: upside down on purpose?"
         flags.append(Flag("gravity", text))
     following = following_of(document, chain)
-    linkage = Linkage(followers=following) if following else TREE
+    linkage = Linkage(followers=following)
     flags = (*flags, *mimics)
     return Robot(document, base, chain[-1].child, chain, down, held, flags, strict, stands, tool_joint, linkage)
 

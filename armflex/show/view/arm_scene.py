@@ -24,7 +24,6 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
 from armflex.parallel import Progress
-from armflex.robot.linkage import TREE
 from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import (
@@ -226,7 +225,7 @@ def arm_scene(
     colors = contribution_colors(shown)
     times = motion.times
     shapes, missing = _link_shapes(arm, motion, meshes)
-    tree = arm.robot.linkage is TREE
+    tree = not arm.robot.linkage
     scene = Scene(
         title=arm.robot.urdf.name,
         subtitle=_subtitle(arm, shown, motion, factor),
