@@ -17,7 +17,7 @@ all of it together, with G the change of that torque, geometric stiffness of loa
     | A_t E          A_p      -D     |
 
 Its inverse is the closed mechanism's linear response. Closures that nothing can answer to, as the second of two
-parallel rotations that a plane linkage is held against, are left as they are, and flagged: see `idle`.
+rotations across its plane that a plane linkage has, are left as they are: see `idle`.
 Vectors are those of Pinocchio's velocities with six slots for each closure behind them: of a motion what the pin gives,
 of a torque minus the force in it.
 """
@@ -61,7 +61,7 @@ FINEST = 1.0 / 256.0
 ASSEMBLED = 2e-3
 """Gap [m, rad] of rigid links that flexures may be bent to close."""
 ALIGNED = 1e-4
-"""Misalignment [m, rad] that is taken for rounding where nothing can answer to it."""
+"""Misalignment [m, rad] that counts as rounding where nothing can answer to it."""
 SINGULAR = 1e-7
 """Least singular value of the closures over the largest, below which passive joints are not held."""
 NOTHING = 1e-14
