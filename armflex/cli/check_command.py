@@ -26,7 +26,7 @@ from armflex.trajectory import read_trajectory
 @click.option("--angle", type=options.Quantity("angle"), metavar="1mrad",
               help="Largest rotation of the tip, with unit.")  # fmt: skip
 @click.option("--against", "desired_path", metavar="DESIRED.csv", type=options.InputPath,
-              help="Hold the flexed tip against where the rigid arm has it on this path, not on TRAJ: is a compensated "
+              help="Compare the flexed tip with the rigid tip on this path instead of on TRAJ: is a compensated "
                    "path where it was meant to be?")  # fmt: skip
 @click.option("--settle", "within", type=options.Quantity("length"), metavar="1mm",
               help="Also: how long after each via-point the tip swings by more than this, and the peak.")  # fmt: skip
@@ -48,7 +48,7 @@ def command(
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first.
 
-    The displacement is that of the loaded tip from the rigid arm's; with --against from where another path has it.
+    The displacement is that of the loaded tip from the rigid tip, on the same path or, with --against, on another one.
     """
     trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
     against = None if desired_path is None else read_trajectory(desired_path, arm)

@@ -25,7 +25,7 @@ MOST_ROWS = 40
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=options.InputPath)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Compensated trajectory to write.")
 @click.option("--match", type=options.Choice(["position", "pose"]), default="position", show_default=True,
-              help="What is held: where the tip is, or its orientation too.")  # fmt: skip
+              help="Correct the position of the tip, or its orientation as well.")  # fmt: skip
 @click.option("--between", type=options.Quantity("length"), metavar="0.1mm",
               help="Insert rows until the error halfway between rows is below this.")  # fmt: skip
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")

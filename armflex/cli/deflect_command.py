@@ -12,7 +12,6 @@ from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.tip_uncertainty import total_covariance
-from armflex.laws.effects.in_arm import settled_covariates
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
@@ -22,26 +21,16 @@ TIED = ("passive", "loop_loads", "cylinder_states", "spring_states")
 
 
 @click.command(cls=options.Command)
-@options.arm
-@click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg",
-              help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.")  # fmt: skip
-@click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
-@click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ",
-              help=f"Load from outside with unit, or as fx=0,fz=-500N: {options.FORCE_HELP}. Any number.")  # fmt: skip
+@options.configuration
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a law was trained on.")
 @click.option("--allow-large", is_flag=True, help="Go on where a flexure turns by more than 0.1 rad.")
-@options.covariates
-def command(
-    arm: Arm, positions: str, payload: str, forces: tuple[str, ...], covariates: dict[str, float], **how: Any
-) -> None:
+def command(arm: Arm, q: Array, payload: str, **how: Any) -> None:
     """Loads at every joint, local deflections, and the end-effector's displacement.
 
-    A temperature that an effect of the arm lags behind is taken as settled.
+    A temperature on which an effect of the arm depends with a lag counts as settled.
     """
-    wrenches = [options.parse_force(text, arm) for text in forces]
-    q, arm = options.parse_positions(positions, arm)
-    found = arm.deflection(q, payload, covariates=settled_covariates(arm, covariates), wrenches=wrenches, **how)
+    found = arm.deflection(q, payload, **how)
     covariance, flags = total_covariance(found)
 
     def content() -> dict[str, Any]:

@@ -23,7 +23,7 @@ from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write
 from armflex.tasks.workspace.map_file import SUFFIXES
 from armflex.tasks.workspace.workspace_map import CHUNK, VERDICTS
 
-DRAWS = "Arms drawn from what is known of this one, asked as well: a voxel is ok only where all are."
+DRAWS = "Arms drawn from the uncertainty of this one: a voxel is ok only where it is for all."
 STORE = "Keep finished chunks: the same command goes on there."
 Output = options.OutputPath
 
@@ -32,18 +32,22 @@ Output = options.OutputPath
 @options.arm
 @click.option("-o", "--output", required=True, type=Output(), help="MAP.safetensors with everything, or MAP.csv.")
 @click.option("--rows", type=int, default=1 << 16, show_default=True, help="Configurations within the joint limits.")
-@click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Carried in turn.")
-@click.option("--force", metavar="fx=0,fz=-500N", help=f"Load from outside everywhere; {options.FORCE_HELP}.")
+@click.option(
+    "--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Payloads, each carried in turn."
+)
+@click.option("--force", metavar="fx=0,fz=-500N", help=f"External load everywhere: {options.FORCE_HELP}.")
 @click.option("--tolerance", metavar="5mm", help="Largest displacement of the tip, with unit, for the verdicts.")
 @click.option("--voxel", metavar="200mm", help="Edge of a voxel, with unit; a round one is chosen otherwise.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the configurations.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the configurations.")
 @click.option("--jobs", type=int, default=1, show_default=True, help="Processes; -1 for one on each core.")
 @click.option("--store", type=options.InputPath, metavar="DIR", help=STORE)
 @click.option("--chunk", type=int, default=CHUNK, show_default=True, help="Configurations in a chunk, a power of two.")
 @click.option("--picture", type=Output(), metavar="MAP.png", help="Draw the map.")
 @click.option("--page", type=Output(), metavar="MAP.html", help="Write a page in which the map can be turned.")
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
-@click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of the worst in every voxel.")
+@click.option(
+    "--uncertainty/--no-uncertainty", default=True, show_default=True, help="Uncertainty of the worst in every voxel."
+)
 @click.option("--draws", type=int, default=0, show_default=True, help=DRAWS)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a law was trained on.")
 @options.covariates

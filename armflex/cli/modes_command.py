@@ -12,31 +12,20 @@ from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.draw import drawn_frequencies
-from armflex.laws.effects.in_arm import settled_covariates
 from armflex.mechanics.modes import Modes
+from armflex.rows.wrench import Wrench
 
 
 @click.command(cls=options.Command)
-@options.arm
-@click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg",
-              help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.")  # fmt: skip
-@click.option("--payload", default="none", show_default=True, help="Name of a payload in ARM.")
-@click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ",
-              help=f"Load from outside with unit, or as fx=0,fz=-500N: {options.FORCE_HELP}. Any number.")  # fmt: skip
+@options.configuration
 @click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="Modes at most.")
-@options.covariates
-def command(
-    arm: Arm, positions: str, payload: str, forces: tuple[str, ...], count: int, covariates: dict[str, float]
-) -> None:
+def command(arm: Arm, q: Array, payload: str, wrenches: list[Wrench], covariates: dict[str, float], count: int) -> None:
     """Natural frequencies and mode shapes at the deflected pose, drives holding.
 
     The uncertainty is that of 64 arms as likely as ARM: of what [calibration] found, and of laws with relative_std.
     """
-    wrenches = [options.parse_force(text, arm) for text in forces]
-    q, arm = options.parse_positions(positions, arm)
-    known = settled_covariates(arm, covariates)
-    found = arm.modes(q, payload, covariates=known, wrenches=wrenches, count=count)
-    drawn = None if wrenches else drawn_frequencies(arm, q, payload, covariates=known, count=count)
+    found = arm.modes(q, payload, covariates=covariates, wrenches=wrenches, count=count)
+    drawn = None if wrenches else drawn_frequencies(arm, q, payload, covariates=covariates, count=count)
     std = None if drawn is None or drawn.shape[1] < len(found.frequencies) else drawn.std(axis=0, ddof=1)
 
     def content() -> dict[str, Any]:
@@ -64,7 +53,7 @@ def print_modes(found: Modes, std: Array | None) -> None:
     for i, frequency in enumerate(found.frequencies):
         order = np.argsort(-found.sensitivities[i])[:3]
         stiffer = ", ".join(f"{names.flexures[j]} {found.sensitivities[i, j]:.0%}" for j in order)
-        shape = [f"{part:.2f}" for part in found.shapes[i, :3]]
+        shape = [f"{round(part, 2) + 0.0:.2f}" for part in found.shapes[i, :3]]
         spread = "-" if std is None else number(float(std[i]), 2)
         per_second = number(1.0 / (2.0 * np.pi * found.damping_ratios[i] * frequency), 2)
         rows.append([str(i + 1), number(float(frequency), 4), spread, per_second, *shape, stiffer])

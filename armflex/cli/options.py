@@ -21,6 +21,7 @@ from armflex.cli.terminal import print_table, say, show_flags, telling
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
+from armflex.laws.effects.in_arm import settled_covariates
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.joined import joined
 from armflex.measured.measurements import Measurements, read_measurements
@@ -43,7 +44,7 @@ NEAR_PI = 5e-3
 InputPath = click.Path(path_type=Path)
 
 UNNAMED = "for rows that name none"
-FORCE_HELP = "at the tip in axes of the base, or with frame=LINK,axes=link elsewhere"
+FORCE_HELP = "at the tip in base axes, elsewhere with frame=LINK,axes=link"
 
 
 class Choice(click.Choice):
@@ -222,7 +223,7 @@ def same_file(output: Path, other: Path) -> bool:
 lax = click.option(
     "--lax",
     is_flag=True,
-    help="Flag unknown URDF tags on the chain, and motion with impossible inertias, do not refuse.",
+    help="Accept unknown URDF tags on the chain, and motion with impossible inertias, with a flag.",
 )
 
 
@@ -372,7 +373,7 @@ covariates = click.option(
     default="",
     metavar="temperature=25,approach_A2=1",
     callback=lambda context, parameter, text: parse_covariates(text),
-    help="What the arm's effects depend on beside the rows' columns, SI and degrees Celsius; no other names.",
+    help="Values of covariates that the rows have no column for, in SI and degrees Celsius.",
 )
 
 
@@ -397,8 +398,10 @@ def parse_covariates(text: str) -> dict[str, float]:
 def points(function: Callable) -> Callable:
     """Add `--points`, `--points-unit` and `--points-frame`; the command gets a `PointExport` or None as `points`."""
 
-    @click.option("--points-frame", metavar="NAME", help="Their frame, where the file does not state it.")
-    @click.option("--points-unit", metavar="mm", help="Their unit, where the file does not state it.")
+    @click.option(
+        "--points-frame", metavar="NAME", help="Frame of these positions, where their file does not state it."
+    )
+    @click.option("--points-unit", metavar="mm", help="Unit of these positions, where their file does not state it.")
     @click.option("--points", "points_path", type=InputPath, help="Positions exported apart from MEAS.csv.")
     @functools.wraps(function)
     def with_points(points_path: Path | None, points_unit: str | None, points_frame: str | None, **rest: Any) -> Any:
@@ -446,6 +449,30 @@ def parse_positions(text: str, arm: Arm) -> tuple[Array, Arm]:
     return arm.position(**positions), arm
 
 
+def configuration(function: Callable) -> Callable:
+    """Add ARM, one configuration of it, its loads and covariates; the command gets arm, q (nq,), payload, and the rest.
+
+    They are `wrenches` from `--force`, and `covariates`, settled.
+    """
+
+    @arm
+    @click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg",
+                  help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.")  # fmt: skip
+    @click.option("--payload", default="none", show_default=True, metavar="NAME", help="Payload of ARM.")
+    @click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ",
+                  help=f"External load with unit, or as fx=0,fz=-500N: {FORCE_HELP}. Any number.")  # fmt: skip
+    @covariates
+    @functools.wraps(function)
+    def configured(
+        arm: Arm, positions: str, payload: str, forces: tuple[str, ...], covariates: dict[str, float], **rest: Any
+    ) -> Any:
+        wrenches = [parse_force(text, arm) for text in forces]
+        q, arm = parse_positions(positions, arm)
+        return function(arm, q, payload, wrenches=wrenches, covariates=settled_covariates(arm, covariates), **rest)
+
+    return configured
+
+
 def loads(function: Callable) -> Callable:
     """Add `--payload` and `--force` for rows that name none: the command gets them as `unnamed`, arm first.
 
@@ -468,7 +495,7 @@ def unnamed_loads(arm: Arm, payload: str, force_text: str | None) -> Unnamed:
 
 
 force_option = click.option(
-    "--force", "force_text", metavar="fx=0,fz=-500N", help=f"Load from outside {UNNAMED}; {FORCE_HELP}."
+    "--force", "force_text", metavar="fx=0,fz=-500N", help=f"External load {UNNAMED}: {FORCE_HELP}."
 )
 payload_option = click.option(
     "--payload", default="none", show_default=True, metavar="NAME", help=f"Payload of ARM {UNNAMED}."
@@ -480,7 +507,7 @@ force_table = click.option(
     "table_path",
     metavar="F.csv",
     type=InputPath,
-    help="Loads from outside by where the tool is: a column s, the length of path [m] from the first row on, and the "
+    help="External loads along the path: a column s, the length of path [m] from the first row on, and the "
     "force_ columns of a trajectory; linear between its rows.",
 )
 

@@ -36,9 +36,13 @@ MOST_LINES = 10
 @click.argument("arm_path", metavar="ARM", type=InputPath)
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Rows to measure, with x y z to be filled in.")
 @click.option("--rows", type=int, default=20, show_default=True, help="Positions that will be read.")
-@click.option("--after", "after_path", type=InputPath, metavar="MEAS.csv", help="What was measured already.")
+@click.option("--after", "after_path", type=InputPath, metavar="MEAS.csv", help="Campaign that was measured already.")
 @click.option(
-    "--along", "along_path", type=InputPath, metavar="TRAJ.csv", help="Make predictions along this path certain."
+    "--along",
+    "along_path",
+    type=InputPath,
+    metavar="TRAJ.csv",
+    help="Minimise the uncertainty of predictions along this path.",
 )
 @click.option(
     "--between",
@@ -52,7 +56,7 @@ MOST_LINES = 10
     help="What is read: names that ARM declares, or wire, level, accelerometer, encoder, target, whose best place is "
     "chosen, and tracker.",
 )
-@click.option("--payload", "payloads", metavar="A,B", help="What may be carried [default: all payloads].")
+@click.option("--payload", "payloads", metavar="A,B", help="Payloads that may be carried [default: all payloads].")
 @click.option(
     "--covariates",
     "--covariate",
@@ -65,7 +69,7 @@ MOST_LINES = 10
     "--sigma",
     type=Quantity("length"),
     metavar="0.2mm",
-    help="Of a position read [default: that of MEAS.csv, else 0.2mm].",
+    help="Noise of a position reading [default: that of MEAS.csv, else 0.2mm].",
 )
 @click.option(
     "--floor",
@@ -74,7 +78,7 @@ MOST_LINES = 10
     help="Lowest height of any link or the payload in the base frame; that of the base where left out, unless the arm "
     "hangs below it.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the rows that are offered.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the candidate rows.")
 @options.points
 @options.lax
 @click.option("--picture", type=OutputPath(), metavar="PLAN.png", help="Draw certainty against readings, and where.")

@@ -38,7 +38,7 @@ def command(
 ) -> None:
     """Pose characteristics of a campaign with repeats, as ISO 9283 defines them.
 
-    AP is from where the controller believes the tip; of a calibrated arm also from where its model has it.
+    AP is the distance from the tip in the controller's model; for a calibrated arm also from that in its own model.
     """
     if not standard:
         raise InputError("which report? --iso9283 is known; of a trace it is written by `armflex trace --report`")

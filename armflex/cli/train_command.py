@@ -31,13 +31,13 @@ def learning_options(command: Callable) -> Callable:
     whole, chosen = click.IntRange, options.Choice
     for name, kind, default, text in reversed(
         [
-            ("structure", chosen(STRUCTURES), "full", "Of the compliance"),
-            ("features", str, "radial,magnitude", "What deflections are linear in beside the load; found looks for it"),
+            ("structure", chosen(STRUCTURES), "full", "Form of the compliance"),
+            ("features", str, "radial,magnitude", "Features in which deflections are linear; found searches for them"),
             ("neurons", whole(1, 200), 20, "In the hidden layer"),
             ("starts", whole(1, 100), 10, "Trainings, of which the best is kept"),
             ("prior", chosen(("evidence", "none")), "evidence", "none trains plainly, as the paper does"),
             ("sampler", chosen(SAMPLERS), None, "How a posterior is found"),
-            ("seed", whole(0), 0, "Of everything random"),
+            ("seed", whole(0), 0, "Seed of everything random"),
             ("assembly", options.InputPath, None, "TOML with nodes, sub-joints and beams"),
             ("module", str, None, "FILE.py:CLASS of your own torch.nn.Module, made without arguments; its code is run"),
         ]
@@ -53,7 +53,7 @@ def learning_options(command: Callable) -> Callable:
 @click.argument("data_path", metavar="JOINT.csv", type=options.InputPath)
 @click.option("--model", type=options.Choice(MODELS), default="linear", show_default=True)
 @learning_options
-@click.option("--read-as", multiple=True, metavar="mm=um", help="Take one unit of the header for another.")
+@click.option("--read-as", multiple=True, metavar="mm=um", help="Read one unit of the header as another.")
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Law to write (.safetensors).")
 @click.option("--picture", type=options.OutputPath(), help="Drawing of it: law, bands, posterior, residuals, errors.")
 def command(

@@ -108,7 +108,7 @@ def load_arm(
     with trusting(trust):
         if is_urdf:
             robot = load_robot(path, tip, strict=strict)
-            arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so nothing gives: the arm is rigid")))
+            arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so no flexures: the arm is rigid")))
         else:
             arm = _read(read_toml(path), preset, strict)
     warn(arm.flags)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import NUMBER, Array
+from armflex.conventions import NUMBER, STANDARD_GRAVITY, Array
 from armflex.errors import Flag, Place, TableError, listing
 from armflex.measured.table import Table
 from armflex.mechanics.loaded import FORCE_BAND
@@ -32,6 +32,9 @@ FURTHEST = 200.0
 
 MOVED = 0.3
 """Travel, as written, beyond which a joint of a table is one that moves: 0.3 rad is much, 0.3 deg is little."""
+
+BESIDE = 0.01
+"""Tolerance: part of the arm's weight from which what hangs beside the chain is asked where it stands."""
 
 TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
@@ -149,6 +152,19 @@ def force_flags(found: Measurements, arm: Arm) -> tuple[Flag, ...]:
             text = f"{size[row]:.3g} N at {one.frame!r} is over {FORCE_BAND:g} times the arm's weight: kN or kgf?"
             flags.append(Flag("large_force", f"{found.places[row]}: {text} ({int((size > most).sum())} rows)"))
     return tuple(flags)
+
+
+def branch_flags(table: Table, arm: Arm) -> tuple[Flag, ...]:
+    """Return the flag about joints beside the chain without a column, which move what weighs."""
+    robot, held = arm.robot, []
+    for name in (name for name in robot.locked if f"q_{name}" not in table.columns):
+        joint = robot.urdf.joints[name]
+        bodies = [robot.urdf.links[link].inertial for link in robot.urdf.below(joint.child)]
+        weight = STANDARD_GRAVITY * sum(body.mass for body in bodies if body)
+        if not joint.mimic and weight > BESIDE * arm.weight and robot.stem(name) not in (None, robot.base):
+            held.append(f"q_{name}")
+    text = f"no column {listing(held)}: what hangs there beside the chain weighs, and stands as [robot] locked says"
+    return (Flag("branch_held", f"{Place(table.path, 1)}: {text}"),) if held else ()
 
 
 def first_nan(table: Table, name: str) -> tuple[Place, str] | None:

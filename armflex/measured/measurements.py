@@ -20,6 +20,7 @@ from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, UNITS, Array
 from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
 from armflex.measured.data_flags import (
+    branch_flags,
     check_joint_units,
     check_one_unit,
     first_nan,
@@ -242,6 +243,7 @@ def read_measurements(
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
     flags += (*table_flags(table, found), *_sensor_flags(found, arm, table), *force_flags(found, arm))
+    flags += branch_flags(table, arm)
     flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from armflex.errors import ArmflexError
 from armflex.estimate.fit import THOROUGH
@@ -38,6 +39,9 @@ from armflex.trace.state import State, lost_rows, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
 
+ZERO = 0.0455
+"""Confidence: of amplitudes that are as far from zero by chance; one is then within two standard uncertainties."""
+
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
@@ -56,8 +60,26 @@ class Weighed:
     chance: float
 
 
+def idle(state: State) -> int | None:
+    """Return the hypothesis that is nearest zero, None where the amplitudes of none are `ZERO` together.
+
+    A family is left out: few of its members are distinguished from zero by themselves.
+    """
+    shares = np.ones(len(state.known))
+    for number, (one, unit) in enumerate(zip(state.known, state.units, strict=True)):
+        if not one.family:
+            block = state.effects[unit[0]]
+            at = state.fit.places(block)[: len(block.effect.location.terms)]
+            values, covariance = state.fit.values[at], state.fit.posterior.covariance[np.ix_(at, at)]
+            shares[number] = values @ np.linalg.pinv(covariance, hermitian=True) @ values / chi2.isf(ZERO, len(at))
+    return int(shares.argmin()) if shares.min(initial=1.0) < 1.0 else None
+
+
 def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
-    """Return a state with probabilities and guards, without what makes held-out poses worse, and what that was."""
+    """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
+
+    What is not distinguished from zero is no finding.
+    """
     withdrawn = list[Withdrawn]()
     while True:
         here.state.say("weighing what else the effects may be")
@@ -69,13 +91,15 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         here.state.say("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
-        if not seen.compared.worse:
+        last = weakest(model, evidence) if seen.compared.worse else idle(here.state)
+        if last is None:
             return Weighed(here, found, seen, null), tuple(withdrawn)
-        last = weakest(model, evidence)
         unit = here.state.units[last]
-        effect, compared = here.state.fitted[unit[0]], seen.compared
-        withdrawn.append(Withdrawn(effect, None, compared, len(unit) > 1))
-        here.state.say(f"withdrawing {withdrawn[-1].title}: held-out poses are predicted worse with it")
+        gone = Withdrawn(here.state.fitted[unit[0]], None, seen.compared, len(unit) > 1)
+        if seen.compared.worse:
+            withdrawn.append(gone)
+        why = "held-out poses are predicted worse with it" if seen.compared.worse else "its size may be zero"
+        here.state.say(f"withdrawing {gone.title}: {why}")
         rest = tuple(one for i, one in enumerate(here.model) if i != last)
         after = refitted(here, rest)
         if after is None:

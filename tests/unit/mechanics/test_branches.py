@@ -194,6 +194,15 @@ def test_what_a_table_may_get_wrong(arm: Arm, tmp_path: Path, instead: dict[str,
         assert str(path) in str(caught.value)
 
 
+def test_a_campaign_without_columns_of_what_weighs_is_flagged(arm: Arm, tmp_path: Path) -> None:
+    at = beside(COUNT)
+    both = read_measurements(table(tmp_path / "both.csv", positions(), at), arm, inputs_only=True)
+    one = read_measurements(table(tmp_path / "one.csv", positions(), dict([at.popitem()])), arm, inputs_only=True)
+    (flag,) = (flag for flag in one.flags if flag.code == "branch_held")
+    assert "no column q_to_other_upper, q_to_other_fore: what hangs there" in flag.text
+    assert "branch_held" not in {flag.code for flag in both.flags}
+
+
 def test_a_joint_that_carries_nothing_of_the_chain_is_refused(tmp_path: Path) -> None:
     arm = two_arms(tmp_path, instead={"base": 'base = "torso"', 'joint = "to_torso"': 'joint = "to_fore"'})
     write_table(tmp_path / "rows.csv", columns(positions(), {"to_other_fore": np.zeros(COUNT)}))

@@ -24,7 +24,7 @@ from armflex.cli.trace_command import Outputs, as_json, print_trace
 from armflex.errors import FileError
 from armflex.measured.measurements import Measurements
 from armflex.show.report import render_report
-from armflex.trace.account import conclude
+from armflex.trace.account import conclude, idle
 from armflex.trace.findings import Trace
 from armflex.trace.search import refitted, standing
 from armflex.trace.selection import SCALES, Chosen
@@ -179,8 +179,22 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     assert "Withdrawn: " in render_report(found)
 
 
+def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(tmp_path: Path) -> None:
+    truth = draw("none", 102, "six").write(tmp_path)
+    arm = load_arm(truth.arm)
+    rows = read_measurements(truth.train, arm)
+    here = standing(begin(calibrate(arm, rows, np.flatnonzero(rows.measured)[::3], as_stated=True)))
+    play = next(i for i, one in enumerate(here.screen.groups) if one.hypothesis.one.name.startswith("backlash"))
+    believed = refitted(here, (Chosen(play, len(SCALES) // 2),))
+    assert believed is not None
+    (effect,), (block,) = believed.state.fitted, believed.state.effects
+    assert abs(effect.acting[0]) < 2.0 * believed.state.stds_of(block)[0] and idle(believed.state) == 0
+    assert conclude(believed, here.places).found == ()
+
+
 def test_what_is_there_is_not_withdrawn(whole: Whole) -> None:
     found = whole.finished
+    assert idle(found.state) is None
     assert found.withdrawn == () and found.compared.after < found.compared.before
     assert as_json(found)["withdrawn"] == []
     told = as_json(found)["held_out_chosen_again_rms_mm"]
