@@ -113,6 +113,7 @@ class Prior:
     Attributes:
         joint_offset: Every joint [rad or m].
         compliance: Every declared linear compliance, relative.
+        young: One factor on the compliance of every part that `armflex fem` wrote and says no `young_std` of, relative.
         tool: The target's place in the tip frame [m].
         geometry: Every fixed transform of the chain [m and rad].
         mass: Mass of every link that moves, relative.
@@ -124,6 +125,7 @@ class Prior:
 
     joint_offset: float = 0.0
     compliance: float = 0.0
+    young: float = 0.0
     tool: float = 0.0
     geometry: float = 0.0
     mass: float = 0.0
@@ -244,6 +246,11 @@ class Arm:
     def sites(self) -> tuple[Site, ...]:
         """Where the flexures are, in the order of `flexure_names`."""
         return tuple(flexure.site for flexure in self.modelled)
+
+    @cached_property
+    def distributed(self) -> dict[int, Array]:
+        """(12, 12) of every flexure that has an `inertia` [kg, kg m, kg m^2], by its number."""
+        return {i: flexure.inertia for i, flexure in enumerate(self.modelled) if flexure.inertia is not None}
 
     @cached_property
     def pulls(self) -> tuple[Pulling, ...]:

@@ -62,9 +62,9 @@ def condense(
     origins = np.array([mesh.points[sets[name]].mean(axis=0) for name in loaded])
     reduced, entry = _interfaces(mesh, sets, fixed, loaded, origins, interface)
     body = sparse.kron(mass, sparse.eye_array(3), "csc")
-    gravity = body @ np.tile(np.eye(3), (len(mesh.points), 1))
+    moved = body @ rigid_motion(mesh.points - origins[0])
     stiffness, inner = (reduced.T @ stiffness @ reduced).tocsc(), (reduced.T @ body @ reduced).tocsc()
-    pull = reduced.T @ gravity
+    pull = reduced.T @ moved
     said("factorising the stiffness", 0, None)
     solver = _factor(mesh, stiffness)
     loads = np.hstack([entry.toarray(), pull])
@@ -98,6 +98,7 @@ def condense(
     com = mesh.points.T @ np.asarray(mass.sum(axis=1)).ravel() / total if total else mesh.points.mean(axis=0)
     second = second - total * np.outer(com, com)
     inner_mass = shapes.T @ (inner @ shapes)
+    carried = np.linalg.solve(compliance, entry.T @ moves[:, size:])
     return Part(
         mesh.path.name,
         sha256_of(mesh.path),
@@ -111,7 +112,8 @@ def condense(
         com,
         np.trace(second) * np.eye(3) - second,
         0.5 * (inner_mass + inner_mass.T),
-        np.linalg.solve(compliance, entry.T @ moves[:, size:]),
+        carried[:, :3],
+        carried[:, 3:],
         frequencies,
         young_std,
         len(mesh.points),

@@ -42,6 +42,7 @@ class Part(Result):
         mass_matrix: (6 n, 6 n) mass at the interfaces, condensed statically [kg, kg m, kg m^2].
         weight: (6 n, 3) load on the loaded interfaces, which moves them as the part's own weight does, per acceleration
             of gravity [kg, kg m].
+        spin: (6 n, 3) the same load by angular acceleration about the first loaded interface's centroid [kg m, kg m^2].
         frequencies_hz: (k,) lowest natural frequencies [1/s] with the fixed set held and nothing carried; dimensionless
             modes are not kept.
         young_std: Relative standard uncertainty of the compliance, one factor of all of it; 0 where nobody says.
@@ -62,6 +63,7 @@ class Part(Result):
     inertia: Array
     mass_matrix: Array
     weight: Array
+    spin: Array
     frequencies_hz: Array
     young_std: float = 0.0
     nodes: int = 0
@@ -132,6 +134,8 @@ def write_part(part: Part, path: Path) -> Path:
         f"mass_matrix = {rows(part.mass_matrix)}",
         "# load on the interfaces per m/s^2 of gravity",
         f"weight = {rows(part.weight)}",
+        f"# load on the interfaces per rad/s^2 of turning about {part.loaded[0]!r}",
+        f"spin = {rows(part.spin)}",
     ]
     return write_whole(path, ("\n".join(lines) + "\n").encode())
 
@@ -164,6 +168,7 @@ def read_part(path: Path) -> Part:
         table.numbers("inertia", (3, 3)),
         table.numbers("mass_matrix", (size, size)),
         table.numbers("weight", (size, 3)),
+        table.numbers("spin", (size, 3)),
         table.numbers("frequencies_hz", (count,)) if count else np.zeros(0),
         table.std("young_std", 0.0),
         int(table.number("nodes", 0.0)),

@@ -48,9 +48,11 @@ from armflex.laws import read_law
 from armflex.laws.declared import law_name, soft
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
+from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import SOFTEST
+from armflex.laws.joint.meshed import MeshedLaw
 from armflex.laws.law import anywhere
-from armflex.laws.learned import read_learning
+from armflex.laws.learned import Learning, read_learning
 from armflex.mechanics.loaded import Payload
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
@@ -195,6 +197,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
         table.finish()
     prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
+    flexures = tuple(_freed(flexure, prior.young, robot) for flexure in flexures)
     sensors = read_sensors(root.subs("instrument"), robot) if root.has("instrument") else {}
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
@@ -376,6 +379,17 @@ def _read_prior(table: Declaration) -> Prior:
         if 0.0 < value < SMALLEST_STD:
             raise table.fail(name, f"{value:g} is less than anything can be known to; 0 keeps it fixed")
     return Prior(**values)
+
+
+def _freed(flexure: Flexure, young: float, robot: Robot) -> Flexure:
+    """Return a flexure whose factor of a meshed part `[prior] young` frees."""
+    law = flexure.law
+    meshed = law.law if isinstance(law, AtNode) else law
+    if not young or not isinstance(meshed, MeshedLaw) or flexure.learn is not None:
+        return flexure
+    meshed = replace(meshed, relative_std=meshed.relative_std or young)
+    law = replace(law, law=meshed) if isinstance(law, AtNode) else meshed
+    return replace(flexure, law=law, learn=Learning("linear", 6, _ranges(robot)))
 
 
 def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str]) -> Iterator[Flag]:

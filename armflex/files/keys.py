@@ -157,6 +157,10 @@ KEYS: dict[str, dict[str, Key]] = {
     },
     "flexure.NAME.beam": {
         "between": Key("the two nodes that it joins"),
+        "file": Key(
+            "a part that `armflex fem` wrote, held at the first node and loaded at the second; then no numbers"
+        ),
+        "rpy": Key("of such a part: turns the axes of its mesh into those of the joint", "rad", "0 0 0"),
         "E": Key("Young's modulus", "Pa"),
         "G": Key("shear modulus", "Pa"),
         "A": Key("area of the section", "m²"),
@@ -209,6 +213,11 @@ KEYS: dict[str, dict[str, Key]] = {
     "prior": {
         "joint_offset": Key("zero of every joint", "rad or m", "0: fixed"),
         "compliance": Key("every declared linear compliance, relative", "1", "0: fixed"),
+        "young": Key(
+            "one factor on the compliance of every part of `armflex fem`, relative; its own `young_std` comes first",
+            "1",
+            "0: fixed",
+        ),
         "tool": Key("the target's place in the tip frame", "m", "0: fixed"),
         "geometry": Key("every fixed transform of the chain", "m and rad", "0: fixed"),
         "mass": Key("mass and moments of inertia of every moving link, relative", "1", "0: fixed"),

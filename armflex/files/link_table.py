@@ -3,6 +3,7 @@
 The link is held where its joint ends and gives at the joint that it carries, which are the part's two interfaces. One
 flexure stands there, and what of the link's weight bends it hangs behind that: the condensed weight is that of a body
 of a mass m_e, whose place follows from its moments (half the mass, a sixth of the length inboard, of a uniform beam).
+The condensed mass differs from that of the two bodies; `modes` adds the difference.
 """
 
 from __future__ import annotations
@@ -17,12 +18,10 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean, listing
 from armflex.fem.part import Part, read_part
-from armflex.laws.joint.linear import LinearLaw
+from armflex.laws.declared import NEAR
+from armflex.laws.joint.meshed import MeshedLaw
 from armflex.robot import Robot
 from armflex.robot.urdf import Inertial, Joint, Link
-
-NEAR = 0.1
-"""Share of a part's length by which its loaded interface may be from the joint that it carries."""
 
 HEAVIER = 0.02
 """Share by which the masses of a link in the robot's file and in its mesh may differ without a flag."""
@@ -59,8 +58,20 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         raise table.fail("file", f"{text}: say with xyz and rpy where the mesh is")
     at_joint = pin.SE3(joint.rotation, joint.origin).inverse() * pin.SE3(mesh.rotation, tip)
     compliance = at_joint.action @ part.compliance @ at_joint.action.T
-    flexure = Flexure(name, f"{name}:end", LinearLaw(0.5 * (compliance + compliance.T), part.young_std))
     split, flags = _split(robot, name, part, mesh)
+    inertia, own = None, robot.urdf.links[name].inertial
+    if own is not None and split[0] is not None and split[1] is not None:
+        place, back = pin.SE3(joint.rotation, joint.origin).action, np.linalg.inv(at_joint.action)
+        whole, rest, end = (
+            place.T @ pin.Inertia(one.mass, one.origin, one.turned).matrix() @ place for one in (own, *split) if one
+        )
+        turning, bent = (
+            back.T @ (own.mass / part.mass * one) @ back
+            for one in (np.hstack([part.weight, part.spin]), part.mass_matrix)
+        )
+        inertia = np.block([[whole - rest - end, (turning - end).T], [turning - end, bent - end]])
+    law = MeshedLaw(0.5 * (compliance + compliance.T), part.young_std)
+    flexure = Flexure(name, f"{name}:end", law, inertia=inertia)
     return _ended(robot, joint, split, f"{name}:end"), flexure, flags
 
 
@@ -89,7 +100,8 @@ def _split(robot: Robot, name: str, part: Part, mesh: pin.SE3) -> tuple[Bodies, 
     def far(mass: float, lever: Array) -> Array:
         return mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
 
-    inertia = own.turned - far(end, place - own.origin) - far(rest, com - own.origin)
+    sizes, axes = np.linalg.eigh(own.turned - far(end, place - own.origin) - far(rest, com - own.origin))
+    inertia = (axes * sizes.clip(0.0)) @ axes.T  # two bodies at these places may already have more than the link
     first = Inertial(rest, com, np.eye(3), inertia, own.place, own.point)
     return (first, Inertial(end, place, np.eye(3), np.zeros((3, 3)), own.place, True)), flags
 

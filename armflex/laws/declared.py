@@ -14,14 +14,18 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import Flag, LawError, ModelFileError, UnknownNameError, listing
 from armflex.fem.part import Part, read_part
-from armflex.laws.joint.beam import Beam, Section, stiffness
+from armflex.laws.joint.beam import Beam, MeshedBeam, Section, stiffness
 from armflex.laws.joint.carried import AtNode
-from armflex.laws.joint.linear import LinearLaw, read_linear, softness
+from armflex.laws.joint.linear import read_linear, softness
+from armflex.laws.joint.meshed import MeshedLaw
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.law_file import FORMS, load_law
 from armflex.laws.learned import LearnedLaw, Learning
 from armflex.robot import Site
+
+NEAR = 0.1
+"""Share of a part's length by which its loaded interface may be from where it belongs."""
 
 MOST_PARTS = 200
 """Nodes, sub-joints or beams of a structure: its equations are dense, six or more to each of them."""
@@ -31,8 +35,12 @@ MOST_PARTS = 200
 class Flexure:
     """A place where the arm gives: outboard of `joint`'s motion, or at the base when `joint` is None.
 
-    With `before` it is the end of the link that the joint ends, inboard of the joint's motion. `learn` says what of its
-    law `calibrate` finds from measurements of the whole arm, None for nothing.
+    Attributes:
+        name, joint, law: What it is called, the joint that it belongs to, and how it gives.
+        before: Whether it is the end of the link that the joint ends, inboard of the joint's motion.
+        learn: What of its law `calibrate` finds from measurements of the whole arm, None for nothing.
+        inertia: (12, 12) what a link that bends there adds to the mass matrix [kg, kg m, kg m^2], by the motion of its
+            root and by its own, beside its two bodies; None for nothing.
     """
 
     name: str
@@ -40,6 +48,7 @@ class Flexure:
     law: Law
     before: bool = False
     learn: Learning | None = None
+    inertia: Array | None = None
 
     @property
     def learned(self) -> LearnedLaw | None:
@@ -86,17 +95,21 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     return law
 
 
-def _read_meshed(table: Declaration, part: Part) -> LinearLaw:
+def _read_meshed(table: Declaration, part: Part) -> MeshedLaw:
     """Return the law of a condensed part; `rpy` turns its mesh into the joint's axes."""
     if law_name(table) != "linear":
         raise table.fail("model", "a condensed part is a linear law")
+    return MeshedLaw(_turned(table, part)[0], part.young_std)
+
+
+def _turned(table: Declaration, part: Part) -> tuple[Array, Array]:
+    """Return the (6, 6) compliance of a part, and the way (3,) from its held interface, in the axes of `rpy`."""
     if len(part.loaded) > 1:
-        text = (
-            f"has {len(part.loaded)} loaded interfaces ({listing(part.loaded)}), a flexure one: condense it onto that"
-        )
+        text = f"has {len(part.loaded)} loaded interfaces ({listing(part.loaded)}), expected one: condense it onto that"
         raise table.fail("file", text)
-    turn = np.kron(np.eye(2), pin.rpy.rpyToMatrix(table.numbers("rpy", (3,)))) if table.has("rpy") else np.eye(6)
-    return LinearLaw(turn @ part.compliance @ turn.T, part.young_std)
+    turn = pin.rpy.rpyToMatrix(table.numbers("rpy", (3,))) if table.has("rpy") else np.eye(3)
+    both = np.kron(np.eye(2), turn)
+    return both @ part.compliance @ both.T, turn @ (part.origin - part.fixed_origin)
 
 
 def law_name(table: Declaration) -> str:
@@ -135,6 +148,9 @@ def read_assembly(path: Path) -> StructuralLaw:
         ArmFileError: It is incomplete or its numbers are not physical.
     """
     root = read_toml(path)
+    for table in root.array_of("beam"):
+        if table.has("file"):
+            raise table.fail("file", "what is fitted has beams by numbers alone")
     if root.has("model"):
         root.choice("model", ("structural",), "structural")
     law = read_structural(root, "", {})
@@ -152,11 +168,21 @@ def _read_subjoint(table: Declaration, joint: str, ranges: Ranges, nodes: Mappin
     return SubJoint(node, law, tuple(sorted({TWIST_NAMES.index(name) for name in holds})))
 
 
-def _read_beam(table: Declaration, nodes: Mapping[str, Array]) -> Beam:
+def _read_beam(table: Declaration, nodes: Mapping[str, Array]) -> Beam | MeshedBeam:
     ends = table.texts("between")
     if len(ends) != 2:
         raise table.fail("between", f"expected two node names, got {list(ends)}")
     start, end = (_known(table, "between", name, nodes) for name in ends)
+    if table.has("file"):
+        compliance, way = _turned(table, read_part(table.path.parent / table.text("file")))
+        table.finish()
+        offset = nodes[end] - nodes[start] - way
+        if np.linalg.norm(offset) > NEAR * np.linalg.norm(way):
+            text = f"is {np.round(way, 4).tolist()} from its held interface to the loaded one"
+            text += f", the nodes {np.round(nodes[end] - nodes[start], 4).tolist()}: turn it by rpy"
+            raise table.fail("file", text)
+        there = pin.SE3(np.eye(3), -offset).action
+        return MeshedBeam(start, end, there @ compliance @ there.T)
     values = {name: table.number(name) for name in ("E", "G", "A", "Iy", "Iz", "J")}
     for name, value in values.items():
         if value <= 0.0:

@@ -109,6 +109,7 @@ class Structure(Manipulator, Protocol):
         payload_rating: Heaviest rated payload [kg], None when not stated.
         flags: Flags about it as declared.
         sites: Of its flexures, in order; `stack` has their laws, with the effects at work there.
+        distributed: `Flexure.inertia` of those that have one, by number.
         pulls: Loads that effects put on its links.
         springs: Between points of its links.
         chain: Whether it is a chain without springs and loops: compiled code knows no others.
@@ -126,6 +127,8 @@ class Structure(Manipulator, Protocol):
     def flags(self) -> tuple[Flag, ...]: ...
     @property
     def sites(self) -> tuple[Site, ...]: ...
+    @property
+    def distributed(self) -> dict[int, Array]: ...
     @property
     def stack(self) -> LawStack: ...
     @property

@@ -108,6 +108,12 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     geometric = softened[mechanics.flexures] @ turned
     whole = pin.crba(mechanics.model, mechanics.data, configuration)
     whole = np.triu(whole) + np.triu(whole, 1).T  # Pinocchio fills the upper triangle alone
+    for number, more in loaded.arm.distributed.items():  # links that bend along their length
+        own = places[6 * number : 6 * number + 6]
+        joint = loaded.flexure_joints[number]
+        both = np.vstack([pin.computeJointJacobian(mechanics.model, mechanics.data, configuration, joint)] * 2)
+        both[:6, own], both[6:] = 0.0, np.eye(both.shape[1])[own]
+        whole += both.T @ more @ both
     mass = whole[mechanics.flexures]
     root, back = _root(compliance)
     inverse, ways = _slowest(np.eye(root.shape[1]) + root.T @ geometric @ root, root.T @ mass @ turned @ root, count)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,15 @@ CALCULIX = {
     (2.0, 0.2, -0.5, 1.0): (0.5453, -1.1914, -8.0858),
 }
 """Positions of the joints [rad] -> displacement of the tip [mm]."""
+
+MODES = {
+    (0.0, 0.0, 0.0, 0.0): ((4.3474, 6.2760, 18.9616, 26.3499), (5.7027, 8.3102, 24.2174, 33.6481)),
+    (0.5, -0.6, 0.4, 0.3): ((4.5037, 6.4967, 18.8987, 26.2344), (5.9084, 8.5935, 24.4544, 34.2062)),
+    (1.0, -1.0, 0.9, 0.5): ((4.9539, 7.1551, 17.6667, 23.9058), (6.4725, 9.3878, 23.6489, 34.0586)),
+    (-0.4, -0.3, 1.2, -0.5): ((4.8545, 7.0333, 16.8963, 22.4885), (6.3820, 9.3077, 21.2034, 29.5072)),
+    (2.0, 0.2, -0.5, 1.0): ((4.6012, 6.6641, 19.6554, 27.1791), (5.9201, 8.6335, 25.6941, 35.4487)),
+}
+"""The same -> its lowest frequencies [Hz]: four with 200 kg, and four without."""
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +83,34 @@ def test_the_tip_is_where_calculix_has_it(folder: Path) -> None:
     for q, expected in CALCULIX.items():
         found = 1e3 * crane.deflection(np.array(q), "p").displacement[:3]
         assert np.linalg.norm(found - expected) < 2e-3 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("q", CALCULIX)
+def test_the_modes_are_calculix(folder: Path, q: tuple[float, ...]) -> None:
+    """The mass of a link is distributed along it: two bodies alone would be off by several per cent."""
+    crane = arm(folder, LINKS)
+    for payload, expected in zip(("p", None), MODES[q], strict=True):
+        found = crane.modes(np.array(q), payload, count=4).frequencies
+        np.testing.assert_allclose(found, expected, rtol=3e-3)
+
+
+def test_youngs_modulus_of_each_link_is_found(folder: Path) -> None:
+    """[prior] young frees one factor a part; two links are not as their meshes say."""
+    head = '[measurement]\nframe = "base"\n[prior]\nyoung = 0.2\n'
+    nominal, factors = arm(folder, head + LINKS), np.log([1.0, 1.2, 0.9, 1.0])
+    pairs = zip(nominal.flexures, factors, strict=True)
+    truth = replace(nominal, flexures=tuple(replace(one, law=one.law.at(np.array([f]))) for one, f in pairs))
+    rng = np.random.default_rng(0)
+    q, sigma = rng.uniform(-1.0, 1.0, (60, 4)), 2e-5
+    tips = [truth.deflection(one, "p").pose.translation for one in q] + rng.normal(size=(60, 3)) * sigma
+    rows = [",".join(map(repr, [*map(float, a), *map(float, b)])) + f",p,{sigma}" for a, b in zip(q, tips, strict=True)]
+    names = [f"q_j{i}_rad" for i in range(1, 5)]
+    (folder / "c.csv").write_text("\n".join([",".join([*names, "x_m", "y_m", "z_m", "payload", "sigma_m"]), *rows]))
+    fine(run_here(folder, "calibrate", "arm.toml", "c.csv", "-o", "found.toml"))
+    found = armflex.load_arm(folder / "found.toml")
+    for flexure, factor in zip(found.flexures, factors, strict=True):
+        (value,), ((variance,),) = flexure.law.values, flexure.law.posterior
+        assert abs(value - factor) < 4.0 * variance**0.5 and variance**0.5 < 0.1
 
 
 def test_the_weight_of_the_links_is_what_it_was(folder: Path) -> None:

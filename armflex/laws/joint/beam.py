@@ -1,4 +1,4 @@
-"""Straight uniform beams between two nodes: stiffness matrices in the axes of the structure.
+"""Straight uniform beams, and condensed meshes, between two nodes: stiffness in the axes of the structure.
 
 Euler-Bernoulli bending, as in the paper's eq. (7) and any text on matrix structural analysis.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import LawError
@@ -47,7 +48,22 @@ class Beam:
     up: Array
 
 
-def stiffness(beam: Beam, start: Array, end: Array, components: int) -> Array:
+@dataclass(frozen=True, eq=False)
+class MeshedBeam:
+    """A condensed mesh between two named nodes.
+
+    Attributes:
+        start: Node at its held interface.
+        end: Node at its loaded one.
+        compliance: (6, 6) at the end, the start held, in the structure's axes [m/N, rad/Nm and mixed].
+    """
+
+    start: str
+    end: str
+    compliance: Array
+
+
+def stiffness(beam: Beam | MeshedBeam, start: Array, end: Array, components: int) -> Array:
     """Return the (2 k, 2 k) stiffness of a beam from `start` to `end` [m] in structure axes, k = `components`.
 
     With six components the ends translate and turn; with three they only translate and their rotations are held,
@@ -56,6 +72,10 @@ def stiffness(beam: Beam, start: Array, end: Array, components: int) -> Array:
     Raises:
         LawError: The beam has no length, or `up` is along it.
     """
+    kept = np.arange(12).reshape(2, 6)[:, :components].ravel()
+    if isinstance(beam, MeshedBeam):
+        apart = np.hstack([-pin.SE3(np.eye(3), start - end).action, np.eye(6)])  # motion of the end beside the start's
+        return (apart.T @ np.linalg.solve(beam.compliance, apart))[np.ix_(kept, kept)]
     length = float(np.linalg.norm(end - start))
     if length < 1e-9:
         raise LawError(f"beam {beam.start!r} to {beam.end!r} has no length")
@@ -74,5 +94,4 @@ def stiffness(beam: Beam, start: Array, end: Array, components: int) -> Array:
         bending = [[12.0, s, -12.0, s], [s, near, -s, far], [-12.0, -s, 12.0, -s], [s, far, -s, near]]
         k[np.ix_(dofs, dofs)] = section.E * inertia / length**3 * np.array(bending)
     turned = np.kron(np.eye(4), np.column_stack([x, y, np.cross(x, y)]))
-    kept = np.arange(12).reshape(2, 6)[:, :components].ravel()
     return (turned @ k @ turned.T)[np.ix_(kept, kept)]

@@ -22,7 +22,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError, Flag, LawError, UnknownNameError
-from armflex.laws.joint.beam import Beam, Section, stiffness
+from armflex.laws.joint.beam import Beam, MeshedBeam, Section, stiffness
 from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.linear import LinearFit, LinearLaw, check_compliance
 from armflex.laws.joint.log_compliance import LOOSE
@@ -96,7 +96,7 @@ class StructuralLaw(Composed):
     nodes: Mapping[str, Array]
     tip: str
     subjoints: tuple[SubJoint, ...]
-    beams: tuple[Beam, ...]
+    beams: tuple[Beam | MeshedBeam, ...]
     components: int = 6
     noise: Array | None = None
 
@@ -321,7 +321,8 @@ def to_tensors(law: StructuralLaw) -> dict[str, Array]:
     """Return a fitted law's arrays."""
     number, subjoints = {name: float(i) for i, name in enumerate(law.nodes)}, law.subjoints
     linear: list[Any] = [sub.law for sub in subjoints]  # as they are where a structure was fitted
-    beams = [(number[one.start], number[one.end], *vars(one.section).values(), *one.up) for one in law.beams]
+    bars: list[Any] = [*law.beams]
+    beams = [(number[one.start], number[one.end], *vars(one.section).values(), *one.up) for one in bars]
     return {
         "nodes": np.array(list(law.nodes.values()), dtype=float),
         "tip": np.array([number[law.tip], float(law.components)]),

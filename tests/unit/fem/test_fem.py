@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -144,21 +145,55 @@ def test_an_average_interface_is_softer_than_a_rigid_one(tmp_path: Path) -> None
 
 
 def test_a_part_is_a_flexure(tmp_path: Path) -> None:
-    """It gives as the same compliance by numbers does, at the joint or at a node of it."""
+    """It gives as the same compliance by numbers does at a node, and is as uncertain as one factor."""
     part = condensed(tmp_path, small(tmp_path), "--young-std", 0.1)
     told = (ROBOTS / "heavy_six" / "arm.toml").read_text().split("[flexure")[0].replace("robot.urdf", "R.urdf")
     (tmp_path / "R.urdf").write_bytes((ROBOTS / "heavy_six" / "robot.urdf").read_bytes())
     joint = armflex.load_arm(ROBOTS / "heavy_six" / "arm.toml").joint_names[1]
     named = f'[flexure.F]\njoint = "{joint}"\nnode = [0.1, 0.2, 0.3]\n'
-    rows = ", ".join(str(row) for row in part["compliance"])
+    rows = [", ".join(str([factor * x for x in row]) for row in part["compliance"]) for factor in (1.0, 1.001, 0.999)]
     shifts = []
-    for how in ('file = "p.toml"\n', f"compliance = [{rows}]\nrelative_std = 0.1\n"):
+    for how in ('file = "p.toml"\n', *(f"compliance = [{one}]\n" for one in rows)):
         (tmp_path / "arm.toml").write_text(told + named + how)
         arm = armflex.load_arm(tmp_path / "arm.toml")
         found = arm.deflection(arm.position())
-        shifts.append((found.displacement, found.covariance))
+        shifts.append((found.displacement, np.zeros((6, 6)) if found.covariance is None else found.covariance))
     np.testing.assert_allclose(shifts[0][0], shifts[1][0], rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(shifts[0][1], shifts[1][1], rtol=1e-9, atol=1e-20)
+    change = (shifts[2][0] - shifts[3][0]) / 0.002
+    np.testing.assert_allclose(shifts[0][1], 0.01 * np.outer(change, change), rtol=1e-4, atol=1e-18)
+
+
+def test_parts_are_beams_of_a_composed_joint(tmp_path: Path) -> None:
+    """Two bars in a row, the second turned, on a sub-joint of a third mesh: compliances add up at the tip."""
+    points, nodes = bar("C3D10", (2, 1, 1), (0.4, 0.1, 0.2))
+    write_bar(tmp_path / "bar.inp", "C3D10", points - [0.0, 0.05, 0.1], nodes)
+    part = condensed(tmp_path, tmp_path / "bar.inp")
+    (tmp_path / "R.urdf").write_bytes((ROBOTS / "heavy_six" / "robot.urdf").read_bytes())
+    told = (ROBOTS / "heavy_six" / "arm.toml").read_text().split("[flexure")[0].replace("robot.urdf", "R.urdf")
+    joint = armflex.load_arm(ROBOTS / "heavy_six" / "arm.toml").joint_names[1]
+    text = f'''[flexure.F]
+joint = "{joint}"
+model = "structural"
+tip = "c"
+nodes = {{ a = [0.0, 0.0, 0.0], b = [0.4, 0.0, 0.0], c = [0.4, 0.4, 0.0] }}
+subjoint = [{{ at = "a", file = "p.toml" }}]
+beam = [
+    {{ between = ["a", "b"], file = "p.toml" }},
+    {{ between = ["b", "c"], file = "p.toml", rpy = [0.0, 0.0, {np.pi / 2.0}] }},
+]
+'''
+    (tmp_path / "arm.toml").write_text(told + text)
+    constant = armflex.load_arm(tmp_path / "arm.toml").flexures[0].law.constant
+    assert constant is not None
+    own, turn = np.array(part["compliance"]), np.kron(np.eye(2), pin.utils.rotate("z", np.pi / 2.0))
+    expected = np.zeros((6, 6))
+    for place, one in (([0, 0, 0], own), ([0.4, 0, 0], own), ([0.4, 0.4, 0], turn @ own @ turn.T)):
+        action = pin.SE3(np.eye(3), np.array(place, float)).action
+        expected += action @ one @ action.T
+    np.testing.assert_allclose(constant, expected, rtol=1e-8, atol=1e-12 * expected.max())
+    (tmp_path / "arm.toml").write_text(told + text.replace(", rpy = [0.0, 0.0, 1.5707963267948966]", ""))
+    with pytest.raises(armflex.InputError, match="turn it by rpy"):
+        armflex.load_arm(tmp_path / "arm.toml")
 
 
 def edited(change: Callable[[str], str]) -> Callable[[Path], Path]:
