@@ -9,10 +9,12 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import no_via_points, number, plus_minus, print_table, progress, say
-from armflex.errors import enough_memory
+from armflex.cli.terminal import doing, no_via_points, number, plus_minus, print_table, progress, say
+from armflex.errors import InputError, enough_memory
 from armflex.measured.forces import Unnamed
 from armflex.storage.whole_file import together
+from armflex.tasks.calm import SLOWER, Calmed
+from armflex.tasks.calm import calm as calm_path
 from armflex.tasks.compensate import Compensation, compensate
 from armflex.trajectory import write_trajectory
 
@@ -28,6 +30,9 @@ MOST_ROWS = 40
               help="Correct the position of the tip, or its orientation as well.")  # fmt: skip
 @click.option("--between", type=options.Quantity("length"), metavar="0.1mm",
               help="Insert rows until the error halfway between rows is below this.")  # fmt: skip
+@click.option("--calm", is_flag=True, help="Time the path so that the tip swings little where it stops: input shaping.")
+@click.option("--slower", type=click.FloatRange(min=1.0), metavar="1.3",
+              help="With --calm: how many times as long a motion may take [default: 1.3].")  # fmt: skip
 @click.option("--best-effort", is_flag=True, help="Write the best feasible rows where others cannot be reached.")
 @options.loads
 @options.force_table
@@ -40,6 +45,8 @@ def command(
     output: Path,
     match: str,
     between: float | None,
+    calm: bool,
+    slower: float | None,
     best_effort: bool,
     covariates: dict[str, float],
 ) -> int:
@@ -48,6 +55,8 @@ def command(
     Process forces are those of the rows, of --force or of --force-table; they are written with the rows.
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
+    if slower is not None and not calm:
+        raise InputError("--slower says how much longer --calm may take: give --calm, too")
     trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
     with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
@@ -55,15 +64,37 @@ def command(
     remains, sigma = found.remains_m
     summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
     summary |= {"remains_m": remains, "sigma_m": sigma, "relative_sigma_m": found.relative_sigma_m, "rows": found.rows}
-    written = found.ok or best_effort
+    written, flags, calmed = found.ok or best_effort, found.flags, None
+    if calm and written:
+        doing("shaping")
+        calmed = calm_path(arm, found.trajectory, slower or SLOWER, covariates)
+        flags, summary["calm"] = (*flags, *calmed.flags), calmed.motions
     with together():
         if written:
-            write_trajectory(found.trajectory, output)
-        options.conclude(lambda: summary, found.flags, arm)
+            write_trajectory(found.trajectory if calmed is None else calmed.trajectory, output)
+        options.conclude(lambda: summary, flags, arm)
     say(f"base {arm.robot.base}, tip {arm.robot.tip}", "")
     print_compensation(found)
+    if calmed is not None:
+        print_calmed(calmed)
     say(f"Written to {output}." if written else "Nothing is written; --best-effort writes the feasible rows.")
     return 0 if found.ok else 1
+
+
+def print_calmed(calmed: Calmed) -> None:
+    """Print how each motion is timed, and how far the tip swings after it."""
+    rows = [
+        [
+            one.via or "-",
+            one.shaper or "left as it is",
+            *(number(seconds, 3) for seconds in one.duration_s),
+            *(number(swing * 1e3, 3) for swing in one.swing_m),
+        ]
+        for one in calmed.motions
+    ]
+    columns = ["motion to", "shaper", "before s", "after s", "swing before mm", "after mm", "frequencies 10 % off mm"]
+    print_table("Motions from rest to rest", columns, rows)
+    say("Swing is the largest shift of the tip about where it comes to rest, all modes together.", "")
 
 
 def print_compensation(found: Compensation) -> None:

@@ -43,6 +43,7 @@ FORMATS = {
     "sheet": Format("sheet", options=("over",), needs=()),
     "yaml": Format("yaml_files", options=("flavour", "over"), needs=("flavour", "output")),
     "c": Format("c_code", options=("name",)),
+    "shaper": Format("shaper", options=("traj", "name", "slower", "covariates", "unnamed"), needs=("traj", "output")),
     **{
         name: Format("programs", options=(*PATH, "name", "axes"), needs=("traj", "output"), function=name)
         for name in ("urscript", "krl", "rapid")
@@ -55,14 +56,16 @@ FORMATS = {
 @options.arm
 @click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True,
               help="sheet: what is typed into a controller; yaml: calibrations for ROS; c: C99 without dependencies; "
-                   "the last four: the path of --traj.")  # fmt: skip
+                   "shaper: C99 with the impulses that calm the path of --traj; the last four: that path.")  # fmt: skip
 @click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
-@click.option("--name", help="c: what every name in the file begins with [default: arm]; urscript, krl, rapid: name "
-                             "of the program [default: armflex_path].")  # fmt: skip
+@click.option("--name", help="c, shaper: what every name in the file begins with [default: arm, shaper]; urscript, "
+                             "krl, rapid: name of the program [default: armflex_path].")  # fmt: skip
 @click.option("--flavour", type=options.Choice(["ur_calibration", "robot_calibration"]), help="yaml: who reads it.")
 @click.option("--over", metavar="ROWS.csv", type=options.InputPath,
               help="Rows over which the omitted error is computed [default: the joints' limits].")  # fmt: skip
 @click.option("--traj", metavar="TRAJ.csv", type=options.InputPath, help="The path of a program.")
+@click.option("--slower", type=click.FloatRange(min=1.0), metavar="1.3",
+              help="shaper: how many times as long a motion may take [default: 1.3].")  # fmt: skip
 @click.option("--compensate", is_flag=True, default=None, help="Write the path on which the loaded tip is where the "
                                                                "rigid one would be.")  # fmt: skip
 @click.option("--axes", metavar="A1=J2,E1=rail", help="urscript, krl, rapid: which joint is which axis of the "

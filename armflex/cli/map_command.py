@@ -48,6 +48,7 @@ Output = options.OutputPath
 @click.option(
     "--uncertainty/--no-uncertainty", default=True, show_default=True, help="Uncertainty of the worst in every voxel."
 )
+@click.option("--frequency", is_flag=True, help="First natural frequency in every voxel, where the tip moves most.")
 @click.option("--draws", type=int, default=0, show_default=True, help=DRAWS)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a law was trained on.")
 @options.covariates
@@ -118,6 +119,10 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
     say(f"Largest displacement of the tip, {number(found.worst[here] * 1e3)}{sigma} mm{left}, about ({place}) m:")
     q = " ".join(f"{joint}={x:.4f}" for joint, x in zip(found.joints, found.worst_q[here], strict=True))
     say(f"  {q}, payload {found.payloads[found.worst_payload[here]]}")
+    if found.frequency is not None and np.isfinite(found.frequency).any():
+        slow = int(np.nanargmin(found.frequency))
+        place = ", ".join(f"{x:.3g}" for x in found.centres[slow])
+        say(f"Lowest first natural frequency, {number(found.frequency[slow])} Hz, about ({place}) m.")
     if found.worst_of_draws is not None:
         most = found.worst_of_draws[here]
         most_said = f"{number(most * 1e3)} mm" if np.isfinite(most) else "one has no answer"
@@ -150,6 +155,8 @@ def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
         },
         "worst_of_draws_m": None if drawn is None else drawn.max(),
     }
+    if found.frequency is not None:
+        summary["lowest_frequency_hz"] = np.nanmin(found.frequency, initial=np.inf)
     if tolerance is not None:
         summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
     return plain(summary)

@@ -57,8 +57,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         UnsupportedError: Laws or effects of the arm have no form in C; they are named with what they amount to.
         PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():
-        raise InputError(f"--name {name!r} is no name in C: expected letters, digits and _, no keyword")
+    check_name(name)
     arm.check_tree("export --to c")
     tables = _tables(arm)
     text = TEMPLATE.read_text(encoding="utf-8")
@@ -90,6 +89,12 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "stack_bytes": stack,
     }
     return Exported(text, tuple(told), numbers)
+
+
+def check_name(name: str) -> None:
+    """Raise `InputError` where a name is no identifier of C."""
+    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():
+        raise InputError(f"--name {name!r} is no name in C: expected letters, digits and _, no keyword")
 
 
 @dataclass
@@ -258,7 +263,13 @@ def _elements(arm: Arm, chain: Chain, places: dict[int, int]) -> list[str]:
         elif kind != "RIGID":
             label = f"joint {arm.joint_names[own]}"
         axis, body = (np.zeros(3), np.zeros(4)) if tip else (numbers[12:15], numbers[15:19])
-        parts = [_c(rotated * numbers[:9].reshape(3, 3)), _c(numbers[9:12]), _c(axis), _c(body[0]), _c(body[1:])]
+        parts = [
+            c_number(rotated * numbers[:9].reshape(3, 3)),
+            c_number(numbers[9:12]),
+            c_number(axis),
+            c_number(body[0]),
+            c_number(body[1:]),
+        ]
         rows.append(f"{{{kind}, {own}, {rotated}, {', '.join(parts)}}}, /* {_plain(label)} */")
     return rows
 
@@ -276,7 +287,7 @@ def _add(tables: _Tables, place: int, label: str, terms: Sequence[Term]) -> None
             tables.offset[place] += offset
             tables.compliance[place] += compliance
         else:
-            numbers = f"{_c(offset)}, {_c(compliance)}"
+            numbers = f"{c_number(offset)}, {c_number(compliance)}"
             tables.changing.append(f"{{{place}, {_two(tables, factors)}, {numbers}}}, /* {_plain(label)} */")
     # Terms under one window stand together, so that a load is drawn in once.
     groups: dict[bytes, list[Term]] = {}
@@ -293,7 +304,7 @@ def _add(tables: _Tables, place: int, label: str, terms: Sequence[Term]) -> None
             begin = len(tables.features)
             tables.features += [_feature(tables, one) for one in term.features]
             span, matrix = f"{begin}, {len(tables.features)}", _form(tables, term.matrix)
-            numbers = f"{_two(tables, term.factors)}, {span}, {matrix}, {_c(term.along)}"
+            numbers = f"{_two(tables, term.factors)}, {span}, {matrix}, {c_number(term.along)}"
             tables.terms.append(f"{{{numbers}}}," + (f" /* {_plain(label)} */" if term is own[0] else ""))
         tables.curved.append(f"{{{place}, {number}, {first}, {len(tables.terms)}}}, /* {_plain(label)} */")
 
@@ -309,7 +320,7 @@ def _form(tables: _Tables, form: Array | None) -> int:
 
 def _feature(tables: _Tables, one: Feature) -> str:
     form = _form(tables, one.matrix if one.form else None)
-    return f"{{{one.kind.name}, {form}, {_c(one.u)}, {_c(one.bias)}, {_c(one.exponent)}}},"
+    return f"{{{one.kind.name}, {form}, {c_number(one.u)}, {c_number(one.bias)}, {c_number(one.exponent)}}},"
 
 
 def _two(tables: _Tables, factors: Sequence[Factor]) -> str:
@@ -331,7 +342,7 @@ def _pull(arm: Arm, pulling: Pulling) -> list[str]:
         return []
     kind, hook, anchor, size, reach = PULLS[pulling.law.name](pulling)
     point = placement.act(hook)
-    numbers = f"{_c(point)}, {_c(anchor)}, {_c(size)}, {_c(reach)}"
+    numbers = f"{c_number(point)}, {c_number(anchor)}, {c_number(size)}, {c_number(reach)}"
     label = _plain(f"{pulling.law.name} at {pulling.frame}")
     return [f"{{{kind}, {element - 1}, {flexures}, {numbers}}}, /* {label} */"]
 
@@ -411,9 +422,9 @@ def _constants(arm: Arm, tables: _Tables) -> str:
         _names("NAME_covariate_names", tables.covariates),
         f"double NAME_covariates[{max(1, len(tables.covariates))}] = {{{unset}}};",
         _table("double limits[JOINTS][2]", "lowest and highest position of every joint [rad or m]",
-               [f"{_c(pair)}, /* {_plain(name)} */" for name, *pair in limits]),
+               [f"{c_number(pair)}, /* {_plain(name)} */" for name, *pair in limits]),
         _table("payload_body payloads[PAYLOADS]", "",
-               [f"{{{_c(body.mass)}, {_c(body.com)}, {int(proven)}}}, /* {_plain(name)} */"
+               [f"{{{c_number(body.mass)}, {c_number(body.com)}, {int(proven)}}}, /* {_plain(name)} */"
                 for name, body, proven in zip(tables.payloads, bodies, tables.proven, strict=True)]),
         _table("element chain[ELEMENTS]", "from base to tip, the arm as it is", tables.chain),
     ]  # fmt: skip
@@ -422,31 +433,31 @@ def _constants(arm: Arm, tables: _Tables) -> str:
         what = "the rigid arm as the controller knows it"
         text.append(_table("element nominal_chain[NOMINAL]", what, tables.nominal))
     if names:
-        text.append(f"static const double gravity[3] = {_c(tables.gravity)}; /* m/s^2, base axes */")
+        text.append(f"static const double gravity[3] = {c_number(tables.gravity)}; /* m/s^2, base axes */")
     per_flexure = (
         ("double outboard[FLEXURES]", "mass beyond every flexure, without payload [kg]", tables.outboard),
         ("double constant_offset[FLEXURES][6]", "twist without load [m, rad], own axes", tables.offset),
         ("double constant_compliance[FLEXURES][6][6]", "compliance [m/N, rad/Nm and mixed]", tables.compliance),
     )
     for declared, what, values in per_flexure:
-        rows = [f"{_c(value)},{name}" for value, name in zip(values, names, strict=True)]
+        rows = [f"{c_number(value)},{name}" for value, name in zip(values, names, strict=True)]
         text.append(_table(declared, what, rows) if rows else "")
     columns = {column: i for i, column in enumerate(tables.columns)}
     factors = []
     for one in tables.factors:
         numbers = (*one.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
-        values = ", ".join(map(_c, numbers))
+        values = ", ".join(map(c_number, numbers))
         factors.append(f"{{{one.kind.name}, {columns[one.column]}, {values}}}, /* {_plain(one.column)} */")
     windows = []
     for one in tables.windows:
         energy = one.precision if one.energy is None else one.energy
         faded = one.faded if np.isfinite(one.faded) else 0.0
-        windows.append(f"{{{_c(one.mean)}, {_c(one.precision)}, {_c(energy)}, {_c(faded)}}},")
+        windows.append(f"{{{c_number(one.mean)}, {c_number(one.precision)}, {c_number(energy)}, {c_number(faded)}}},")
     optional = (
         ("pull pulls[PULLS]", "", tables.pulls),
         ("factor factors[FACTORS]", "", factors),
         ("change changing[CHANGING]", "", tables.changing),
-        ("double forms[FORMS][6][6]", "of the load, own axes", [f"{_c(form)}," for form in tables.forms]),
+        ("double forms[FORMS][6][6]", "of the load, own axes", [f"{c_number(form)}," for form in tables.forms]),
         ("window windows[WINDOWS]", "", windows),
         ("feature features[FEATURES]", "", tables.features),
         ("term terms[TERMS]", "", tables.terms),
@@ -465,14 +476,14 @@ def _names(declared: str, names: Iterable[str]) -> str:
     return f"const char *const {declared}[] = {{{', '.join([*map(_quoted, names), 'NULL'])}}};"
 
 
-def _c(value: Any) -> str:
+def c_number(value: Any) -> str:
     """Return a number, or numbers in braces, so that C reads the same doubles; braces round a zero hold zeros alone."""
     if np.ndim(value) == 0:
         return repr(float(value) + 0.0)
     if not np.any(value):
         return "{" * np.ndim(value) + "0.0" + "}" * np.ndim(value)
     between = ",\n        " if np.shape(value) == (6, 6) else ", "
-    return "{" + between.join(map(_c, value)) + "}"
+    return "{" + between.join(map(c_number, value)) + "}"
 
 
 def _quoted(name: str) -> str:

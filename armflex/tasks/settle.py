@@ -9,7 +9,7 @@ Loads that follow from the speed itself (centrifugal, Coriolis) are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -100,9 +100,26 @@ def settle(
     path = as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm)
     met: dict[str, Flag] = {}
     named = [bool(name) for name in path.via] if any(path.via) else [row == len(path) - 1 for row in range(len(path))]
+    found = []
+    for row, modes, size, speed in stops(path, named, lambda row, payload: modes_at(arm, path, row, payload)):
+        found.append(_settling(arm, path.via[row], float(path.time[row]), modes, size, speed, within))
+        met |= {flag.code: flag for flag in modes.flags if flag.code not in met}
+    return SettlingReport(within, tuple(found), tuple(met.values()))
+
+
+def stops(
+    path: Trajectory, named: Sequence[bool], asked: Callable[[int, str], tuple[Modes, Array]]
+) -> Iterator[tuple[int, Modes, Array, Array]]:
+    """Yield rows with the modes there and their (m,) sizes and speeds [1, 1/s], if the drives stop there.
+
+    Args:
+        path: Rows with their times; between rows the joints go along a line.
+        named: (N,) which rows are asked about.
+        asked: (row, payload) -> the modes about a row, and the (6 n,) twists at rest; see `modes_at`.
+    """
     steps = np.diff(path.time)[:, None]
     speeds = np.vstack([np.zeros(path.q.shape[1]), np.diff(path.q, axis=0) / steps, np.zeros(path.q.shape[1])])
-    found, modes, at = [], None, -1
+    modes, at = None, -1
     bent, moving = np.zeros(0), np.zeros(0)  # of the flexures, from where they would rest [m, rad], and their speed
     for row in range(len(path)):
         if row:
@@ -110,25 +127,20 @@ def settle(
             bent, moving = _decayed(modes, bent, moving, float(path.time[row] - path.time[row - 1]))
         same = row and path.payload[row] == path.payload[at]
         if modes is None or not same or np.abs(path.q[row] - path.q[at]).max() > FURTHER or named[row]:
-            after, twists = _modes(arm, path, row, path.payload[row])
+            after, twists = asked(row, path.payload[row])
             if row and not same:  # what is picked up or put down leaves the arm where the other load had it
-                bent = bent + _modes(arm, path, row, path.payload[row - 1])[1] - twists
+                bent = bent + asked(row, path.payload[row - 1])[1] - twists
             modes, at = after, row
-            met |= {flag.code: flag for flag in modes.flags if flag.code not in met}
         assert modes.drives is not None and modes.momenta is not None
         if not len(bent):
             bent = moving = np.zeros(modes.momenta.shape[1])
         if named[row]:
-            stopped = modes.drives @ -speeds[row] + modes.momenta @ moving
-            found.append(
-                _settling(arm, path.via[row], float(path.time[row]), modes, modes.momenta @ bent, stopped, within)
-            )
+            yield row, modes, modes.momenta @ bent, modes.drives @ -speeds[row] + modes.momenta @ moving
         pushed = modes.drives @ (speeds[row + 1] - speeds[row])
         moving = moving + pushed @ modes.twists.reshape(len(pushed), -1)
-    return SettlingReport(within, tuple(found), tuple(met.values()))
 
 
-def _modes(arm: Arm, path: Trajectory, row: int, payload: str) -> tuple[Modes, Array]:
+def modes_at(arm: Arm, path: Trajectory, row: int, payload: str) -> tuple[Modes, Array]:
     """Return the modes about a row with a payload, and the (6 n,) twists at rest [m, rad]."""
     known = {"time": path.time[row], **{name: values[row] for name, values in path.covariates.items()}}
     with naming(path.where(row)):
@@ -158,8 +170,7 @@ def _swung(modes: Modes, size: Array, speed: Array, times: Array) -> tuple[Array
 
 def _settling(arm: Arm, name: str, time: float, modes: Modes, size: Array, speed: Array, within: float) -> Settling:
     """Return the swing of a tip whose modes have (m,) sizes and speeds when the drives stop."""
-    natural, shifts = 2.0 * np.pi * modes.frequencies, np.linalg.norm(modes.shapes[:, :3], axis=1)
-    reach = shifts * np.hypot(size, (speed + natural * modes.damping_ratios * size) / natural)
+    natural, reach = 2.0 * np.pi * modes.frequencies, envelope(modes, size, speed)
     excited = reach > EXCITED * within
     if not excited.any():
         return Settling(name, time, 0.0, _largest(modes, size, speed, _period(modes))[1], None, None)
@@ -170,6 +181,12 @@ def _settling(arm: Arm, name: str, time: float, modes: Modes, size: Array, speed
     slowest = int(np.flatnonzero(excited)[0])
     flexure = arm.flexure_names[int(modes.sensitivities[slowest].argmax())]
     return Settling(name, time, last, peak, float(modes.frequencies[slowest]), flexure)
+
+
+def envelope(modes: Modes, size: Array, speed: Array) -> Array:
+    """Return the (m,) largest shift of the tip [m] by each mode, from its size and its speed [1, 1/s]."""
+    natural, shifts = 2.0 * np.pi * modes.frequencies, np.linalg.norm(modes.shapes[:, :3], axis=1)
+    return shifts * np.hypot(size, (speed + natural * modes.damping_ratios * size) / natural)
 
 
 def _period(modes: Modes) -> float:

@@ -7,6 +7,7 @@ as files, so that an interrupted map goes on from where it was.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from functools import lru_cache
@@ -237,6 +238,22 @@ def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Fl
         return np.full(len(q), np.nan), flags
     found = length_sigma(batch.displacement[:, :3], covariance[:, :3, :3])
     return np.where(np.isinf(found), np.nan, found), flags
+
+
+def frequencies(question: Question, q: Array, payload: np.ndarray) -> Array:
+    """Return the (n,) first natural frequencies [Hz] where displacements were found, NaN at the brink of an answer.
+
+    Args:
+        question: What was asked.
+        q: (n, nq) configurations.
+        payload: (n,) numbers of the payloads.
+    """
+    arm, found = _kept(question)[0], np.full(len(q), np.nan)
+    loads = {name: question.options[name] for name in ("covariates", "wrenches")}
+    for i, (row, number) in enumerate(zip(q, payload.tolist(), strict=True)):
+        with contextlib.suppress(*NO_ANSWER.values()):
+            found[i] = arm.modes(row, question.payloads[number], count=1, **loads).frequencies[0]
+    return found
 
 
 INF = float("inf")

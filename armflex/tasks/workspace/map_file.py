@@ -28,6 +28,7 @@ ARRAYS = {
     "worst": Numbers(("voxels",), least=0.0, beside=(NAN,)),
     "sigma": Numbers(("voxels",), least=0.0, beside=(NAN,), optional=True),
     "worst_of_draws": Numbers(("voxels",), least=0.0, beside=(INF,), optional=True),
+    "frequency": Numbers(("voxels",), least=0.0, beside=(NAN,), optional=True),
     "worst_q": Numbers(("voxels", "joints")),
 }
 OPTIONAL = tuple(name for name, numbers in ARRAYS.items() if numbers.optional)

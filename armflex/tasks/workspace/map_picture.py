@@ -48,12 +48,22 @@ def draw_map(arm: Arm, found: WorkspaceMap, path: str | Path, tolerance: float |
     path = Path(path)
     with picture(path, 13.0, 6.0) as figure:
         colours, norm = _colours(found, tolerance)
-        places = figure.subplots(1, len(VIEWS))
-        for axes, (title, (right, up, seen)) in zip(places, VIEWS.items(), strict=True):
-            image = _draw(axes, found, seen, colours, norm)
-            axes.plot(*seen(_skeleton(arm, found)), color="0.1", lw=1.5, marker="o", ms=3)
+        places, skeleton = figure.subplots(1, len(VIEWS) + (found.frequency is not None)), _skeleton(arm, found)
+        first, images = next(iter(VIEWS)), []
+        drawn: list[tuple[str, Array, str, Normalize | None]] = [
+            (name, found.worst * 1e3, colours, norm) for name in VIEWS
+        ]
+        if found.frequency is not None:  # the lowest is drawn, as the largest displacement is
+            drawn.append((first, -found.frequency, "viridis_r", None))
+        for axes, (title, values, scale, limits) in zip(places, drawn, strict=True):
+            right, up, view = VIEWS[title]
+            images.append(_draw(axes, found, view, values, scale, limits))
+            axes.plot(*view(skeleton), color="0.1", lw=1.5, marker="o", ms=3)
             axes.set(title=title, xlabel=right, ylabel=up, aspect="equal")
-        bar = figure.colorbar(image, ax=places, label=f"largest displacement of {found.tip} [mm]")
+        bar = figure.colorbar(images[0], ax=places[: len(VIEWS)], label=f"largest displacement of {found.tip} [mm]")
+        if found.frequency is not None:
+            label, inverse = "lowest first natural frequency [Hz]", lambda value, _: f"{-value:g}"
+            figure.colorbar(images[-1], ax=places[-1], label=label, format=inverse)
         if tolerance is not None:
             bar.ax.axhline(tolerance * 1e3, color="0.1", lw=2)
         figure.suptitle(_title(found, tolerance))
@@ -72,15 +82,22 @@ def _colours(found: WorkspaceMap, tolerance: float | None) -> tuple[str, Normali
     return "RdYlBu_r", TwoSlopeNorm(limit, 0.0, max(most, 1.001 * limit))
 
 
-def _draw(axes: Axes, found: WorkspaceMap, seen: Callable[[Array], Array], colours: str, norm: Normalize) -> AxesImage:
-    """Draw the largest displacement at every place; a cross stands where a configuration was refused."""
+def _draw(
+    axes: Axes,
+    found: WorkspaceMap,
+    seen: Callable[[Array], Array],
+    values: Array,
+    colours: str,
+    norm: Normalize | None,
+) -> AxesImage:
+    """Draw the largest of (V,) values at every place; a cross stands where a configuration was refused."""
     place = np.floor(seen(found.centres) / found.voxel).astype(int)
     low, high = place.min(axis=1), place.max(axis=1) + 1
-    most = np.full(tuple((high - low)[::-1]), -1.0)
-    np.maximum.at(most, tuple((place - low[:, None])[::-1]), np.nan_to_num(found.worst, nan=-1.0))
+    most = np.full(tuple((high - low)[::-1]), -np.inf)
+    np.maximum.at(most, tuple((place - low[:, None])[::-1]), np.nan_to_num(values, nan=-np.inf))
     (left, bottom), (right, top) = (low * found.voxel).tolist(), (high * found.voxel).tolist()
     extent = (left, right, bottom, top)
-    image = axes.imshow(np.ma.masked_less(most * 1e3, 0.0), extent=extent, origin="lower", cmap=colours, norm=norm)
+    image = axes.imshow(np.ma.masked_invalid(most), extent=extent, origin="lower", cmap=colours, norm=norm)
     axes.plot(*seen(found.centres[found.refused.any(axis=1)]), "x", color="0.3", ms=3)
     return image
 

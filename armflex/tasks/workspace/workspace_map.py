@@ -28,7 +28,18 @@ from armflex.rows.wrench import Wrench
 from armflex.storage.digest import digest
 from armflex.storage.store import open_store
 from armflex.tasks.check import COVERAGE, doubtful_tolerance
-from armflex.tasks.workspace.cells import SIDE, Answer, Question, Tally, answers, cell_indices, form_of, joined, sigmas
+from armflex.tasks.workspace.cells import (
+    SIDE,
+    Answer,
+    Question,
+    Tally,
+    answers,
+    cell_indices,
+    form_of,
+    frequencies,
+    joined,
+    sigmas,
+)
 from armflex.version import __version__
 
 CHUNK = 8192
@@ -71,6 +82,8 @@ class WorkspaceMap(Result):
         sigma: (V,) its standard uncertainty [m], likewise and where it is not known; None where nobody states one.
         worst_of_draws: (V,) largest displacement of any drawn arm [m], inf where one has no answer to a configuration
             there; None where none were drawn.
+        frequency: (V,) first natural frequency where the displacement is largest, drives holding [Hz], NaN where
+            there is none; None where it was not asked for.
         worst_q: (V, nq) configuration of the largest [rad or m].
         worst_payload: (V,) its payload, as a place in `payloads`.
         payloads: Names of what was carried in turn.
@@ -90,6 +103,7 @@ class WorkspaceMap(Result):
     worst: Array
     sigma: Array | None
     worst_of_draws: Array | None
+    frequency: Array | None
     worst_q: Array
     worst_payload: np.ndarray
     payloads: tuple[str, ...]
@@ -110,7 +124,7 @@ class WorkspaceMap(Result):
         columns: dict[str, Any] = {axis: self.centres[:, i] for i, axis in enumerate("xyz")}
         columns |= {"configurations": self.configurations, "answered": self.answered}
         columns |= {f"refused_{name}": self.refused[:, i] for i, name in enumerate(self.reasons)}
-        sizes = {name: getattr(self, name) for name in ("mean", "worst", "sigma", "worst_of_draws")}
+        sizes = {name: getattr(self, name) for name in ("mean", "worst", "sigma", "worst_of_draws", "frequency")}
         columns |= {name: np.full(len(self), np.nan) if given is None else given for name, given in sizes.items()}
         columns["payload"] = [self.payloads[i] for i in self.worst_payload]
         return columns | {f"q_{joint}": self.worst_q[:, i] for i, joint in enumerate(self.joints)}
@@ -174,6 +188,7 @@ def map_workspace(
     method: str = "exact",
     strict: bool = False,
     uncertainty: bool = True,
+    frequency: bool = False,
     draws: int = 0,
     jobs: int | None = None,
     chunk: int = CHUNK,
@@ -196,6 +211,7 @@ def map_workspace(
         method: See `Arm.deflection`.
         strict: Refuse, and count, loads beyond those that a trained law has seen.
         uncertainty: False leaves out the standard uncertainty of the largest displacement in every voxel.
+        frequency: Find the first natural frequency, too, where the displacement is largest in every voxel.
         draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`; `seed` is theirs, too.
             All else in the map is as without them.
         jobs: Processes, -1 for all cores; None for what joblib is set to, else one.
@@ -235,6 +251,12 @@ def map_workspace(
         tally, met = _gathered(drawn, chunks, progress)
     sigma, own = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
     some = tally.answered > 0
+    swing = None
+    if frequency:
+        pieces, swing = in_pieces(np.flatnonzero(some), WORST_AT_ONCE), np.full(len(tally), np.nan)
+        tasks_of = (partial(frequencies, question, tally.q[part], tally.payload[part]) for part in pieces)
+        for part, values in zip(pieces, in_order(tasks_of, jobs), strict=True):
+            swing[part] = values
     blank = np.where(some, 0.0, np.nan)
     return WorkspaceMap(
         voxel=edge,
@@ -247,6 +269,7 @@ def map_workspace(
         worst=np.where(some, tally.worst, np.nan),
         sigma=sigma,
         worst_of_draws=tally.worst_of_draws if draws else None,
+        frequency=swing,
         worst_q=tally.q,
         worst_payload=tally.payload,
         payloads=names,

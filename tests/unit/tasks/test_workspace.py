@@ -485,6 +485,16 @@ def fine(result: subprocess.CompletedProcess, code: int = 0) -> subprocess.Compl
     return result
 
 
+def test_frequencies_are_those_of_the_worst_configurations(tarm: Arm, tmp_path: Path) -> None:
+    found = map_workspace(tarm, PAYLOADS, rows=64, frequency=True)
+    assert found.frequency is not None and map_workspace(tarm, rows=8).frequency is None
+    for i in (0, found.worst_voxel, len(found) - 1):
+        modes = tarm.modes(found.worst_q[i], PAYLOADS[found.worst_payload[i]], count=1)
+        assert found.frequency[i] == pytest.approx(modes.frequencies[0], rel=1e-12)
+    assert same(read_map(write_map(found, tmp_path / "map.safetensors")), found)
+    assert draw_map(tarm, found, tmp_path / "map.png").stat().st_size > 10_000
+
+
 @pytest.mark.slow
 def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     asked = ("map", TARM, "--rows", 64, "--payload", "none,p600", "--chunk", 16, "--seed", 5)
