@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from referee.test_settle import MACHINES, moves, swung
 from support.compiled_arm import COMPILER
 from support.mujoco_arm import Referee, Sprung
+from support.mujoco_moves import MACHINES, moves, swung
 from support.small_arms import ROBOTS
 
 from armflex import InputError, Trajectory, load_arm
