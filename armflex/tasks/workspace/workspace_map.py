@@ -82,7 +82,7 @@ class WorkspaceMap(Result):
         sigma: (V,) its standard uncertainty [m], likewise and where it is not known; None where nobody states one.
         worst_of_draws: (V,) largest displacement of any drawn arm [m], inf where one has no answer to a configuration
             there; None where none were drawn.
-        frequency: (V,) first natural frequency where the displacement is largest, drives holding [Hz], NaN where
+        frequency: (V,) first natural frequency [Hz] where the displacement is largest, drives holding; NaN where
             there is none; None where it was not asked for.
         worst_q: (V, nq) configuration of the largest [rad or m].
         worst_payload: (V,) its payload, as a place in `payloads`.
