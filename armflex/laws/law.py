@@ -102,7 +102,7 @@ class Law(ABC):
         return (straight(self.constant),)
 
     def weight(self, factors: Sequence[Factor], row: Row) -> Array | float:
-        """Return the (...,) product of the factors of one of the terms in a row."""
+        """Return the (...,) product of the factors of one of the terms in a row, dimensionless."""
         return weight_of(factors, row)
 
     @cached_property

@@ -22,7 +22,7 @@ WITH_UNIT = re.compile(r"\b(?:Array|ArrayLike|OneRow|ManyRows)\b")
 ARRAY = re.compile(rf"{WITH_UNIT.pattern}|\bnp\.ndarray\b")
 SIZE = r"(?:\.\.\.|(?:\d+ )?(?:\w{1,4}|[a-z]+_[a-z]+)(?: (?:or|[-+*]) \w{1,4})?)"
 SHAPE = re.compile(rf"\({SIZE}(?:,|(?:, {SIZE})+,?)\)")
-UNIT = re.compile(r"\[[^\]]*(?:\b(?:m|mm|rad|mrad|N|Nm|kg|s|J)\b|°C)[^\]]*\]|\bdimensionless\b|\bunits?\b", re.I)
+UNIT = re.compile(r"\[[^\]]*(?:\b(?:m|mm|rad|mrad|N|Nm|kg|s|J|Hz)\b|°C)[^\]]*\]|\bdimensionless\b|\bunits?\b", re.I)
 
 
 def public() -> Iterator[tuple[str, str, str]]:
