@@ -276,7 +276,7 @@ class Arm:
         sessions = self.instrument.sessions if self.instrument else ()
         known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
         known += of_targets(self.instrument.targets if self.instrument else ())
-        known += of_motions(ParameterKind.GEOMETRY, self.joint_names)
+        known += of_motions(ParameterKind.GEOMETRY, self.robot.frames)
         known += of_masses(self.weighing)
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:

@@ -16,12 +16,15 @@ from numpy.typing import ArrayLike
 
 from armflex.arm import Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
+from armflex.errors import UnsupportedError
 from armflex.estimate.block import Block, EffectBlock, LawBlock, factor_block, learned_laws, parameters_of
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.loaded import Payload
+from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parameters import (
     CARRIED,
     FRAME,
@@ -230,8 +233,8 @@ def offset_block(setup: Setup, std: float = 0.0) -> Block:
 
 
 def geometry_block(setup: Setup, std: float = 0.0) -> Block:
-    """Return the block of a constant twist of every joint's origin frame, in its own axes."""
-    joints = setup.arm.joint_names
+    """Return the block of a constant twist of every joint's origin frame, in its own axes, and of pins on links."""
+    joints = setup.arm.robot.frames
 
     def changes(view: View) -> Array:
         return np.concatenate([view.answer(lambda line, at=f"link:{joint}": line.site(at)) for joint in joints], axis=2)
@@ -240,6 +243,20 @@ def geometry_block(setup: Setup, std: float = 0.0) -> Block:
         return _corrected(setup, "geometry", dict(zip(joints, values.reshape(-1, 6), strict=True)))
 
     return RigidBlock(of_motions(ParameterKind.GEOMETRY, joints), np.full(6 * len(joints), std), changes, moved)
+
+
+def _check_held(setup: Setup, q: Array) -> None:
+    """Raise `UnsupportedError` where a loop is held in a way that nothing gives: a frame out of true would jam it."""
+    loaded = setup.arm.loaded(None)
+    if not isinstance(loaded.mechanics, Mechanism):
+        return
+    idle = loaded.mechanics.idle(LoadCase(q), loaded.row(q, {}))
+    if idle.shape[1]:
+        name, _ = loaded.mechanics.tied.apart(int(np.abs(idle).max(axis=1).argmax()))
+        text = f"loop {name!r} is held across its plane, where no flexure, pin or joint gives"
+        jammed = "frames out of true by what [prior] geometry allows would jam it"
+        remedy = f'give {name!r} a compliance or kind = "spherical", or its joints flexures that give about all axes'
+        raise UnsupportedError(f"{text}: {jammed}; {remedy}")
 
 
 def mass_block(names: tuple[str, ...], std: ArrayLike = 0.0) -> Block:
@@ -312,6 +329,7 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     if prior.joint_offset:
         blocks.append(offset_block(setup, prior.joint_offset))
     if prior.geometry:
+        _check_held(setup, measurements.q[0])
         blocks.append(geometry_block(setup, prior.geometry))
     carried = {CARRIED + name for name in measurements.payload}
     stds = {name: prior.payload_mass if name.startswith(CARRIED) else prior.mass for name in arm.weighing}

@@ -125,7 +125,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     known = ((table.sub("law"), places),) if laws else ()
     mass = table.sub("mass") if table.has("mass") else None
     known += ((mass, arm.weighing),) if mass else ()
-    for part, names in (*known, (offset, joints), (geometry, joints), (compliance, places)):
+    for part, names in (*known, (offset, joints), (geometry, arm.robot.frames), (compliance, places)):
         for name in part.table:
             if name not in names:
                 raise part.fail(name, f"the arm has no {name!r}{did_you_mean(name, names)}")

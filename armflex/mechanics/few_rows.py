@@ -142,6 +142,7 @@ class MechanismRows:
         by_load: (M, v, v) per load on everything.
         by_motion: (M, v, v) per body motion of anything.
         by_gap: (M, v, 6 K) per twist in a closure.
+        by_pin: (M, v, 6 P) per twist of a pin's frame on its link, in the axes of the link; see `Linkage.pins`.
         weighed: (M, v, 3) loads on everything per gravity [per m/s^2].
     """
 
@@ -154,6 +155,7 @@ class MechanismRows:
     by_load: Array
     by_motion: Array
     by_gap: Array
+    by_pin: Array
     weighed: Array
     loads: Array
 
@@ -187,7 +189,7 @@ class MechanismRows:
             lengths = 6 * (len(linkage.loops) + np.arange(len(linkage.cylinders)))
             return np.concatenate([by_motion[:, :, self.loaded.probed.flex.v_index], by_gap[:, :, lengths]], axis=2)
         sites = by_motion[:, :, self.loaded.probed_v]
-        return np.concatenate([sites, by_gap], axis=2).reshape(count, 6, -1, 6)
+        return np.concatenate([sites, by_gap, moved @ self.by_pin], axis=2).reshape(count, 6, -1, 6)
 
 
 def linearised_mechanism(
@@ -209,13 +211,16 @@ def linearised_mechanism(
         torque[nv:] = found.torque[mechanics.model.nv :]
         torque[:nv] = probed.held(configuration, one, torque)
         linear = probed.linear(configuration, motion, torque, one, row, mechanics.idle(one, row))
+        turned, opened = probed.tied.pins(-torque[nv:])
+        by_pin = -linear.by_load @ turned - linear.by_gap @ opened
         weighed = pin.computeTotalMass(model) * by_mass_centre(model, data, configuration).T
         place_frames(model, data, configuration)
         poses = np.array([data.oMf[frame].homogeneous for frame in ends])
         jacobians = np.array([frame_jacobian(model, data, configuration, frame, BASE_AXES) for frame in ends])
-        loads = -np.concatenate([torque[loaded.probed_v], torque[nv:]]).reshape(-1, 6)
-        by_gap = linear.by_gap @ linear.rows
-        parts.append((poses, jacobians, linear.by_law, linear.by_load, linear.by_motion, by_gap, weighed, loads))
+        none = np.zeros(6 * len(loaded.arm.robot.linkage.pins))  # a pin bears what its closure does
+        loads = -np.concatenate([torque[loaded.probed_v], torque[nv:], none]).reshape(-1, 6)
+        by_gap, answers = linear.by_gap @ linear.rows, (linear.by_law, linear.by_load, linear.by_motion)
+        parts.append((poses, jacobians, *answers, by_gap, by_pin, weighed, loads))
     return MechanismRows(loaded, rows, tangents, *map(np.array, zip(*parts, strict=True)))
 
 

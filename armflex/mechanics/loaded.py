@@ -246,7 +246,8 @@ class LoadedArm:
         if not robot.linkage:
             return self.sites.names
         joints = (name for joint in robot.jointed for name in (f"link:{joint.name}", joint.name))
-        return ("base", *joints, "tool", *robot.linkage.closures)
+        pins = (f"link:{name}" for name in robot.linkage.pins)
+        return ("base", *joints, "tool", *robot.linkage.closures, *pins)
 
     @property
     def probed_v(self) -> np.ndarray:

@@ -20,7 +20,7 @@ import pinocchio as pin
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError
 from armflex.mechanics.spring import SHORTEST, Spring
-from armflex.robot.linkage import Linkage, Loop
+from armflex.robot.linkage import Cylinder, Linkage, Loop
 
 skew = pin.skew
 UNITS = np.eye(3)
@@ -29,10 +29,10 @@ UNITS = np.eye(3)
 class Carried:
     """A point of a link, in the axes of the joint that carries it; `turn` and `place` are views of where that is."""
 
-    def __init__(self, model: pin.Model, data: pin.Data, link: str, at: Array) -> None:
-        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
-        self.joint, self.axes = frame.parentJoint, frame.placement.rotation
-        self.point = frame.placement.act(np.asarray(at, dtype=float))
+    def __init__(self, model: pin.Model, data: pin.Data, link: str, at: Array, moved: Array | None = None) -> None:
+        frame, error = model.frames[model.getFrameId(link, pin.FrameType.BODY)], np.zeros(6) if moved is None else moved
+        self.joint, self.axes = frame.parentJoint, frame.placement.rotation @ pin.exp3(error[3:])
+        self.point = frame.placement.act(np.asarray(at, dtype=float) + error[:3])
         self.turn, self.place = data.oMi[self.joint].rotation, data.oMi[self.joint].translation
         self.moved = np.zeros(model.nv)  # 1 for the velocities that carry it
         for joint in list(model.supports[self.joint])[1:]:
@@ -149,11 +149,13 @@ class Ties:
     ) -> None:
         self.model, self.data, self.springs, self.names = model, data, tuple(springs), linkage.closures
 
-        def ends(one: object) -> tuple[Carried, Carried]:
-            shift = (moved or {}).get(one.name, np.zeros(3))[:3]  # type: ignore[attr-defined]
-            return Carried(model, data, one.link, one.at + shift), Carried(model, data, one.to, one.at_to)  # type: ignore[attr-defined]
+        def ends(one: Loop | Cylinder | Spring) -> tuple[Carried, Carried]:
+            errors = (None, None)
+            if moved and not isinstance(one, Spring):
+                errors = moved.get(one.name), moved.get(f"{one.name}:to")
+            return Carried(model, data, one.link, one.at, errors[0]), Carried(model, data, one.to, one.at_to, errors[1])
 
-        self.pins = [Pin(loop, ends(loop)) for loop in linkage.loops]
+        self.loops = [Pin(loop, ends(loop)) for loop in linkage.loops]
         self.cylinders = [Rod(f"cylinder {one.name!r}", ends(one)) for one in linkage.cylinders]
         self._springs = [Rod(f"spring {one.name!r}", ends(one)) for one in self.springs]
         self._geared, self._offsets = np.zeros((len(linkage.followers), model.nv)), []
@@ -164,20 +166,20 @@ class Ties:
             self._gears.append((own.idx_q, other.idx_q, factor))
             self._offsets.append(offset)
         self.rows = np.zeros(
-            (sum(len(one.rows) for one in self.pins) + len(self.names) - len(self.pins), 6 * len(self.names))
+            (sum(len(one.rows) for one in self.loops) + len(self.names) - len(self.loops), 6 * len(self.names))
         )
         at = 0
-        for k, one in enumerate(self.pins):
+        for k, one in enumerate(self.loops):
             self.rows[at : at + len(one.rows), 6 * k : 6 * k + 6] = one.rows
             at += len(one.rows)
-        for k in range(len(self.pins), len(self.names)):
+        for k in range(len(self.loops), len(self.names)):
             self.rows[at, 6 * k] = 1.0
             at += 1
         carriers = [model.supports[joint] for joint in range(model.njoints)]
         owner = [joint.id for joint in list(model.joints)[1:] for _ in range(joint.nv)]
         # Which velocities carry the column of which: those of a joint carry each other.
         self._before = np.array([[b in list(carriers[a]) for b in owner] for a in owner], dtype=float)
-        rods = (*self.pins, *self.cylinders, *self._springs)
+        rods = (*self.loops, *self.cylinders, *self._springs)
         self._signs = [one.ends[1].moved - one.ends[0].moved for one in rods]
 
     def place(self, configuration: Array) -> tuple[Array, Array]:
@@ -187,12 +189,12 @@ class Ties:
         """
         jacobian = pin.computeJointJacobians(self.model, self.data, configuration)
         gaps, ways, count = np.empty(len(self.rows)), np.empty((len(self.rows), self.model.nv)), 0
-        for one, sign in zip(self.pins, self._signs, strict=False):
+        for one, sign in zip(self.loops, self._signs, strict=False):
             gap, way = one.place()
             some = slice(count, count + len(one.rows))
             gaps[some], ways[some] = one.rows @ gap, (one.rows @ way) @ (jacobian * sign)
             count += len(one.rows)
-        for one, sign in zip(self.cylinders, self._signs[len(self.pins) :], strict=False):
+        for one, sign in zip(self.cylinders, self._signs[len(self.loops) :], strict=False):
             gaps[count], way = one.place()
             ways[count] = way @ (jacobian * sign)
             count += 1
@@ -208,7 +210,7 @@ class Ties:
         The joints' Jacobian must have been placed.
         """
         states, torque, jacobian = np.empty((len(self.springs), 2)), np.zeros(self.model.nv), self.data.J
-        signs = self._signs[len(self.pins) + len(self.cylinders) :]
+        signs = self._signs[len(self.loops) + len(self.cylinders) :]
         for state, spring, rod, sign in zip(states, self.springs, self._springs, signs, strict=True):
             length, way = rod.place()
             state[:] = length, spring.law.tension(length)
@@ -221,8 +223,8 @@ class Ties:
         All must have been placed by `place` and `sprung`.
         """
         jacobian, total = self.data.J, np.zeros((self.model.nv, self.model.nv))
-        parts = [(one, one.shift(forces[6 * k : 6 * k + 6])) for k, one in enumerate(self.pins)]
-        parts += [(one, one.shift(forces[6 * k])) for k, one in enumerate(self.cylinders, len(self.pins))]
+        parts = [(one, one.shift(forces[6 * k : 6 * k + 6])) for k, one in enumerate(self.loops)]
+        parts += [(one, one.shift(forces[6 * k])) for k, one in enumerate(self.cylinders, len(self.loops))]
         for spring, rod in zip(self.springs, self._springs, strict=True):
             parts.append((rod, rod.shift(spring.law.tension(rod.length), spring.law.rate(rod.length))))
         for (one, shift), sign in zip(parts, self._signs, strict=True):
@@ -233,10 +235,34 @@ class Ties:
             total += sign[:, None] * ((jacobian.T @ (crossed @ jacobian)) * self._before + jacobian.T @ moved)
         return total
 
+    def pins(self, forces: Array) -> tuple[Array, Array]:
+        """Return (nv, 6 P) changes of torques and (m, 6 P) of gaps per twist of a pin's frame on its link.
+
+        Pins are those of `Linkage.pins`, twists in the axes of the link. All must have been placed.
+        """
+        jacobian, torques, gaps, row = self.data.J, [], [], 0
+        for k, (one, sign) in enumerate(zip((*self.loops, *self.cylinders), self._signs, strict=False)):
+            own = forces[6 * k : 6 * k + 6]
+            if isinstance(one, Pin):
+                shift, closed = one.shift(own), one.rows @ one.place()[1]
+            else:
+                shift, closed = one.shift(float(own[0])), one.place()[1][None]
+            for end, side, change in zip(one.ends, (-1.0, 1.0), (shift.by_first, shift.by_second), strict=True):
+                turn, screw = end.turn @ end.axes, np.zeros((6, 6))
+                screw[:3, :3] = screw[3:, 3:] = turn
+                screw[:3, 3:] = skew(end.here) @ turn
+                torques.append(sign[:, None] * (jacobian.T @ (change @ screw)))
+                gap = np.zeros((len(self.rows), 6))
+                gap[row : row + len(closed)] = side * closed @ screw
+                gaps.append(gap)
+            row += len(closed)
+        nothing = np.zeros((self.model.nv, 0)), np.zeros((len(self.rows), 0))
+        return np.concatenate([nothing[0], *torques], axis=1), np.concatenate([nothing[1], *gaps], axis=1)
+
     def push(self, forces: Array, into: pin.StdVec_Force) -> None:
         """Add what (6 K,) forces in closures, and springs, do to forces on Pinocchio's joints, in their axes."""
-        pulls = [(one, one.shift(forces[6 * k : 6 * k + 6]).wrench) for k, one in enumerate(self.pins)]
-        pulls += [(one, one.shift(forces[6 * k]).wrench) for k, one in enumerate(self.cylinders, len(self.pins))]
+        pulls = [(one, one.shift(forces[6 * k : 6 * k + 6]).wrench) for k, one in enumerate(self.loops)]
+        pulls += [(one, one.shift(forces[6 * k]).wrench) for k, one in enumerate(self.cylinders, len(self.loops))]
         for spring, rod in zip(self.springs, self._springs, strict=True):
             pulls.append((rod, rod.shift(spring.law.tension(rod.length)).wrench))
         for one, wrench in pulls:

@@ -96,6 +96,11 @@ class Linkage:
         return {**self.passive, **dict.fromkeys(self.followers)}
 
     @cached_property
+    def pins(self) -> tuple[str, ...]:
+        """Names of the pins of loops and cylinders: that on `link` has the name, that on `to` the name and `:to`."""
+        return tuple(name for one in (*self.loops, *self.cylinders) for name in (one.name, f"{one.name}:to"))
+
+    @cached_property
     def closures(self) -> tuple[str, ...]:
         """Names of what closes: loops, cylinders, followers."""
         names = (one.name for one in (*self.loops, *self.cylinders))

@@ -104,6 +104,11 @@ class Robot:
         return (*self.chain, *self.linkage.beside)
 
     @cached_property
+    def frames(self) -> tuple[str, ...]:
+        """Names of all that a frame of a link places: the joints that move, and the pins of loops and cylinders."""
+        return (*(joint.name for joint in self.jointed), *self.linkage.pins)
+
+    @cached_property
     def moving(self) -> tuple[Joint, ...]:
         """The driven joints, the chain's first, in order; cylinders last."""
         driven = (joint for joint in self.jointed if joint.name not in self.linkage.free)
@@ -196,7 +201,8 @@ class Corrections:
 
     Attributes:
         joint_offset: What each joint's true position exceeds the reported one by [rad or m].
-        geometry: (6,) twist of each joint's origin frame, in its own axes [m, rad].
+        geometry: (6,) twist of each joint's origin frame, in its own axes, or of a pin's on its link, in the link's
+            [m, rad]; see `Linkage.pins`.
         bodies: (4,) extra mass of a link [kg], and how far its centre of mass is from the declared one [m].
     """
 

@@ -211,3 +211,24 @@ def test_what_does_not_know_loops_says_so_by_name(tmp_path):
     for ask in (lambda: arm.modes(np.zeros(2)), lambda: arm.deflection([0.0, 0.0], v=[0.1, 0.0])):
         with pytest.raises(UnsupportedError, match="loops"):
             ask()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MACHINES)
+def test_frames_pins_and_zeros_move_the_tip_as_the_response_says(name, tmp_path):
+    arm, q = bent(MACHINES[name], tmp_path), poses(name)[2]
+    line, step, base = respond(arm, q[None], ["none"]), 1e-5, arm.corrections
+    for frame in arm.robot.frames:
+        predicted = line.site(f"link:{frame}")[0]
+
+        def moved(twist: np.ndarray, frame: str = frame) -> np.ndarray:
+            return replace(arm, corrections=replace(base, geometry={frame: twist})).deflection(q).pose.translation
+
+        measured = central_difference(moved, np.zeros(6), step)
+        np.testing.assert_allclose(predicted[:3], measured, rtol=1e-4, atol=2e-6, err_msg=frame)
+
+    def zeroed(offset: np.ndarray) -> np.ndarray:
+        offsets = dict(zip(arm.joint_names, offset.tolist(), strict=True))
+        return replace(arm, corrections=replace(base, joint_offset=offsets)).deflection(q).pose.translation
+
+    np.testing.assert_allclose(line.joints[0, :3], central_difference(zeroed, np.zeros(len(q)), step), atol=1e-7)
