@@ -18,7 +18,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_init, checked_kinds
-from armflex.conventions import LARGEST_POSITION, Array, cached_property, covariate_array, real_array
+from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, Array, cached_property, covariate_array, real_array
 from armflex.errors import (
     ArmflexWarning,
     ArrayTypeError,
@@ -121,6 +121,8 @@ class Prior:
         session_target: The target's place in the tip frame between sessions, in each of which it was mounted anew [m].
         session_translation: Instrument frame between sessions [m].
         session_rotation: Instrument frame between sessions [rad].
+        each: Mean and standard deviation of single parameters by label, in their units, instead of 0 and the above; as
+            sister arms have them, see `armflex.estimate.fleet`. A parameter of 0 and 0 is fixed.
     """
 
     joint_offset: float = 0.0
@@ -133,6 +135,18 @@ class Prior:
     session_target: float = 0.0
     session_translation: float = 0.0
     session_rotation: float = 0.0
+    each: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def of(self, parameter: ArmParameter) -> tuple[float, float]:
+        """Return mean and standard deviation of a parameter of the arm itself, in its unit."""
+        kind, name = parameter.group.kind, str(parameter.group.of)
+        stds = {
+            ParameterKind.OFFSET: self.joint_offset,
+            ParameterKind.GEOMETRY: self.geometry,
+            ParameterKind.MASS: self.payload_mass if name.startswith(CARRIED) else self.mass,
+            ParameterKind.COMPLIANCE: self.compliance,
+        }
+        return self.each.get(parameter.label, (0.0, stds.get(kind, 0.0)))
 
 
 @checked_init
@@ -268,6 +282,17 @@ class Arm:
         return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
 
     @checked_kinds
+    def found(self, parameter: ArmParameter) -> float:
+        """Return what calibration found of a parameter of the arm itself, in its unit."""
+        kind, name = parameter.group.kind, str(parameter.group.of)
+        if kind is ParameterKind.OFFSET:
+            return self.corrections.joint_offset.get(name, 0.0)
+        if kind is ParameterKind.MASS:
+            return self.masses.get(name, 0.0)
+        axis = TWIST_NAMES.index(str(parameter.name))
+        values = (self.corrections.geometry if kind is ParameterKind.GEOMETRY else self.factors).get(name)
+        return 0.0 if values is None else float(values[axis])
+
     def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
         """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
 

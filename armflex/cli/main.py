@@ -24,6 +24,7 @@ COMMANDS = {
     "intake": "a tracker's export and a controller's log as one campaign",
     "calibrate": "fit what [prior] frees to a measured campaign",
     "trace": "calibrate, and find the effects that explain the residual",
+    "prior": "what sister arms have in common, as the prior of the next one",
     "report": "pose accuracy and repeatability of a campaign, as ISO 9283 defines them",
     "plan": "the poses, payloads and approach directions to measure next",
     "rehearse": "which missing effects a campaign would name, before it is driven",

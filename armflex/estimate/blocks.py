@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.arm import Setup
+from armflex.arm import Prior, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.errors import UnsupportedError
 from armflex.estimate.block import Block, EffectBlock, LawBlock, factor_block, learned_laws, parameters_of
@@ -341,7 +341,50 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
         given = {flexure.name: flexure.law.freed(row) for flexure in arm.flexures if flexure.learn is None}
         if any(given.values()):
             blocks.append(factor_block(arm, {name: axes for name, axes in given.items() if axes}, prior.compliance))
-    return tuple(blocks)
+    return tuple(_as_in_fleet(block, prior) if prior.each else block for block in blocks)
+
+
+HELD = 1e-9
+"""Standard deviation of a parameter that sister arms leave as declared [m, rad or 1]: nothing shows it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FleetBlock(Block):
+    """A block whose values are about what its parameters are in sister arms; see `Prior.each`.
+
+    Attributes:
+        block: What it is of the arm as declared.
+        mean: (k,) values of the sisters.
+        prior: (k,) standard deviations about these.
+    """
+
+    block: Block
+    mean: Array
+    prior: Array
+
+    def __post_init__(self) -> None:
+        for name in ("parameters", "logarithmic", "curved", "by_row"):
+            object.__setattr__(self, name, getattr(self.block, name))
+
+    def columns(self, view: View) -> Array:
+        return self.block.columns(view)
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        return self.block.apply(setup, values + self.mean)
+
+    def stepped(self, setup: Setup, step: Array) -> Setup:
+        return self.block.stepped(setup, step)
+
+
+def _as_in_fleet(block: Block, prior: Prior) -> Block:
+    """Return a block about what its parameters are in sister arms, as it is where they say nothing of them."""
+    if not any(one.label in prior.each for one in block.parameters):
+        return block
+    pairs = [
+        prior.each.get(one.label, (0.0, std)) for one, std in zip(block.parameters, block.prior.tolist(), strict=True)
+    ]
+    mean, std = np.array(pairs).T
+    return FleetBlock(block, mean, np.maximum(std, HELD))
 
 
 def blocks_of(parameters: Sequence[ArmParameter], setup: Setup, context: Context | None = None) -> list[Block] | None:

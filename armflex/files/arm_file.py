@@ -54,6 +54,7 @@ from armflex.laws.joint.meshed import MeshedLaw
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Learning, read_learning
 from armflex.mechanics.loaded import Payload
+from armflex.parameters import ParameterKind, of_compliance, of_masses, of_motions, of_offsets
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
@@ -221,6 +222,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         damping_ratio=ratings[1],
         springs=springs,
     )
+    if prior.each:
+        _check_each(root.sub("prior"), arm)
     if not calibrated:
         return _with_effects(arm, effects)
     table = root.sub("calibration")
@@ -373,12 +376,41 @@ def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
 
 
 def _read_prior(table: Declaration) -> Prior:
-    values = {field.name: table.std(field.name, 0.0) for field in fields(Prior)}
+    values = {field.name: table.std(field.name, 0.0) for field in fields(Prior) if field.name != "each"}
+    each = table.sub("each") if table.has("each") else None
     table.finish()
     for name, value in values.items():
         if 0.0 < value < SMALLEST_STD:
             raise table.fail(name, f"{value:g} is less than anything can be known to; 0 keeps it fixed")
-    return Prior(**values)
+    found: dict[str, tuple[float, float]] = {}
+    for label in each.table if each else ():
+        assert each is not None
+        mean, std = each.numbers(label, (2,)).tolist()
+        if std < 0.0 or 0.0 < std < SMALLEST_STD or (std == 0.0 and mean != 0.0):
+            raise each.fail(
+                label, f"expected [mean, standard deviation], or [0, 0] for what is fixed, got [{mean:g}, {std:g}]"
+            )
+        found[label] = mean, std
+    return Prior(**values, each=found)
+
+
+def _check_each(table: Declaration, arm: Arm) -> None:
+    """Raise `ArmFileError` where [prior.each] names what is no parameter of the arm, or one that [prior] fixes."""
+    known = {
+        one.label: one
+        for one in (
+            *of_offsets(arm.robot),
+            *of_motions(ParameterKind.GEOMETRY, arm.joint_names),
+            *of_masses(arm.weighing),
+            *(axis for name in arm.flexure_names for axis in of_compliance(name)),
+        )
+    }
+    each = table.sub("each")
+    for label in arm.prior.each:
+        if label not in known:
+            raise each.fail(label, f"the arm has no parameter {label!r}{did_you_mean(label, known)}")
+        if not replace(arm.prior, each={}).of(known[label])[1]:
+            raise each.fail(label, f"[prior] does not free its kind: {known[label].group.kind}")
 
 
 def _freed(flexure: Flexure, young: float, robot: Robot) -> Flexure:
@@ -467,6 +499,24 @@ def write_arm(
             if file.name != calibration.get("covariance_file"):
                 remove(file)
         return write_whole(path, tomlkit.dumps(document).encode())
+
+
+def write_prior(declared: Path, each: Mapping[str, tuple[float, float]], path: Path) -> Path:
+    """Write a declared arm.toml with its comments, and with what sister arms say of its parameters as [prior.each].
+
+    Args:
+        declared: The arm.toml of one of them.
+        each: Mean and standard deviation by label; see `Prior.each`.
+        path: The arm.toml to write; files named in it are named relative to its folder.
+    """
+    import tomlkit  # only when an arm is written
+
+    document = tomlkit.parse(declared.read_text(encoding="utf-8-sig"))
+    _move_files(document, declared.parent.resolve(), path.parent.resolve())
+    document.pop("calibration", None)
+    document["prior"].pop("each", None)
+    document["prior"].append("each", tomlkit.item({label: list(pair) for label, pair in each.items()}))
+    return write_whole(path, tomlkit.dumps(document).encode())
 
 
 def _passing(path: Path) -> list[Path]:

@@ -227,6 +227,9 @@ KEYS: dict[str, dict[str, Key]] = {
         ),
         "session_translation": Key("the instrument's frame between sessions", "m", "0: fixed"),
         "session_rotation": Key("the instrument's frame between sessions", "rad", "0: fixed"),
+        "each": Key(
+            "mean and standard deviation of single parameters by name, as `armflex prior` writes them", "theirs"
+        ),
     },
     "effect": {
         "name": Key("a law of the catalogue, or `unnamed`"),

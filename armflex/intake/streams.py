@@ -6,8 +6,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
-from scipy.signal import correlate
 
 from armflex.conventions import Array
 from armflex.errors import InputError
@@ -46,6 +44,8 @@ def dwells(time: Array, values: Array, unit: str) -> Array:
         values: (N, d) joint positions, or a place, in `unit`.
         unit: "rad" or "m", see `STILL`.
     """
+    from scipy.ndimage import maximum_filter1d, minimum_filter1d  # only where something was recorded
+
     grid, moved = _gridded(time, values)
     size = max(round(STANDS / STEP), 1)
     span = maximum_filter1d(moved, size, axis=0) - minimum_filter1d(moved, size, axis=0)
@@ -99,6 +99,8 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     Raises:
         InputError: They move alike at no lag, or at several.
     """
+    from scipy.signal import correlate
+
     grids = [_gridded(time, values), _gridded(other, place)]
     speeds = []
     for _, moved in grids:

@@ -82,7 +82,13 @@ HEADS = {
     ),
     "What to measure next": ("plan.design",),
     "Tracking": ("track.watch",),
-    "Joint laws from a bench": ("bench.fit_linear", "bench.network_problem", "bench.fit_bayesian", "bench.fit_linear_chain", "sampling.metropolis"),
+    "Joint laws from a bench": (
+        "bench.fit_linear",
+        "bench.network_problem",
+        "bench.fit_bayesian",
+        "bench.fit_linear_chain",
+        "sampling.metropolis",
+    ),
 }
 """Heading -> modules whose heads derive what they do."""
 

@@ -40,6 +40,7 @@ READ = {
     "map": ["arm.toml"],
     "view": ["arm.toml", "--traj", "rows.csv"],
     "trust": ["rows.csv"],
+    "prior": ["arm.toml"],
     "export": ["arm.toml", "--to", "urscript", "--traj", "rows.csv"],
 }
 NAMED = ["robot.urdf", "paper_A4_um.safetensors"]
@@ -181,5 +182,5 @@ def test_commands_that_fit_take_a_doubtful_robot_with_lax_as_all_others_do(
 
 @pytest.mark.slow
 def test_every_command_that_takes_a_robot_has_lax(armflex: Run) -> None:
-    for name in READ.keys() - {"train", "fem", "trust", "intake"}:
+    for name in READ.keys() - {"train", "fem", "trust", "intake", "prior"}:
         assert "--lax" in fine(armflex(name, "--help")).stdout, name

@@ -1,0 +1,62 @@
+"""armflex prior: what sister arms have in common, as the prior of the next one."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from armflex.cli import options
+from armflex.cli.terminal import number, print_table, say
+from armflex.errors import InputError, listing
+from armflex.estimate.fleet import common
+from armflex.files.arm_file import load_arm, write_prior
+from armflex.storage.whole_file import together
+
+MOST_LINES = 20
+
+
+@click.command(cls=options.Command)
+@click.argument("paths", metavar="ARM.toml ...", nargs=-1, required=True, type=options.InputPath)
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Arm file of the next one to write.")
+@click.option("--all", "show_all", is_flag=True, help="List every parameter.")
+def command(paths: tuple[Path, ...], output: Path, show_all: bool) -> None:
+    """Write what calibrated sister arms have in common as [prior.each] of the next one: calibrate it with fewer rows.
+
+    Mean and spread of offsets, geometry, masses and compliance are estimated from the sisters' own uncertainties, and
+    the prior of the next one is as wide as so few sisters leave it. An arm that is none of their make is left out.
+    """
+    if len({os.path.realpath(path) for path in paths}) < len(paths):
+        raise InputError("an arm file is given twice: each sister counts once")
+    found = common({str(path): load_arm(path) for path in paths})
+    kept = [path for path in paths if str(path) in found.sisters]
+    content = {
+        "format": "armflex-prior-1",
+        "sisters": found.sisters,
+        "strangers": [{"arm": name, "log_odds": odds} for name, odds in found.strangers.items()],
+        "parameters": [
+            {"name": one.label, "unit": one.unit, "mean": mean, "spread": spread, "std": std}
+            for one, mean, spread, std in zip(found.parameters, found.mean, found.spread, found.std, strict=True)
+        ],
+        "held": [one.label for one in found.held],
+    }
+    with together():
+        options.write_json(content)
+        write_prior(kept[0], found.each, output)
+    rows = [
+        [one.label, *(number(value, 3) for value in values), one.unit]
+        for one, *values in zip(found.parameters, found.mean, found.spread, found.std, strict=True)
+    ]
+    print_table(
+        f"{len(found.sisters)} sisters",
+        ["parameter", "mean", "spread", "± of the next one", "unit"],
+        rows if show_all else rows[:MOST_LINES],
+    )
+    if not show_all and len(rows) > MOST_LINES:
+        say(f"{len(rows) - MOST_LINES} more with --all.")
+    if found.held:
+        say(f"As declared, because others do the same to every reading: {listing((p.label for p in found.held), 8)}.")
+    for name, odds in found.strangers.items():
+        say(f"Left out: {name} is no sister of the others (odds of 1 to {number(10 ** min(odds / 2.3026, 300), 2)}).")
+    say(f"Written to {output}.")

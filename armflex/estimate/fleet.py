@@ -1,0 +1,234 @@
+"""What sister arms have in common: mean and spread of every parameter, as the prior of the next one.
+
+Sister i has parameters t_i ~ N(m, diag(s^2)). Its campaign says a Gaussian of them, with information L_i and pull h_i:
+what its posterior has beyond the prior it was fitted with. Only parameters that all campaigns together determine are
+looked at. A joint's zero and the turn of its frame about the same axis are one: the other stays as declared. What no
+campaign shows, such as a turn of the whole arm before an instrument that may stand anywhere, keeps its declared prior.
+
+With five or six sisters the spread itself is uncertain, and a prior that takes the estimated spread as true is too
+narrow. So m and s are drawn from their posterior by Gibbs sampling: t_i and m are Gaussian given the others, and s has
+a log-uniform prior on a grid, with which the next one of n perfectly known sisters is Student's t of n - 1 degrees of
+freedom about their mean (Gelman et al., Bayesian Data Analysis, 3.2 and 11.6). The prior that is passed on is
+Gaussian, with the mean and the variance of that prediction, E[s^2] + var(m).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from armflex.arm import Arm
+from armflex.conventions import Array
+from armflex.errors import InputError, listing
+from armflex.parameters import ArmParameter, ParameterKind
+
+SHARED = (ParameterKind.OFFSET, ParameterKind.GEOMETRY, ParameterKind.MASS, ParameterKind.COMPLIANCE)
+"""Kinds of parameters that sisters have in common."""
+
+FEWEST = 3
+"""Sisters from which a spread can be estimated."""
+
+VISIBLE = 3.0
+"""Information on a parameter of all sisters together, in units of its prior, below which it stays as declared."""
+
+SPREADS = np.geomspace(0.02, 3.0, 60)
+"""Spreads that are considered, in units of the declared prior."""
+
+DRAWS, BURNT = 3000, 500
+"""Sweeps of the sampler, and those left out at its beginning."""
+
+STRANGE = np.log(1e3)
+"""Logarithm of the odds for the declared prior against that of the others from which an arm is no sister of theirs."""
+
+EXACT = 1e-9
+"""Two declared arms are the same where their frames agree to this [m, rad]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sister:
+    """What a campaign said of one arm.
+
+    Attributes:
+        name: Of its file.
+        information: (P, P) of the parameters, in units of their declared priors.
+        pull: (P,) information times the most likely values.
+        value: (P,) as fitted, in the same units.
+    """
+
+    name: str
+    information: Array
+    pull: Array
+    value: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """What sisters have in common.
+
+    Attributes:
+        parameters: Those that their campaigns determine.
+        mean, spread: (P,) of the sisters, in the parameters' units.
+        std: (P,) one standard deviation of the next one about the mean.
+        held: Parameters that stay as declared, because others do the same to every reading.
+        sisters: Names of those that count.
+        strangers: Names of those that do not, with the logarithm of the odds against them.
+    """
+
+    parameters: tuple[ArmParameter, ...]
+    mean: Array
+    spread: Array
+    std: Array
+    held: tuple[ArmParameter, ...]
+    sisters: tuple[str, ...]
+    strangers: Mapping[str, float]
+
+    @property
+    def each(self) -> dict[str, tuple[float, float]]:
+        """Mean and standard deviation of every parameter by its label, as [prior.each] has them; 0, 0 where held."""
+        found = {
+            one.label: (float(mean), float(std))
+            for one, mean, std in zip(self.parameters, self.mean, self.std, strict=True)
+        }
+        return found | {one.label: (0.0, 0.0) for one in self.held}
+
+
+def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
+    """Return what calibrated arms of one make have in common.
+
+    An arm whose parameters the declared prior explains far better than the others do is left out.
+
+    Args:
+        arms: Calibrated arms by name, of the same declared arm.
+        seed: Of the sampler.
+
+    Raises:
+        InputError: Too few arms; one is not calibrated, declared otherwise, or another prior frees its parameters.
+    """
+    if len(arms) < FEWEST:
+        raise InputError(f"{len(arms)} arms say nothing of a spread: expected {FEWEST} or more")
+    names = list(arms)
+    first = arms[names[0]]
+    for name, arm in arms.items():
+        if arm.certainty is None:
+            raise InputError(f"{name} is not calibrated: its file has no [calibration]")
+        if not _alike(first, arm):
+            raise InputError(f"{name} is not declared like {names[0]}: sisters are corrections of one arm")
+    own = [tuple(one for one in _certain(arm) if one.group.kind in SHARED) for arm in arms.values()]
+    for name, some in zip(names, own, strict=True):
+        if some != own[0]:
+            odd = [one.label for one in set(some) ^ set(own[0])]
+            raise InputError(f"[prior] frees other parameters of {name} than of {names[0]}: {listing(sorted(odd), 5)}")
+    parameters = own[0]
+    if not parameters:
+        raise InputError(f"{names[0]}: nothing was fitted that sisters have in common (offsets, geometry, compliance)")
+    scale = np.array([first.prior.of(one)[1] for one in parameters])
+    sisters = [_sister(name, arm, parameters, scale) for name, arm in arms.items()]
+    whole = sum((one.information for one in sisters), np.zeros((len(scale),) * 2))
+    chosen = _visible(whole)
+    if not len(chosen):
+        raise InputError("the campaigns of all arms together determine no parameter better than its prior")
+    sisters = [
+        Sister(one.name, one.information[np.ix_(chosen, chosen)], one.pull[chosen], one.value[chosen])
+        for one in sisters
+    ]
+    strangers: dict[str, float] = {}
+    while len(sisters) > FEWEST:
+        odds = []
+        for i, one in enumerate(sisters):
+            mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, DRAWS // 3)
+            odds.append(_evidence(one, np.zeros(len(chosen)), np.ones(len(chosen))) - _evidence(one, mean, std))
+        worst = int(np.argmax(odds))
+        if odds[worst] < STRANGE:
+            break
+        strangers[sisters.pop(worst).name] = float(odds[worst])
+    mean, spread, std = _predicted(sisters, seed, DRAWS)
+    # What is seen, but not beside the chosen ones, is the same as some of these; what is not seen stays as uncertain.
+    held = tuple(one for i, one in enumerate(parameters) if i not in chosen and whole[i, i] >= VISIBLE)
+    scale = scale[chosen]
+    return Fleet(
+        tuple(parameters[i] for i in chosen),
+        mean * scale,
+        spread * scale,
+        std * scale,
+        held,
+        tuple(one.name for one in sisters),
+        strangers,
+    )
+
+
+def _certain(arm: Arm) -> tuple[ArmParameter, ...]:
+    return () if arm.certainty is None else arm.certainty.parameters
+
+
+def _alike(one: Arm, other: Arm) -> bool:
+    """Return whether two arms are declared alike: joints, their frames, and where they give."""
+    if one.joint_names != other.joint_names or one.flexure_names != other.flexure_names or one.prior != other.prior:
+        return False
+    pairs = zip(one.robot.chain, other.robot.chain, strict=False)
+    return len(one.robot.chain) == len(other.robot.chain) and all(
+        np.abs(a.origin - b.origin).max() < EXACT and np.abs(a.rotation - b.rotation).max() < EXACT for a, b in pairs
+    )
+
+
+def _sister(name: str, arm: Arm, parameters: Sequence[ArmParameter], scale: Array) -> Sister:
+    """Return what the campaign of an arm said beyond the prior it was fitted with, in units of the priors."""
+    assert arm.certainty is not None
+    covariance = arm.certainty.among(parameters)
+    assert covariance is not None
+    known = np.linalg.inv(covariance / np.outer(scale, scale))
+    mean = np.array([arm.prior.of(one)[0] for one in parameters]) / scale
+    value = np.array([arm.found(one) for one in parameters]) / scale
+    values, axes = np.linalg.eigh(0.5 * (known + known.T) - np.eye(len(scale)))
+    information = (axes * np.maximum(values, 0.0)) @ axes.T  # a rounded matrix, or readings that scatter, go below
+    # The posterior's mean x has (information + 1) (x - mean) = information (likely - mean).
+    return Sister(name, information, information @ mean + (information + np.eye(len(scale))) @ (value - mean), value)
+
+
+def _visible(information: Array) -> np.ndarray:
+    """Return the places of parameters that are determined beside each other, by a pivoted Cholesky decomposition."""
+    left, chosen = information.copy(), list[int]()
+    while True:
+        diagonal = np.diag(left).copy()
+        diagonal[chosen] = 0.0
+        best = int(diagonal.argmax())
+        if diagonal[best] < VISIBLE:
+            return np.array(sorted(chosen), dtype=int)
+        chosen.append(best)
+        left = left - np.outer(left[:, best], left[best]) / left[best, best]
+
+
+def _predicted(sisters: Sequence[Sister], seed: int, draws: int) -> tuple[Array, Array, Array]:
+    """Return (P,) mean and spread of sisters, and the standard deviation of the next one, in units of the priors."""
+    rng, count, size = np.random.default_rng(seed), len(sisters), len(sisters[0].pull)
+    mean, spread = np.mean([one.value for one in sisters], axis=0), np.full(size, 0.3)
+    means, squares, sizes = [], [], []
+    for sweep in range(BURNT + draws):
+        own = []
+        for one in sisters:
+            root = np.linalg.cholesky(one.information + np.diag(spread**-2.0))
+            half = np.linalg.solve(root, one.pull + mean * spread**-2.0)
+            own.append(np.linalg.solve(root.T, half + rng.normal(size=size)))
+        values = np.array(own)
+        precision = count * spread**-2.0 + 1.0
+        mean = (values.sum(axis=0) * spread**-2.0) / precision + rng.normal(size=size) / np.sqrt(precision)
+        sums = ((values - mean) ** 2).sum(axis=0)
+        logs = -count * np.log(SPREADS) - 0.5 * sums[:, None] / SPREADS**2
+        shares = np.exp(logs - logs.max(axis=1, keepdims=True)).cumsum(axis=1)
+        spread = SPREADS[(shares < rng.uniform(size=(size, 1)) * shares[:, -1:]).sum(axis=1)]
+        if sweep >= BURNT:
+            means.append(mean)
+            squares.append(spread**2)
+            sizes.append(np.log(spread))
+    variance = np.mean(squares, axis=0) + np.var(means, axis=0)
+    return np.mean(means, axis=0), np.exp(np.mean(sizes, axis=0)), np.minimum(np.sqrt(variance), 3.0)
+
+
+def _evidence(one: Sister, mean: Array, std: Array) -> float:
+    """Return the logarithm of how probable a campaign is under a prior, but for what all priors have in common."""
+    scaled = np.eye(len(std)) + std[:, None] * one.information * std
+    pull = std * (one.pull - one.information @ mean)  # about the prior's mean
+    fit = 0.5 * float(pull @ np.linalg.solve(scaled, pull))
+    about = float(one.pull @ mean - 0.5 * mean @ one.information @ mean)
+    return fit + about - 0.5 * float(np.linalg.slogdet(scaled)[1])
