@@ -13,13 +13,13 @@ import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
-from armflex.conventions import row_numbers, said_of
+from armflex.conventions import RESOLUTION, TWIST_NAMES, row_numbers, said_of
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
 from armflex.estimate.held_out import FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
-from armflex.estimate.identify import FittedParameter, parameters
+from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
 from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
@@ -39,9 +39,10 @@ from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
 from armflex.parallel import Progress
-from armflex.parameters import FRAMES, OF_SESSION, ParameterKind, beyond_priors
+from armflex.parameters import FRAMES, OF_SESSION, ArmParameter, Group, ParameterKind, beyond_priors
 from armflex.readings import Kind
 from armflex.result import Result
+from armflex.robot.urdf import drive_of
 
 FEWEST_ROWS = 4
 
@@ -77,9 +78,27 @@ class Calibration(Result):
 
     @property
     def fitted(self) -> list[dict[str, Any]]:
-        """What was fitted, a row each: deviation from the declared value, standard uncertainty, prior."""
+        """What was fitted, a row each: deviation from the declared value, standard uncertainty, prior.
+
+        A joint's zero and the turn of its frame about the joint's own axis are one number: the readings depend on their
+        sum alone, which is the zero's row.
+        """
         named = ("name", "value", "std", "unit", "prior", "determined")
-        return [{name: getattr(one, name) for name in named} for one in self.parameters]
+        rows = {one.which: {name: getattr(one, name) for name in named} for one in self.parameters}
+        for joint in self.arm.robot.moving:
+            drive, unit = drive_of(joint), "m" if joint.kind == "prismatic" else "rad"
+            axis = int(np.abs(drive).argmax())
+            zero = ArmParameter(Group(ParameterKind.OFFSET, joint.name), unit=unit)
+            turn = ArmParameter(Group(ParameterKind.GEOMETRY, joint.name), TWIST_NAMES[axis], unit)
+            known = self.arm.certainty and self.arm.certainty.among((zero, turn))
+            if known is None or abs(drive[axis]) < 1.0 - RESOLUTION or not {zero, turn} <= rows.keys():
+                continue
+            both = np.array([1.0, drive[axis]])
+            std, own, other = float(np.sqrt(both @ known @ both)), rows[zero], rows.pop(turn)
+            prior = float(np.hypot(own["prior"], other["prior"]))
+            own |= {"value": own["value"] + float(drive[axis]) * other["value"], "std": std, "prior": prior}
+            own["determined"] = std < UNDETERMINED * prior
+        return list(rows.values())
 
     @cached_property
     def judged(self) -> np.ndarray:

@@ -46,6 +46,9 @@ NEARLY_PARALLEL = 0.1
 """Sine of the angle between axes below which the row is Hayati's: without it an error of an axis' place or direction is
 in theta and d more than ten times as large."""
 
+AS_BEFORE = 0.9
+"""Share of its prior standard uncertainty from which a number is no better known than before the campaign."""
+
 LINEAR = 0.1
 """Standard uncertainty of an angle [rad] up to which sines are as good as straight."""
 
@@ -109,15 +112,46 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
 
 
 def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
-    """Return every number of the sheet [m, rad, N, Nm] of an arm as it is, with its poses taken apart in given ways."""
+    """Return every number of the sheet [m, rad, N, Nm] of an arm as it is, with its poses taken apart in given ways.
+
+    A joint's offset and the theta (or d) of its row are one number, as only their sum is in a pose: theta (or d) is
+    that of the declared arm and the offset has the whole error. Of the d of two joints with parallel axes, that of the
+    first is as declared and that of the second has the error of both.
+    """
+    declared = _taken(replace(setup, arm=_declared(setup.arm)), splits)
+    found = _taken(setup, splits, declared)
+    for joint in setup.arm.robot.moving:
+        sliding = joint.kind == "prismatic"
+        for section in ("dh_standard", "dh_modified"):
+            own = Key(section, joint.name, "d", "m") if sliding else Key(section, joint.name, "theta", "rad")
+            error = found[own] - declared[own]
+            found[own] = declared[own]
+            if section == "dh_standard":
+                zero = Key("joint_offset", joint.name, "offset", own.unit)
+                found[zero] += error if sliding else float(np.arctan2(np.sin(error), np.cos(error)))
+    return found
+
+
+def _declared(arm: Arm) -> Arm:
+    """Return an arm without what calibration found of its kinematics, nor effects that change it."""
+    return replace(arm, corrections=Corrections(), effects=())
+
+
+def _taken(setup: Setup, splits: Sequence[Split], like: Mapping[Key, float] | None = None) -> dict[Key, float]:
+    """Return `numbers` as the poses between joints are taken apart; d of the first of parallel axes as in `like`."""
     arm = with_constants(setup.arm)
     found: dict[Key, float] = {}
     for joint in arm.robot.moving:
         offset = arm.corrections.joint_offset.get(joint.name, 0.0)
         found[Key("joint_offset", joint.name, "offset", "m" if joint.kind == "prismatic" else "rad")] = offset
     frames = joint_frames(arm, zeros=False)
-    parts = [taken_apart(frame, split) for frame, split in zip(frames[1:-1], splits, strict=True)]
-    ends = [np.zeros(7), *parts, np.zeros(7)]
+    ends = [np.zeros(7)]
+    for joint, frame, split in zip(arm.robot.moving, frames[1:-1], splits, strict=False):
+        held = like is not None and split.hayati and joint.kind != "prismatic"
+        ahead = like[Key("dh_standard", joint.name, "d", "m")] - ends[-1][5] if held and like else 0.0
+        ends.append(taken_apart(pin.SE3(np.eye(3), np.array([0.0, 0.0, -ahead])) * frame, split))
+        ends[-1][1] += ahead
+    ends.append(np.zeros(7))
     for section in ("dh_standard", "dh_modified"):
         for i, name in enumerate(arm.joint_names):
             (*_, b, f), (g, c, *_) = ends[i], ends[i + 1]
@@ -221,6 +255,16 @@ def uncertainties(
     }
     found |= fitted
     warnings = []
+    prior = np.array([arm.prior.of(one)[1] if one.group.moves else np.inf for one in certainty.parameters])
+    before = np.sqrt(np.einsum("dp,p,dp->d", jacobian, np.where(np.isfinite(prior), prior, 0.0) ** 2, jacobian))
+    of_arm = [k.section not in ("target", "stiffness") for k in values]
+    same = [
+        k for k, x, y, own in zip(values, std, before, of_arm, strict=True) if own and x > AS_BEFORE * y > RESOLUTION
+    ]
+    if same:
+        names = (" ".join(filter(None, key[:3])) for key in same if key.section != "dh_modified")
+        text = "they only say where base, tracker or target stand, or no row shows them"
+        warnings.append(f"As uncertain as before the campaign, because {text}: {listing(names)}.")
     if certainty.undetermined:
         warnings.append(f"Neither campaign nor prior determines {listing(certainty.undetermined)}.")
     if wide := [key for key, x in found.items() if key.unit == "rad" and key.section.startswith("dh") and x > LINEAR]:

@@ -128,8 +128,9 @@ def test_uncertainties_are_those_of_the_posterior() -> None:
     covariance = root @ root.T
     sheet = Sheet(export(replace(arm, certainty=Certainty(parameters, covariance))).text)
     std = np.sqrt(np.diag(covariance))
+    alone = Sheet(export(replace(arm, certainty=Certainty(parameters[:6], covariance[:6, :6]))).text)
     for i, name in enumerate(arm.joint_names):
-        assert sheet.std["joint_offset", name, "offset"] == pytest.approx(std[i], rel=1e-5)
+        assert alone.std["joint_offset", name, "offset"] == pytest.approx(std[i], rel=1e-5)
     # J2's frame is that of link 1: x is along a of J1's row, z along d, and about x its axis leans.
     row = {name: sheet.std["dh_standard", "J1", name] for name in ("d", "a", "alpha")}
     assert row == pytest.approx({"a": std[12], "d": std[14], "alpha": std[15]}, rel=1e-3)
@@ -137,6 +138,22 @@ def test_uncertainties_are_those_of_the_posterior() -> None:
     assert sheet.std[drive] == pytest.approx(sheet.value[drive] * std[42 + 4], rel=1e-3)
     declared_only = ("stiffness", "J4", "drive")
     assert sheet.std[declared_only] == pytest.approx(sheet.value[declared_only] * arm.flexures[3].law.relative_std)
+
+
+def test_a_zero_and_the_turn_of_its_frame_are_one_number() -> None:
+    """Each is known to a milliradian, their sum to 0.03: the sheet has the sum, whichever of them has the error."""
+    arm = bundled("heavy_six")
+    turn = np.array([0.0, 0.0, 0.0, 0.0, 1e-3, 0.0])  # J2's axis is y
+    every = (*of_offsets(arm.robot), *of_motions(ParameterKind.GEOMETRY, arm.joint_names))
+    pair, covariance = [1, 6 + 6 + 4], np.zeros((42, 42))
+    covariance[np.ix_(pair, pair)] = 1e-6 * np.array([[1.0, -1.0], [-1.0, 1.0]]) + 9e-10 * np.diag([1.0, 0.0])
+    known = Certainty(every, covariance)
+    both = replace(arm, corrections=Corrections({"J2": 2e-3}, {"J2": turn}), certainty=known)
+    split, whole = Sheet(export(both).text), Sheet(export(replace(arm, corrections=Corrections({"J2": 3e-3}))).text)
+    assert split.value == pytest.approx(whole.value, abs=1e-12)
+    assert split.value["joint_offset", "J2", "offset"] == pytest.approx(3e-3)
+    assert split.std["joint_offset", "J2", "offset"] == pytest.approx(3e-5, rel=1e-3)
+    assert split.std["dh_standard", "J2", "theta"] is None
 
 
 def test_what_nothing_determines_is_infinitely_uncertain() -> None:

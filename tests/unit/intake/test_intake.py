@@ -223,6 +223,10 @@ def test_three_files_of_metrology_come_to_a_sheet(tmp_path: Path) -> None:
     fine(run_here(tmp_path, "intake", "log.txt", "-o", "path.csv"))
     fine(run_here(tmp_path, "export", "fit.toml", "--to", "krl", "--traj", "path.csv", "-o", "path.src"))
     assert (tmp_path / "path.src").read_text().count("PTP {E6AXIS") == 80
+    for i in range(1, 5):  # zero and theta are one number, which is known far better than either
+        zero = sheet["joint_offset", f"J{i + 1}", "offset"]
+        assert float(zero["std"]) < 2e-4
+        assert float(zero["value"]) == pytest.approx(off[i], abs=4.0 * float(zero["std"]))
     found = float(sheet["dh_standard", "J2", "a"]["value"])
     assert found == pytest.approx(1e-3 * (270.0 + more[1, 1]), abs=1e-4)
 
