@@ -86,6 +86,10 @@ KEYS: dict[str, dict[str, Key]] = {
         "upper": Key("greatest length between the pins", "m"),
         "effort": Key("greatest force", "N", "none"),
         "stiffness": Key("along it", "N/m", "rigid"),
+        "bore": Key("instead of `stiffness`: diameter of the piston; the stroke is `upper` less `lower`", "m"),
+        "rod": Key("diameter of the piston rod", "m", "0"),
+        "bulk_modulus": Key("of the oil", "Pa"),
+        "dead_volume": Key("oil beside the stroke on each side of the piston", "m³", "0"),
         "relative_std": Key("relative standard uncertainty of that", "1", "0"),
     },
     "spring.NAME": {

@@ -13,6 +13,7 @@ from armflex.errors import did_you_mean, listing
 from armflex.files.spring_table import positive, read_ends
 from armflex.laws.declared import Flexure
 from armflex.laws.joint.linear import LinearLaw, declared_std, read_compliance
+from armflex.laws.joint.oil_column import OilColumn
 from armflex.mechanics.mechanism import ASSEMBLED, Closing, gaping
 from armflex.mechanics.pinocchio_model import build_model
 from armflex.mechanics.ties import Ties
@@ -81,7 +82,7 @@ def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[
     robot = replace(robot, linkage=linkage, locked=locked, flags=flags)
     _check(root, robot, names)
     robot = replace(robot, linkage=replace(linkage, loops=_turned(robot)))
-    flexures = [_gives(name, table) for name, table in names.items()]
+    flexures = [_gives(one, names[one.name]) for one in (*read, *pistons)]
     for table in tables:
         table.finish()
     return robot, tuple(one for one in flexures if one is not None)
@@ -204,11 +205,26 @@ def _turned(robot: Robot) -> tuple[Loop, ...]:
     return tuple(found)
 
 
-def _gives(name: str, table: Declaration) -> Flexure | None:
+def _gives(one: Loop | Cylinder, table: Declaration) -> Flexure | None:
     """Return the flexure of a pin or a cylinder, None of one that does not give."""
-    if table.has("compliance"):
-        return Flexure(name, name, LinearLaw(read_compliance(table), declared_std(table)))
+    if isinstance(one, Loop):
+        compliant = table.has("compliance")
+        law = LinearLaw(read_compliance(table), declared_std(table)) if compliant else None
+        return law and Flexure(one.name, one.name, law)
+    if table.has("bulk_modulus") or table.has("bore"):
+        if table.has("stiffness"):
+            raise table.fail("stiffness", "stands beside a bore, from which it follows: give one of them")
+        bore, rod = positive(table, "bore", "m"), table.number("rod", 0.0)
+        if not 0.0 <= rod < bore:
+            raise table.fail("rod", f"is {rod:g} m thick, expected 0 m or more and less than the bore, {bore:g} m")
+        dead = table.number("dead_volume", 0.0)
+        if dead < 0.0:
+            raise table.fail("dead_volume", f"expected 0 m^3 or more, got {dead:g}")
+        areas = 0.25 * np.pi * bore**2, 0.25 * np.pi * (bore**2 - rod**2)
+        modulus = positive(table, "bulk_modulus", "Pa")
+        oil = OilColumn(one.name, areas, one.lower, one.upper, dead, modulus, declared_std(table))
+        return Flexure(one.name, one.name, oil)
     if table.has("stiffness"):
         softness = 1.0 / positive(table, "stiffness", "N/m")
-        return Flexure(name, name, LinearLaw(np.diag([softness, 0, 0, 0, 0, 0.0]), declared_std(table)))
+        return Flexure(one.name, one.name, LinearLaw(np.diag([softness, 0, 0, 0, 0, 0.0]), declared_std(table)))
     return None

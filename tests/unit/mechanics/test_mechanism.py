@@ -232,3 +232,37 @@ def test_frames_pins_and_zeros_move_the_tip_as_the_response_says(name, tmp_path)
         return replace(arm, corrections=replace(base, joint_offset=offsets)).deflection(q).pose.translation
 
     np.testing.assert_allclose(line.joints[0, :3], central_difference(zeroed, np.zeros(len(q)), step), atol=1e-7)
+
+
+OIL = "bore = 0.14\nrod = 0.09\nbulk_modulus = 1.4e9\ndead_volume = 2e-4"
+
+
+def test_an_oil_column_is_as_stiff_as_the_oil_on_both_sides_of_its_piston(tmp_path):
+    CRANE.load(tmp_path)
+    file = tmp_path / "arm.toml"
+    file.write_text(file.read_text().replace("stiffness = 20000000.0", OIL, 1))
+    arm, q = armflex.load_arm(file), poses("crane")[0]
+    found = arm.deflection(q)
+    (length, tension), column = found.cylinder_states["lift"], q[1]
+    head, ring = np.pi / 4 * 0.14**2, np.pi / 4 * (0.14**2 - 0.09**2)
+    stiffness = 1.4e9 * (head**2 / (head * (column - 0.9) + 2e-4) + ring**2 / (ring * (2.2 - column) + 2e-4))
+    assert tension == pytest.approx(stiffness * (length - column), rel=1e-9)
+    by_drive = central_difference(lambda at: arm.deflection(at).pose.translation, q, 1e-5)
+    np.testing.assert_allclose(found.total_jacobian[:3], by_drive, rtol=1e-6, atol=1e-8)
+    law = next(one.law for one in arm.flexures if one.name == "lift")
+    row, load = arm.loaded(None).row(q, {}), np.array([-2e4, 0, 0, 0, 0, 0.0])
+    changed = central_difference(lambda values: law.at(values).twist(load, row), law.values, 1e4)
+    np.testing.assert_allclose(law.by_values(load, row), changed, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [("rod = 0.09", "rod = 0.2", "less than the bore"), ("bulk_modulus = 1.4e9\n", "", "bulk_modulus"),
+     ("bore", "stiffness = 1e7\nbore", "give one of them"), ("2e-4", "-1.0", "0 m.3 or more")],
+)  # fmt: skip
+def test_an_oil_column_that_cannot_be_is_refused(old, new, said, tmp_path):
+    CRANE.load(tmp_path)
+    file = tmp_path / "arm.toml"
+    file.write_text(file.read_text().replace("stiffness = 20000000.0", OIL.replace(old, new), 1))
+    with pytest.raises(ArmFileError, match=said):
+        armflex.load_arm(file)

@@ -1,0 +1,77 @@
+"""The oil in a cylinder whose valves are closed: twist = C(q) wrench along the cylinder, softest in mid stroke.
+
+With b the bulk modulus and V1 = A1 (q - lower) + V0, V2 = A2 (upper - q) + V0 the oil on either side of the piston,
+
+    stiffness = b A1^2 / V1 + b A2^2 / V2         (Merritt, Hydraulic Control Systems, 1967, section 6-1)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws.law import Compliance, Parameter, Ranges, Row, block_norms
+
+ALONG = np.diag([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class OilColumn(Compliance):
+    """A cylinder's compliance along itself, by its length.
+
+    Attributes:
+        cylinder: The cylinder, whose length [m] is its position.
+        areas: Of the piston, and of it without the rod [m^2].
+        lower, upper: Lengths between the pins at the ends of the stroke [m].
+        dead_volume: Oil beside the stroke on each side, in pipes and at the ends [m^3].
+        bulk_modulus: [Pa].
+        relative_std: Relative standard uncertainty of the bulk modulus; 0 for none.
+        factor: What calibration found to multiply the compliance by, dimensionless.
+    """
+
+    cylinder: str
+    areas: tuple[float, float]
+    lower: float
+    upper: float
+    dead_volume: float
+    bulk_modulus: float
+    relative_std: float = 0.0
+    factor: float = 1.0
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The bulk modulus."""
+        return (Parameter("bulk_modulus", "Pa", self.relative_std * self.bulk_modulus),)
+
+    @property
+    def values(self) -> Array:
+        """[Pa]."""
+        return np.array([self.bulk_modulus])
+
+    def at(self, values: Array) -> OilColumn:
+        return replace(self, bulk_modulus=float(values[0]))
+
+    def compliance(self, row: Row) -> Array:
+        length = np.clip(row.position(self.cylinder), self.lower, self.upper)
+        (head, ring), dead = self.areas, self.dead_volume
+        first, second = head * (length - self.lower) + dead, ring * (self.upper - length) + dead
+        softness = first * second / (self.bulk_modulus * (head**2 * second + ring**2 * first))
+        return np.asarray(self.factor * softness)[..., None, None] * ALONG
+
+    def by_values(self, wrench: Array, row: Row) -> Array:
+        """Return the change of the twist with the bulk modulus: the less compliant, the more of it."""
+        return -(self.compliance(row) @ wrench[..., None]) / self.bulk_modulus
+
+    def compliance_bound(self, ranges: Ranges) -> Array | None:
+        """Return the norms of a compliance that both sides full of oil would have."""
+        full = [self.bulk_modulus * one**2 / (one * (self.upper - self.lower) + self.dead_volume) for one in self.areas]
+        return block_norms(self.factor / sum(full) * ALONG)
+
+    def gives(self, row: Row) -> tuple[int, ...]:
+        """Return the axis along the cylinder, which gives but at an end of its stroke without dead volume."""
+        return (0,)
+
+    def scaled(self, factor: Array) -> OilColumn:
+        return replace(self, factor=self.factor * float(factor[0]) ** 2)
