@@ -51,6 +51,9 @@ from armflex.rows.wrench import check_rows
 PIECE = 16384
 """Configurations that a process or thread is given at a time."""
 
+SLACK = 1e-3
+"""How far beyond its limits [rad or m] a joint without a drive may stand: flexures move it, too."""
+
 CHUNK = 512
 """Rows whose covariances are found together."""
 
@@ -419,6 +422,22 @@ class MechanismDeflection(Deflection):
         """See `Deflection`; those that follow others by a gear are among them."""
         places = self._mechanics.flex.free_q
         return dict(zip(self.arm.robot.linkage.free, self._configuration[places].tolist(), strict=True))
+
+    @cached_property
+    def flags(self) -> tuple[Flag, ...]:
+        """See `Deflection`; also of passive joints beyond their limits, and loads in loops that nothing determines."""
+        robot, found = self.arm.robot, []
+        for joint in robot.jointed:
+            at = self.passive.get(joint.name, joint.lower)
+            if not joint.lower - SLACK <= at <= joint.upper + SLACK:
+                text = f"joint {joint.name!r} has no drive and stands at {at:.6g}"
+                found.append(Flag("passive_limits", f"{text}, outside its limits [{joint.lower:g}, {joint.upper:g}]"))
+        idle = self._mechanics.idle(self.solved.case, self._row)
+        if idle.shape[1]:
+            name, _ = self._mechanics.tied.apart(int(np.abs(idle).max(axis=1).argmax()))
+            text = f"nothing determines loads in loop {name!r} across its plane: they are left out, and move nothing"
+            found.append(Flag("undetermined_loads", text))
+        return (*super().flags, *found)
 
     @property
     def loop_loads(self) -> dict[str, Array]:

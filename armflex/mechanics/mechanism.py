@@ -25,6 +25,7 @@ of a torque minus the force in it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -213,6 +214,9 @@ def _range(matrix: Array) -> Array:
 
 def _solved(matrix: Array, values: Array) -> Array:
     """Return the least solution of a small, perhaps overdetermined system."""
+    if matrix.shape[0] == matrix.shape[1]:
+        with suppress(np.linalg.LinAlgError):
+            return np.array(np.linalg.solve(matrix, values), dtype=float)
     return np.asarray(np.linalg.lstsq(matrix, values, rcond=SINGULAR)[0], dtype=float)
 
 
@@ -289,6 +293,7 @@ class Mechanism(Mechanics):
         self.given = places[self._of_tree_places]
         self.flexures = np.ix_(self.given, self.given)
         self._same: Array | None = None
+        self._yielding: tuple[Array, Array] | None = None
 
     def closed(self, q: Array) -> Array:
         """Return (p,) positions of the joints without a drive, the arm as calibrated, nothing giving [rad or m]."""
@@ -413,17 +418,20 @@ class Mechanism(Mechanics):
     def _idle(self, case: LoadCase, rigid: Array, row: Row) -> Array:
         """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to."""
         gaps, ways = self._true.gaps(case.q, rigid)
-        tangent = self._compliance(np.zeros(self.flex.size), row)
-        own = self._of_tree_places
-        yields = _range(tangent[np.ix_(own, own)])
-        soft = _range(self._closing(tangent))
-        reached = np.concatenate([ways[:, self.flex.free_v], ways[:, self.given] @ yields, soft], axis=1)
-        left, sizes, _ = np.linalg.svd(reached)
-        rank = int((sizes > ALIGNED * sizes[:1].max(initial=0.0)).sum())
-        idle = left[:, rank:]
+        yields, soft = self._ways_to_give(row)
+        reached = np.concatenate([ways[:, self.flex.free_v], ways[:, self.given].dot(yields), soft], axis=1)
+        sizes, left = np.linalg.eigh(reached.dot(reached.T))  # squares of the singular values, the least first
+        idle = left[:, sizes <= ALIGNED * ALIGNED * sizes[-1:]]
         if idle.shape[1] and (np.abs(idle.T @ gaps) > ALIGNED).any():
             raise gaping(self.tied, idle @ (idle.T @ gaps), "cannot close")
         return idle
+
+    def _ways_to_give(self, row: Row) -> tuple[Array, Array]:
+        """Return bases of the motions that flexures in the tree have, and of the gaps that pins and cylinders have."""
+        if self._yielding is None or self.laws.bent or self.laws.changing:
+            tangent, own = self._compliance(np.zeros(self.flex.size), row), self._of_tree_places
+            self._yielding = _range(tangent[np.ix_(own, own)]), _range(self._closing(tangent))
+        return self._yielding
 
     def idle(self, case: LoadCase, row: Row) -> Array:
         """Return (m, k) directions of the gaps that nothing answers to."""

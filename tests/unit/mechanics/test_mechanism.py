@@ -266,3 +266,14 @@ def test_an_oil_column_that_cannot_be_is_refused(old, new, said, tmp_path):
     file.write_text(file.read_text().replace("stiffness = 20000000.0", OIL.replace(old, new), 1))
     with pytest.raises(ArmFileError, match=said):
         armflex.load_arm(file)
+
+
+def test_what_is_doubtful_of_a_mechanism_is_flagged(tmp_path):
+    arm = PARALLELOGRAM.load(tmp_path)
+    assert [flag.code for flag in arm.deflection(np.zeros(3)).flags] == ["undetermined_loads"]
+    file = tmp_path / "robot.urdf"
+    head, tail = file.read_text().split('<joint name="elbow"')
+    file.write_text(head + '<joint name="elbow"' + tail.replace('lower="-3"', 'lower="-0.1"', 1))
+    found = armflex.load_arm(tmp_path / "arm.toml").deflection([0.0, 0.3, 0.0])
+    assert any(flag.code == "passive_limits" and "'elbow'" in flag.text for flag in found.flags)
+    assert not FIVE_BAR.load(tmp_path).deflection(np.zeros(2)).flags
