@@ -395,6 +395,31 @@ def parse_covariates(text: str) -> dict[str, float]:
     return found
 
 
+settable = click.option(
+    "--covariates",
+    "--covariate",
+    "covariates",
+    multiple=True,
+    metavar="NAME=LOW,HIGH",
+    callback=lambda context, parameter, texts: parse_levels(texts),
+    help="Values that can be set of what effects depend on; once for each name.",
+)
+
+
+def parse_levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
+    """Return values by name from 'temperature=10,35'."""
+    found: dict[str, list[float]] = {}
+    for text in texts:
+        name, equals, values = (piece.strip() for piece in text.rpartition("="))
+        parts = [part.strip() for part in values.split(",")]
+        if not equals or not name or not all(NUMBER.fullmatch(part) for part in parts):
+            raise InputError(f"--covariates: {text!r} is not of the form NAME=NUMBER,NUMBER")
+        if name in found:
+            raise InputError(f"--covariates: {name!r} is given twice")
+        found[name] = [float(part) for part in parts]
+    return found
+
+
 def points(function: Callable) -> Callable:
     """Add `--points`, `--points-unit` and `--points-frame`; the command gets a `PointExport` or None as `points`."""
 

@@ -10,7 +10,6 @@ import click
 from armflex.cli import options
 from armflex.cli.options import InputPath, OutputPath, Quantity
 from armflex.cli.terminal import number, print_table, progress, say
-from armflex.conventions import NUMBER
 from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
 from armflex.files.dh_table import in_dh_words
@@ -46,8 +45,8 @@ MOST_LINES = 10
 )
 @click.option(
     "--between",
-    metavar="E1,E2",
-    help="Distinguish two effects, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
+    metavar="E1,E2,...",
+    help="Distinguish two effects or more, each LAW:SITE[:AXIS[:PARTNER]] as trace's JSON and [[effect]] have them: "
     "backlash:A2:ry,encoder_offset:A2",
 )
 @click.option(
@@ -57,14 +56,7 @@ MOST_LINES = 10
     "chosen, and tracker.",
 )
 @click.option("--payload", "payloads", metavar="A,B", help="Payloads that may be carried [default: all payloads].")
-@click.option(
-    "--covariates",
-    "--covariate",
-    "covariates",
-    multiple=True,
-    metavar="NAME=LOW,HIGH",
-    help="Values that can be set of what effects depend on; once for each name.",
-)
+@options.settable
 @click.option(
     "--sigma",
     type=Quantity("length"),
@@ -91,7 +83,7 @@ def command(
     between: str | None,
     instruments: str | None,
     payloads: str | None,
-    covariates: tuple[str, ...],
+    covariates: dict[str, list[float]],
     picture: Path | None,
     lax: bool,
     points: PointExport | None,
@@ -99,7 +91,7 @@ def command(
 ) -> None:
     """The rows to measure next, in the order to drive them, and what they will determine.
 
-    They minimise the uncertainty of what [prior] frees or of predictions --along a path, or distinguish two effects
+    They minimise the uncertainty of what [prior] frees or of predictions --along a path, or distinguish effects
     (--between). Stops whose pose begins with 'to ' are driven to and not read.
     """
     if picture is not None:
@@ -114,10 +106,10 @@ def command(
         "along": None if along_path is None else read_trajectory(along_path, arm),
         "between": None if between is None else tuple(part.strip() for part in between.split(",")),
         "payloads": None if payloads is None else [name.strip() for name in payloads.split(",")],
-        "covariates": _levels(covariates),
+        "covariates": covariates,
         "instruments": None if instruments is None else [name.strip() for name in instruments.split(",")],
     }
-    if between is not None and (len(asked["between"]) != 2 or not all(asked["between"])):
+    if between is not None and (len(asked["between"]) < 2 or not all(asked["between"])):
         raise InputError(f"--between: {between!r} is not of the form E1,E2, such as backlash:A2,friction_windup:A2")
     with progress("planning") as tick:
         found = plan(arm, rows, progress=tick, **asked, **given)
@@ -130,20 +122,6 @@ def command(
         options.conclude(lambda: as_json(found), found.flags)
     print_plan(found)
     say(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
-
-
-def _levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
-    """Return values by name from 'temperature=10,35'."""
-    found: dict[str, list[float]] = {}
-    for text in texts:
-        name, equals, values = (piece.strip() for piece in text.rpartition("="))
-        parts = [part.strip() for part in values.split(",")]
-        if not equals or not name or not all(NUMBER.fullmatch(part) for part in parts):
-            raise InputError(f"--covariates: {text!r} is not of the form NAME=NUMBER,NUMBER")
-        if name in found:
-            raise InputError(f"--covariates: {name!r} is given twice")
-        found[name] = [float(part) for part in parts]
-    return found
 
 
 def print_plan(found: Plan) -> None:

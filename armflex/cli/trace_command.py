@@ -15,17 +15,18 @@ from armflex.cli import options
 from armflex.cli.calibrate_command import campaigns_json, print_campaigns
 from armflex.cli.terminal import doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
-from armflex.errors import enough_memory, listing
+from armflex.errors import InputError, enough_memory, listing
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
 from armflex.laws.effects.location import LINK
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
+from armflex.plan.drive import write_plan
 from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.storage.whole_file import together
-from armflex.trace import trace
+from armflex.trace import MOST_ASKED, trace
 from armflex.trace.findings import Found, FoundFamily, Trace, write_traced
 
 MOST_LINES = 8
@@ -37,12 +38,21 @@ MOST_ADVICE = 3
 
 @click.command(cls=options.Command)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Traced arm.toml to write.")
+@click.option(
+    "--ask",
+    type=click.IntRange(1, MOST_ASKED),
+    metavar="12",
+    help="Write so many rows that decide what is in question to ask.csv beside the output, ask_2.csv the second time.",
+)
+@options.settable
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @options.campaign
 def command(
     arm_path: Path,
     output: Path,
     report_path: Path | None,
+    ask: int | None,
+    covariates: dict[str, list[float]],
     keep: bool,
     anyway: bool,
     measured: Callable[[Arm], Measurements],
@@ -56,6 +66,8 @@ def command(
     After every state that the search accepts the outputs are written, marked unfinished. Effects with which held-out
     poses are predicted worse than by the calibrated arm are withdrawn.
     """
+    if covariates and ask is None:
+        raise InputError("--covariates are values for the rows of --ask")
     outputs = Outputs(arm_path, output, report_path, options.json_path())
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = measured(arm)
@@ -69,13 +81,14 @@ def command(
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, account, doing, anyway)
+            trace(arm, measurements, None, tell, keep, account, doing, anyway, ask or 0, covariates)
     finally:  # also where it could not be written
         for found in finished:
             print_trace(found)
             derived = derived_directions(found.arm, measurements, found.rows)
             show_flags((*measurements.flags, *derived, *found.calibration.flags))
-    say(f"Written to {' and '.join(str(path) for path in (output, report_path) if path)}.")
+    written = [*(outputs.rows(found) for found in finished if found.asked), output, report_path]
+    say(f"Written to {' and '.join(str(path) for path in written if path)}.")
 
 
 @dataclass(frozen=True)
@@ -86,6 +99,10 @@ class Outputs:
     arm: Path
     report: Path | None
     json: Path | None
+
+    def rows(self, found: Trace) -> Path | None:
+        """Return where the rows go that were asked for, None where none were."""
+        return None if found.asked is None else self.arm.parent / f"{found.asked.stem}.csv"
 
     def write(self, found: Trace) -> None:
         """Write all of them or none.
@@ -100,6 +117,9 @@ class Outputs:
             (self.json, lambda path: options.write_json(as_json(found), path)),
             (self.report, lambda path: write_report(found, path)),
         ]
+        if found.asked is not None:
+            asked = found.asked
+            writers.append((self.rows(found), lambda path: write_plan(asked, path)))
         try:
             with together():
                 for path, write in writers:

@@ -140,7 +140,7 @@ class TOptimal:
     """
 
     truths: tuple[Truth, ...]
-    title: str = "standard deviations between the two effects"
+    title: str = "standard deviations between the effects"
 
     def shown(self, value: Array | float) -> Array | float:
         return np.sqrt(np.maximum(value, 0.0))
@@ -151,6 +151,43 @@ class TOptimal:
     def gains(self, known: LinearGaussian, rows: Array) -> Array:
         both = [truth.apart(known, rows) for truth in self.truths]
         return np.min([now + more for now, more in both], axis=0) - min(now for now, _ in both)
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """Minus the most that the probability of a wrong name can be: Bhattacharyya's bound (Kailath 1967).
+
+    Of two causes of probabilities p and q that further readings put a chi-square apart, the wrong one is the more
+    probable afterwards with a probability of sqrt(p q) exp(-chi-square / 8) at most.
+
+    Attributes:
+        truths: Of every pair one cause, to be told from the other.
+        chances: (K,) sqrt(p q) of every pair; 0 where no reading tells.
+        now: (K,) the chi-squares that the probabilities are from.
+    """
+
+    truths: tuple[Truth, ...]
+    chances: Array
+    now: Array
+    title: str = "probability of a wrong name, at most"
+
+    def shown(self, value: Array | float) -> Array | float:
+        return -np.asarray(value)
+
+    def apart(self, known: LinearGaussian) -> Array:
+        """Return the (K,) chi-squares by which further readings put the pairs apart."""
+        return np.array([one.chi_square(known, one.departure(known)) for one in self.truths]) - self.now
+
+    def value(self, known: LinearGaussian) -> float:
+        return -float(self.chances @ np.exp(-self.apart(known) / 8.0))
+
+    def gains(self, known: LinearGaussian, rows: Array) -> Array:
+        found = np.zeros(len(rows))
+        for truth, chance, now in zip(self.truths, self.chances, self.now, strict=True):
+            if chance > 0.0:
+                reached, more = truth.apart(known, rows)
+                found += chance * np.exp(-(reached - now) / 8.0) * -np.expm1(-more / 8.0)
+        return found
 
 
 def _spread(seen: Array, rows: Array) -> Array:

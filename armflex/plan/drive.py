@@ -21,6 +21,7 @@ from armflex.rows import Rows
 from armflex.rows.rows import STILL
 
 if TYPE_CHECKING:
+    from armflex.plan.asking import Asked
     from armflex.plan.planned_rows import Plan
 
 FINEST = 1e-6
@@ -133,7 +134,7 @@ def _sign(change: Array) -> Array:
 
 
 @checked_kinds
-def write_plan(found: Plan, path: str | Path) -> Path:
+def write_plan(found: Plan | Asked, path: str | Path) -> Path:
     """Write the rows as a measurements.csv whose positions are still empty; whole or not at all.
 
     It holds pose, session, payload, q_*, what effects depend on, x y z to be filled in, and sigma, in the units of the
@@ -153,7 +154,8 @@ def write_plan(found: Plan, path: str | Path) -> Path:
         columns[name + unit] = np.round(rounded, digits).tolist()
     for joint in reach.approached:
         columns[f"approach_{joint}"] = rows.approach[:, rows.joint_names.index(joint)].astype(int).tolist()
-    columns |= {name: _levels(rows)[name].tolist() for name in reach.levels}
+    given = _levels(rows)
+    columns |= {name: [""] * len(rows) if name in reach.blank else given[name].tolist() for name in reach.levels}
     for name, sensor in reach.arm.sensors.items():
         if name in reach.touching:
             pairs = zip(rows.covariates[name], rows.measured.tolist(), strict=True)
@@ -173,7 +175,7 @@ def write_plan(found: Plan, path: str | Path) -> Path:
     return write_table(path, columns)
 
 
-def _unit(found: Plan, column: str, kind: str) -> tuple[str, float]:
+def _unit(found: Plan | Asked, column: str, kind: str) -> tuple[str, float]:
     """Return the suffix and the factor of a column's unit in the campaign before, '' and 1 for SI."""
     unit = found.units.get(column, "")
     return (f"_{unit}", UNITS[kind][unit]) if unit else ("", 1.0)

@@ -58,6 +58,7 @@ class Reach:
             arm hangs below it in every row.
         read: Names of the instruments that are read; '' is the one at the tip.
         sigmas: By instrument (n,) standard deviations of its numbers, in their units, where a campaign determined them.
+        blank: What is recorded with the readings, by name: a file of rows leaves it open.
     """
 
     arm: Arm
@@ -71,6 +72,7 @@ class Reach:
     floor: float | None = None
     read: tuple[str, ...] = ("",)
     sigmas: Mapping[str, Array] = field(default_factory=dict)
+    blank: tuple[str, ...] = ()
 
     def unread(self, rows: Rows) -> Readings:
         """Return what is to be read in rows."""

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ class Plan(Result):
         reached: (n + 1,) the goal's value, in its unit, after none, one, ... of them, the most informative first.
         random: (d, m + 1) the same, in the goal's unit, of d draws of poses at random.
         everything: The goal's value if all rows that were offered were measured.
-        hypotheses: The two effects in question, if any.
+        hypotheses: The effects in question, if any.
         blind: Parameters on which no tip reading depends.
         offered: Rows that were offered first, spread evenly.
         uncertainty: By title, (N,) standard deviation there of what the instrument would read, in 3-D [m]: before or,
@@ -183,28 +184,37 @@ class Plan(Result):
         return tuple(told)
 
 
-def _between(plan: Plan) -> tuple[str, ...]:
-    """Return whether two effects in question will be distinguished, and what else would distinguish them."""
-    if not plan.hypotheses:
-        return ()
-    one, other = (hypothesis.candidate.effect for hypothesis in plan.hypotheses)
-    titles = [
-        f"{hypothesis.candidate.effect.title}{numbered(hypothesis.candidate.number)}" for hypothesis in plan.hypotheses
-    ]
-    pair, apart = " from ".join(titles), float(plan.goal.shown(plan.reached[-1]))
-    otherwise = instead(one, other, levels_tell(plan.reach.arm, plan.reach.read))
-    told: tuple[str, ...] = ()
-    if plan.goal.shown(plan.everything) < TOLD:
-        read = "No tip reading" if "" in plan.reach.read else "None of these readings"
-        return (f"{read} distinguishes {pair}; instead, {otherwise}.",)
-    if isinstance(plan.goal, TOptimal) and len(plan.goal.truths) == 1:
-        places = np.flatnonzero(plan.goal.truths[0].own)
-        true = int(places[0] not in plan.model.place(plan.hypotheses[0].candidate))
-        told += (
-            f"Were {titles[1 - true]} true, {titles[true]} and what calibration frees would do as well whatever is "
-            f"read; these rows are for the case that it is {titles[true]}. Otherwise, {otherwise}.",
-        )
-    if apart < TOLD:
-        more = int(np.ceil((len(plan.reached) - 1) * (TOLD / max(apart, 1e-9)) ** 2))
-        told += (f"These rows do not distinguish {pair}: {apart:.2g} standard deviations; about {more} rows would.",)
-    return told
+def _between(plan: Plan) -> Iterator[str]:
+    """Yield whether each two of the effects in question will be distinguished, and what else would distinguish them."""
+    goal = plan.goal
+    if not isinstance(goal, TOptimal):
+        return
+    places = [plan.model.place(one.candidate) for one in plan.hypotheses]
+    named = [f"{one.candidate.effect.title}{numbered(one.candidate.number)}" for one in plan.hypotheses]
+    levels = levels_tell(plan.reach.arm, plan.reach.read)
+    readings = "No tip reading" if "" in plan.reach.read else "None of these readings"
+    for pair in combinations(range(len(places)), 2):
+        # Of each effect as the true one, the other in its stead.
+        truths = {
+            i: one
+            for one in goal.truths
+            for i, j in (pair, pair[::-1])
+            if one.own[places[i]].any() and np.isin(places[j], one.others).all()
+        }
+        said = " from ".join(named[i] for i in pair)
+        one, other = (plan.hypotheses[i].candidate.effect for i in pair)
+        otherwise = instead(one, other, levels)
+        if not truths or goal.shown(plan.everything) < TOLD:
+            yield f"{readings} distinguishes {said}; instead, {otherwise}."
+            continue
+        if len(truths) == 1:
+            (true,) = truths
+            false = pair[0] + pair[1] - true
+            yield (
+                f"Were {named[false]} true, {named[true]} and what calibration frees would do as well whatever is "
+                f"read; these rows are for the case that it is {named[true]}. Otherwise, {otherwise}."
+            )
+        apart = float(goal.shown(TOptimal(tuple(truths.values())).value(plan.known)))
+        if apart < TOLD:
+            more = int(np.ceil((len(plan.reached) - 1) * (TOLD / max(apart, 1e-9)) ** 2))
+            yield (f"These rows do not distinguish {said}: {apart:.2g} standard deviations; about {more} rows would.")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import permutations
 from numbers import Integral
 
 import numpy as np
@@ -67,7 +68,7 @@ def plan(
     *,
     after: Measurements | Tabular | None = None,
     along: Trajectory | Tabular | None = None,
-    between: tuple[str, str] | None = None,
+    between: Sequence[str] | None = None,
     payloads: Sequence[str] | None = None,
     covariates: Mapping[str, Sequence[float]] | None = None,
     sigma: float | None = None,
@@ -86,8 +87,8 @@ def plan(
         rows: How many positions will be read.
         after: What was measured already; an arm that is not calibrated is calibrated with it.
         along: Make the predicted readings along this trajectory as certain as can be instead.
-        between: Distinguish these two effects instead, each spelled LAW:SITE[:AXIS[:PARTNER]], as `trace` names them;
-            the second effect of the arm with such a spelling ends in #2.
+        between: Distinguish these effects instead, two or more, each spelled LAW:SITE[:AXIS[:PARTNER]], as `trace`
+            names them; the second effect of the arm with such a spelling ends in #2.
         payloads: What may be carried; every payload of the arm, and nothing, when not given.
         covariates: Values that can be set of what effects depend on, by name.
         sigma: Standard deviation of a position read [m]; that of `after`, else 0.2 mm, when not given.
@@ -111,10 +112,11 @@ def plan(
     settable, tick = covariates or {}, progress or (lambda done, total: None)
     _check(rows, seed, along, between, sigma, floor, settable)
     effects = [named_effect(text, arm, tuple(settable)) for text in between or ()]
-    if effects and effects[0] == effects[1]:
-        raise InputError(f"{spelled(effects[0])} cannot be distinguished from itself: name two effects")
+    for i, effect in enumerate(effects):
+        if effect in effects[:i]:
+            raise InputError(f"{spelled(effect)} cannot be distinguished from itself: name two effects")
     before = known_before(arm, after, as_stated=bool(effects))
-    reach, flags = _reach_of(before, effects, payloads, settable, sigma, floor)
+    reach, flags = reach_of(before, effects, payloads, settable, sigma, floor)
     path_flags = () if along is None else along.derived_directions(before.setup.arm)
     flags = (*before.flags, *path_flags, *flags)
     mounts: tuple[Mounted, ...] = ()
@@ -198,7 +200,7 @@ def _check(
     rows: int,
     seed: int,
     along: Trajectory | None,
-    between: tuple[str, str] | None,
+    between: Sequence[str] | None,
     sigma: float | None,
     floor: float | None,
     covariates: Mapping[str, Sequence[float]],
@@ -210,7 +212,9 @@ def _check(
         if not least <= value <= most:
             raise InputError(f"{name} is {shown(value, 60)}, expected {least} to {most}")
     if along is not None and between:
-        raise InputError("a plan is for a trajectory or for two effects, not for both")
+        raise InputError("a plan is for a trajectory or for effects to distinguish, not for both")
+    if between is not None and len(between) < 2:
+        raise InputError(f"between is {list(between)}, expected two effects or more")
     if sigma is not None and not 0.0 < sigma < np.inf:
         raise InputError(f"sigma is {sigma:g} m, expected more than 0")
     if floor is not None and np.isnan(floor):
@@ -220,7 +224,7 @@ def _check(
             raise InputError(f"covariate {name!r}: expected the values that can be set, got {list(values)}")
 
 
-def _reach_of(
+def reach_of(
     before: Before,
     effects: Sequence[Effect],
     payloads: Sequence[str] | None,
@@ -309,10 +313,11 @@ def _goal(
     """Return what is to be made as large as can be, where (N, 3, P) changes of the readings are offered."""
     if hypotheses:
         truths = []
-        for hypothesis in hypotheses:
+        for hypothesis, rival in permutations(hypotheses, 2):
             own, places = np.zeros(len(model.scale)), model.place(hypothesis.candidate)
             own[places] = hypothesis.size / model.scale[places]
-            truths.append(Truth(own, np.setdiff1d(np.arange(len(own)), places), float(own @ own)))
+            gone = [model.place(one.candidate) for one in hypotheses if one is not rival]
+            truths.append(Truth(own, np.setdiff1d(np.arange(len(own)), np.concatenate(gone)), float(own @ own)))
         # One law may hold the other as a special case: then rows are for the case that the wider one is true.
         whole = model.known.with_rows(every)
         tellable = [truth for truth in truths if TOptimal((truth,)).value(whole) >= TOLD**2]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
+from armflex.errors import InputError
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
@@ -16,6 +17,9 @@ from armflex.measured.table import Tabular
 if TYPE_CHECKING:
     from armflex.trace.findings import Trace
     from armflex.trace.telling import Doing
+
+MOST_ASKED = 100
+"""Tolerance: rows that can be asked for at once."""
 
 
 @checked_kinds
@@ -28,6 +32,8 @@ def trace(
     account: Callable[[Trace], None] | None = None,
     progress: Callable[[Doing], None] | None = None,
     anyway: bool = False,
+    ask: int = 0,
+    covariates: Mapping[str, Sequence[float]] | None = None,
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
@@ -45,6 +51,9 @@ def trace(
             the end with the finished one.
         progress: Called with how far the search has come within a stage, thousands of times.
         anyway: Take the campaign as it is, also where it is plausible only in another convention.
+        ask: How many rows are wanted that decide what is in question, in `asked` of what is returned; see
+            `armflex.plan.drive.write_plan`.
+        covariates: For those rows, values that can be set of recorded columns by name; others stay as they were last.
 
     Raises:
         ConventionError: The campaign is implausible for this arm, and plausible in another convention; or readings
@@ -52,7 +61,11 @@ def trace(
         InputError: Too few rows were measured.
         ConvergenceError: The calibration did not settle.
     """
+    from armflex.trace.asking import Ask
     from armflex.trace.run import trace as run
 
     arm.check_tree("trace")
-    return run(arm, as_campaign(measurements, arm), rows, report, keep, account, progress, anyway)
+    if not 0 <= ask <= MOST_ASKED:
+        raise InputError(f"ask is {ask}, expected 0 to {MOST_ASKED}")
+    campaign = as_campaign(measurements, arm)
+    return run(arm, campaign, rows, report, keep, account, progress, anyway, Ask(ask, covariates or {}))

@@ -15,6 +15,7 @@ from armflex.estimate.posterior import certainty_of
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
+from armflex.trace.asking import Ask, lacking, next_measurement
 from armflex.trace.findings import (
     ALMOST,
     LARGER,
@@ -30,7 +31,6 @@ from armflex.trace.findings import (
     unexplained,
 )
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.next_measurement import lacking, next_rows
 from armflex.trace.probabilities import Credible, competing, sampled
 from armflex.trace.screen import MOVED
 from armflex.trace.search import Standing, refitted, standing
@@ -115,12 +115,13 @@ def settled_exactly(state: State) -> State:
         return state
 
 
-def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
+def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = None) -> Trace:
     """Return the account of a search that has come to its end.
 
     Args:
         here: The state.
         places: Where a random twist would have explained what was left at first.
+        ask: Whether rows are wanted that decide what is in question.
     """
     here.state.say("fitting to the end")
     exact = settled_exactly(sorted_out(here.state))
@@ -134,9 +135,8 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
         view = look(state.fit.setup, state.measurements, together)
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
-    hypotheses = [[] for _ in state.effects]
-    for one in found:
-        hypotheses[one.index] = [effect for effect, _ in one.equivalent]
+    state.say("looking what would decide what is in question")
+    following = next_measurement(state, known.credible, ask or Ask())
     seen = known.validated
     return Trace(
         **_errors(state),
@@ -147,7 +147,8 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
         undecided=None if state.effects or left is not None else _undecided(known),
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
-        next_measurement=(*next_rows(state, hypotheses), *lacking(state.measurements)),
+        next_measurement=(*following.texts, *lacking(state.measurements)),
+        asked=following.asked,
         compared=None if seen is None else seen.compared,
         withdrawn=withdrawn,
         nothing=known.credible[-1].nothing if not state.known else 0.0,

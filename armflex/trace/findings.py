@@ -28,6 +28,7 @@ from armflex.files.effect_file import effect_table
 from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
 from armflex.parameters import ArmParameter
+from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.state import State, lost_in, lost_of, lost_rows
@@ -291,6 +292,7 @@ class Trace(Result):
         not_identifiable: Effects that could not have been identified.
         smallest: What the campaign could have shown at least.
         next_measurement: What to measure next, in words.
+        asked: The rows that decide what is in question, where they were wanted.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
         families: Laws that all drives have.
@@ -320,6 +322,7 @@ class Trace(Result):
     not_identifiable: tuple[Unidentifiable, ...] = ()
     smallest: tuple[Smallest, ...] = ()
     next_measurement: tuple[str, ...] = ()
+    asked: Asked | None = None
     compared: Compared | None = None
     withdrawn: tuple[Withdrawn, ...] = ()
     families: tuple[FoundFamily, ...] = ()

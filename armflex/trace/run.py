@@ -13,6 +13,7 @@ from armflex.estimate.calibrate import calibrate
 from armflex.estimate.misread import check_scatter
 from armflex.measured.measurements import Measurements
 from armflex.trace.account import conclude, so_far
+from armflex.trace.asking import Ask
 from armflex.trace.findings import Trace
 from armflex.trace.search import Standing, search, standing
 from armflex.trace.state import begin
@@ -28,6 +29,7 @@ def trace(
     account: Callable[[Trace], None] | None = None,
     progress: Callable[[Doing], None] | None = None,
     anyway: bool = False,
+    ask: Ask | None = None,
 ) -> Trace:
     """Return the traced arm and its account; `armflex.trace` says what goes in."""
     teller = Teller(report, progress)
@@ -51,7 +53,7 @@ def trace(
         except ArmflexError as error:  # a search is not ended because there is no account yet
             teller.stage(f"no account so far: {error}")
 
-    traced = conclude(search(begun, passing), places)
+    traced = conclude(search(begun, passing), places, ask)
     if not anyway:
         check_scatter(traced.state.fit)
     if account is not None:

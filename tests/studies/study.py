@@ -58,7 +58,7 @@ def read_scores(path: Path) -> list[Score]:
 def _value(name: str, text: str):
     if name in LISTS:
         return json.loads(text)
-    if name in ("seed", "checked", "covered", "false"):
+    if name in ("seed", "checked", "covered", "false", "asked"):
         return int(text)
     if name in ("first", "axis"):
         return text == "True"
@@ -78,12 +78,12 @@ def append(path: Path, result: Score) -> None:
         writer.writerow(row)
 
 
-def run(wanted: Sequence[Job], path: Path, workers: int) -> list[Score]:
+def run(wanted: Sequence[Job], path: Path, workers: int, ask: int = 0) -> list[Score]:
     """Make every draw that the file does not hold, and return all that were wanted."""
     known = {_job(one): one for one in read_scores(path)}
     missing = [job for job in wanted if job not in known]
     start = time.time()
-    finished = Parallel(n_jobs=workers, return_as="generator_unordered")(delayed(score)(*job) for job in missing)
+    finished = Parallel(n_jobs=workers, return_as="generator_unordered")(delayed(score)(*job, ask) for job in missing)
     for count, one in enumerate(finished, start=1):
         append(path, one)
         known[_job(one)] = one
@@ -228,6 +228,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--kinds", default=",".join(EVERY), help="comma-separated; a kind or kind with ' lagged'")
     parser.add_argument("--effects", help="how many at once, 2-6: those kinds alone")
+    parser.add_argument(
+        "--ask", type=int, default=0, help="rows asked for and read, twice at most"
+    )
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("-o", "--output", type=Path, default=Path("study.csv"))
     parser.add_argument("--page", type=Path, help="Markdown of the same tables, for the documentation")
@@ -239,7 +242,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     unknown = sorted(set(kinds) - {*EVERY, *SEVERAL})
     if unknown:
         parser.error(f"unknown kinds: {', '.join(unknown)}; known: {', '.join(EVERY)}")
-    scores = run(jobs(given.draws, kinds, given.seed, given.size), given.output, given.jobs)
+    scores = run(jobs(given.draws, kinds, given.seed, given.size), given.output, given.jobs, given.ask)
     print(f"\n{table(scores)}\n\n{summary(scores)}\n\n{confusions(scores)}")
     if given.page:
         given.page.write_text(page(scores, f"--draws {given.draws} --seed {given.seed} --size {given.size:g}"))

@@ -13,13 +13,14 @@ from __future__ import annotations
 import json
 import zlib
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+import armflex.rows
 from support.campaign_files import ARMS, declared_text, write_clean, write_rows
 from support.plant import Array, Plant, Rows, State, apply, pose, turn
 from support.undeclared import REFERENCE, Context, Effect, Nudged, Redraw
@@ -100,6 +101,7 @@ class Drawn:
     noise: Noise
     errors: Array
     lost: Array
+    spare: int = 0  # stops at the end that nobody has driven yet
 
     def readings(self, effects: tuple[Effect, ...] | None = None) -> Array:
         """Noise-free readings (stops, 3) under the given effects, by default the true ones."""
@@ -120,24 +122,40 @@ class Drawn:
         seen = turn(rng.normal(0.0, sigma, (len(axes), 3))) @ axes
         return Rotation.from_matrix(seen).as_rotvec(), self.rows.measured & (rng.random(len(axes)) < share)
 
+    def asked(self, rows: armflex.rows.Rows) -> Drawn:
+        """Return the campaign with rows that were asked for driven at its next spare stops and read."""
+        first, payloads = len(self.rows.q) - self.spare, [name for name, _, _ in ARMS[self.arm].payloads]
+        there = slice(first, first + len(rows))
+        carried = np.array([payloads.index(name if name in payloads else "empty") for name in rows.payload])
+        _, mass, com = (np.array(some) for some in zip(*ARMS[self.arm].payloads, strict=True))
+        given = {"q": rows.q, "payload": carried, "mass": mass[carried], "com": com[carried], "measured": True}
+        given |= {"approach": rows.approach, "session": 1 + self.rows.session[first - 1]}
+        given |= {} if rows.hold is None else {"hold": rows.hold}
+        changed = {name: getattr(self.rows, name).copy() for name in given}
+        for name, values in given.items():
+            changed[name][there] = values
+        return replace(self, rows=replace(self.rows, **changed), spare=self.spare - len(rows))
+
     def write(self, folder: Path) -> Truth:
-        """Write arm.toml (as declared), train.csv, test.csv, truth.csv and truth.json."""
+        """Write arm.toml (as declared), train.csv, test.csv, truth.csv and truth.json; no spare stops."""
         folder.mkdir(parents=True, exist_ok=True)
         arm, train, test = folder / "arm.toml", folder / "train.csv", folder / "test.csv"
         arm.write_text(declared_text(self.arm))
-        clean, names = self.readings(), [j.name for j in self.plant.joints]
+        driven = slice(len(self.rows.q) - self.spare)
+        rows = Rows(**{one.name: getattr(self.rows, one.name)[driven] for one in fields(Rows)})
+        clean, errors, names = self.readings()[driven], self.errors[driven], [j.name for j in self.plant.joints]
         payloads = [name for name, _, _ in ARMS[self.arm].payloads]
-        for path, shown in ((train, self.rows.measured), (test, self.rows.held_out)):
-            write_rows(path, self.rows, names, payloads, clean + self.errors, shown, SIGMA)
-        write_clean(folder / "truth.csv", self.rows, clean)
+        for path, shown in ((train, rows.measured), (test, rows.held_out)):
+            write_rows(path, rows, names, payloads, clean + errors, shown, SIGMA)
+        write_clean(folder / "truth.csv", rows, clean)
         effects = tuple(
             TrueEffect(e.name, e.site, e.axis, e.covariates, e.tell(e.amplitude), raw)
             for e, raw in zip(self.effects, self.raw_rms, strict=True)
         )
         told = {"kind": self.kind, "seed": self.seed, "arm": self.arm, "sigma": self.noise.sigma}
         (folder / "truth.json").write_text(json.dumps({**told, "effects": [vars(e) for e in effects]}, indent=1) + "\n")
-        held, sigma = self.rows.held_out, self.noise.sigma
-        return Truth(self.kind, self.seed, arm, train, test, effects, clean, held, sigma, self.lost)
+        held, sigma = rows.held_out, self.noise.sigma
+        return Truth(self.kind, self.seed, arm, train, test, effects, clean, held, sigma, self.lost[driven])
 
 
 def read(plant: Plant, state: State, station: Array, shifts: Array) -> Array:
@@ -146,7 +164,7 @@ def read(plant: Plant, state: State, station: Array, shifts: Array) -> Array:
     return apply(shifts[state.rows.session], seen) + state.push.shift
 
 
-def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0) -> Drawn:
+def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0, spare: int = 0) -> Drawn:
     """Draw a campaign.
 
     Args:
@@ -154,26 +172,31 @@ def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0) -> Drawn:
         seed: The same seed gives the same campaign; another kind gives other poses, errors and noise as well.
         arm: "boom" or "six".
         size: Factor on the size of the effect.
+        spare: Stops after the campaign for rows that are asked for.
     """
     for attempt in range(50):
         rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), sorted(ARMS).index(arm), attempt])
         try:
-            return once(rng, kind, seed, arm, size)
+            return once(rng, kind, seed, arm, size, spare)
         except Redraw:
             continue
     raise RuntimeError(f"{kind} cannot matter on this arm")
 
 
-def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float) -> Drawn:
+def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float, spare: int = 0) -> Drawn:
     """Draw machine, run, instrument, effects and noise; raise `Redraw` where the effect wanted cannot matter."""
     plant = true_machine(rng, arm)
     several = kind in SEVERAL
-    rows = run(rng, plant, arm, several)
+    rows = with_spare(run(rng, plant, arm, several), spare)
     noise = noise_of(rng, kind)
     station = pose(rng.normal(0.0, 3.0, 3), turn(np.array([0.0, 0.0, rng.uniform(-3.0, 3.0)])))
     shifts = np.array(
         [pose(rng.normal(0.0, noise.restationing, 3), turn(rng.normal(0.0, 2e-5, 3))) for _ in range(SESSIONS)]
     )
+    if spare:
+        again = np.random.default_rng([seed, spare])
+        later = [pose(again.normal(0.0, noise.restationing, 3), turn(again.normal(0.0, 2e-5, 3))) for _ in range(2)]
+        shifts = np.concatenate([shifts, later])
     context = Context(rng, plant, rows, plant.relax(rows), SESSIONS)
     sizes = MANY if several else ONE
     found = [hide(context, name, station, shifts, size, sizes) for name in hidden(rng, kind)]
@@ -184,7 +207,7 @@ def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float) 
             plant.relax(rows, effects)
         except ArithmeticError as error:  # each comes to rest by itself
             raise Redraw from error
-    return Drawn(kind, seed, arm, plant, rows, effects, reached, station, shifts, noise, errors, lost)
+    return Drawn(kind, seed, arm, plant, rows, effects, reached, station, shifts, noise, errors, lost, spare)
 
 
 def hidden(rng: np.random.Generator, kind: str) -> list[str]:
@@ -298,6 +321,17 @@ def run(rng: np.random.Generator, plant: Plant, arm: str, several: bool = False)
         measured,
         held_out,
     )
+
+
+def with_spare(rows: Rows, spare: int) -> Rows:
+    """Return what was driven with stops after it, two hours later, that are not read; they stand as the last ones."""
+    if not spare:
+        return rows
+    again = {one.name: getattr(rows, one.name)[-spare:] for one in fields(Rows)}
+    none = np.zeros(spare, bool)
+    again |= {"time": rows.time[-1] + 7200.0 + 600.0 * np.arange(spare), "measured": none, "held_out": none}
+    again |= {"pose": rows.pose.max() + 1 + np.arange(spare)}
+    return Rows(**{name: np.concatenate([getattr(rows, name), values]) for name, values in again.items()})
 
 
 def visits(rng: np.random.Generator, poses: int, payloads: int, several: bool) -> Array:

@@ -59,7 +59,8 @@ class Score:
         shown, strain: What calibration leaves of the effects [mm], and how far they move it.
         stated: Of each name found, the probability stated of it and whether it is a hidden one; 0 where none is stated.
         checked, covered: Parameters with a true value, and those within 1.96 standard deviations of it.
-        seconds: Of the processor.
+        seconds: Of the processor, of the last trace.
+        asked: How often rows were asked for, driven and read before the account that is judged.
         log: What the search said it was doing; or the error.
     """
 
@@ -86,6 +87,7 @@ class Score:
     checked: int = 0
     covered: int = 0
     seconds: float = np.nan
+    asked: int = 0
     log: str = ""
 
     @property
@@ -103,25 +105,36 @@ class Score:
         return asdict(self)
 
 
-def score(kind: str, seed: int, arm: str, size: float) -> Score:
-    """Draw, write, read, trace and judge one campaign; an exception is a verdict, too."""
+TWICE = 2
+"""How often rows are asked for at most."""
+
+
+def score(kind: str, seed: int, arm: str, size: float, ask: int = 0) -> Score:
+    """Draw, write, read, trace and judge one campaign; an exception is a verdict, too.
+
+    With `ask` so many rows that decide what is in question are driven, read, and everything is traced again.
+    """
     result = Score(kind, seed, arm, size)
     try:
         with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            drawn = draw(kind, seed, arm=arm, size=size)
-            _judge(result, drawn, Path(folder))
+            drawn = draw(kind, seed, arm=arm, size=size, spare=TWICE * ask)
+            _judge(result, drawn, Path(folder), ask)
     except Exception:
         result.log = f"{result.log}; {traceback.format_exc()[-800:]}"
     return result
 
 
-def _judge(result: Score, drawn: Drawn, folder: Path) -> None:
-    truth = drawn.write(folder)
-    arm = armflex.load_arm(truth.arm)
-    start = time.process_time()
-    account = armflex.trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear)
-    result.seconds = time.process_time() - start
+def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
+    while True:
+        truth = drawn.write(folder)
+        arm = armflex.load_arm(truth.arm)
+        start, wanted = time.process_time(), ask if drawn.spare else 0
+        account = armflex.trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear, ask=wanted)
+        result.seconds = time.process_time() - start
+        if account.asked is None:
+            break
+        drawn, result.asked = drawn.asked(account.asked.rows), result.asked + 1
     rows = armflex.read_measurements(truth.test, arm)
     believed = rows.measured & ~truth.lost
     result.floor = 1e3 * _rms((rows.position - truth.clean)[believed])

@@ -150,24 +150,26 @@ def payload_mass(s: Context) -> Effect:
     """The same kg too many on every payload that is one, or every payload heavier by the same share."""
     last, rows = len(s.plant.joints), s.rows
     share, sign = bool(s.rng.random() < 0.5), s.sign()
-    more = sign * (rows.mass / rows.mass.max() if share else (rows.mass > 0) * 1.0)
+    heaviest = rows.mass.max()
 
     def pull(t: State) -> tuple[int, Array, Array]:
-        return last, more[:, None] * s.plant.gravity, apply(t.frames[:, -1], rows.com)
+        mass = t.rows.mass
+        more = sign * (mass / heaviest if share else (mass > 0) * 1.0)
+        return last, more[:, None] * s.plant.gravity, apply(t.frames[:, -1], t.rows.com)
 
     key = "mass_at_heaviest" if share else "mass"
     return pulling(s, "payload_mass", last, None, pull, lambda x: {key: sign * x}, 0.5 * rows.mass.max(), ("payload",))
 
 
 def payload_com(s: Context) -> Effect:
-    last, rows, a = len(s.plant.joints), s.rows, int(s.rng.integers(3))
+    last, a = len(s.plant.joints), int(s.rng.integers(3))
     sign = s.sign()
 
     def moved(t: State, x: float) -> list[tuple[int, Array, Array]]:
-        down = rows.mass[:, None] * s.plant.gravity
+        down = t.rows.mass[:, None] * s.plant.gravity
         return [
-            (last, down, apply(t.frames[:, -1], rows.com + sign * x * unit(a)[:3])),
-            (last, -down, apply(t.frames[:, -1], rows.com)),
+            (last, down, apply(t.frames[:, -1], t.rows.com + sign * x * unit(a)[:3])),
+            (last, -down, apply(t.frames[:, -1], t.rows.com)),
         ]
 
     return loading(s, "payload_com", last, AXES[a], moved, lambda x: {AXES[a]: sign * x}, 1e-3, 0.7, ("payload",))

@@ -185,7 +185,7 @@ def position_dependent_compliance(s: Context) -> Effect:
     covariates = (f"q_{name}", "load")
 
     def shape(t: State) -> Array:
-        return (c1 * q + c2 * q**2) * t.wrenches[:, i, a]
+        return (c1 * t.rows.q[:, i] + c2 * t.rows.q[:, i] ** 2) * t.wrenches[:, i, a]
 
     def tell(x: float) -> Numbers:
         return {"C1": x * c1, "C2": x * c2}

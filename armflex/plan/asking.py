@@ -1,0 +1,298 @@
+"""Rows that decide between the causes that a campaign left possible, in the order to drive them.
+
+First rows are chosen, whatever goes before them, by the bound on the probability of a wrong name that they leave
+(`armflex.plan.design.Named`). Then their order, as what remembers the rows before, and the side that a joint comes
+from, follow from it: orders at random, and the best of them with rows exchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from armflex.conventions import Array
+from armflex.estimate.block import amplitude_prior
+from armflex.estimate.blocks import sensor_block
+from armflex.estimate.view import look
+from armflex.laws.effects.context import MASS
+from armflex.laws.effects.effect import Effect
+from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import numbers_of
+from armflex.plan.design import Named, Truth, exchanged, greedy
+from armflex.plan.design_model import NOWHERE, Before, CandidateBlock, Model, answers, learning, model_of
+from armflex.plan.drive import driving_order
+from armflex.plan.instruments import unlike
+from armflex.plan.offer import Offer, Reach, around, spread_evenly
+from armflex.plan.planned_rows import TOLD
+from armflex.plan.planning import reach_of
+from armflex.readings import Position, Readings
+from armflex.rows import Rows
+from armflex.rows.rows import APPROACH, STILL, last_motion
+
+OFFERED, ROUNDS, WIDTH, NEAR = 256, 2, 0.2, 8
+"""Tolerance: rows among which the first choice is made, a power of two; how often rows near the chosen ones are tried,
+how near [share of the range] at first, and how many for each."""
+
+ORDERS, IMPROVED = 32, 3
+"""Tolerance: orders of the rows that are tried, and how often as many with two rows of the best one exchanged are."""
+
+APART = 600.0
+"""Time between two rows [s]."""
+
+READ, SPLIT = 20, 5.0
+"""Rows of the campaign in which another instrument is thought of, and the expected difference in standard deviations
+from which it tells two causes apart: by more than the odds within which causes are in question."""
+
+SPLITTING = {
+    "level": "a level on {place}",
+    "encoder": "an encoder on the links of {place}",
+    "wire": "a wire to {place}",
+}
+"""Instruments that are thought of, and how they are named."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cause:
+    """What may be in one place of a model.
+
+    Attributes:
+        effect: The effect, with values inside its law; None where there may be none.
+        probability: Of it.
+        ordinal: Its place among the effects of the arm, `NOWHERE` where the arm has it not.
+    """
+
+    effect: Effect | None
+    probability: float
+    ordinal: int = NOWHERE
+
+
+Pair = tuple[Cause, Cause]
+"""Two causes of which one may stand in the other's place, the first one an effect."""
+
+
+@dataclass(frozen=True, eq=False)
+class Question:
+    """Causes that are possible, and what any row could tell of them.
+
+    Attributes:
+        before: Arm and campaign.
+        reach: What can be asked of the arm.
+        pairs: The causes.
+        offer: Rows spread over all that can be asked.
+        model: What is free.
+        goal: The bound; pairs that no row tells apart have no part in it.
+        open: (K,) which pairs rows tell apart.
+    """
+
+    before: Before
+    reach: Reach
+    pairs: tuple[Pair, ...]
+    offer: Offer
+    model: Model
+    goal: Named
+    open: np.ndarray
+
+    @staticmethod
+    def of(before: Before, pairs: Sequence[Pair], settable: Mapping[str, Sequence[float]], count: int) -> Question:
+        """Return the question put to `count` rows, a power of two.
+
+        Args:
+            before: Arm and campaign, everything that was found in it.
+            pairs: The causes.
+            settable: Values that can be set of recorded columns; others stay as they were last.
+            count: Of the rows that are offered.
+
+        Raises:
+            ArmflexError: The arm holds none of them.
+        """
+        told = before.told
+        assert told is not None
+        causes = list({id(one): one for pair in pairs for one in pair if one.effect is not None}.values())
+        effects = [one.effect for one in causes if one.effect is not None]
+        reach = _reach(before, effects, settable)
+        before, offer = learning(before, spread_evenly(reach, before.setup, count, 0))
+        numbers, blocks = numbers_of(before.setup.arm.effects), dict[int, CandidateBlock]()
+        for one, effect in zip(causes, effects, strict=True):
+            number = 1 if one.ordinal == NOWHERE else numbers[one.ordinal]
+            prior = amplitude_prior(effect, (), told.view, told.view.context)
+            blocks[id(one)] = CandidateBlock(effect, (), offer.view.context, one.ordinal, prior, number=number)
+        model = model_of(before, offer, list(blocks.values()))
+        foreign = np.concatenate(
+            [np.zeros(0, int), *(model.place(blocks[id(one)]) for one in causes if one.ordinal == NOWHERE)]
+        )
+        truths = []
+        for one, other in pairs:
+            own, block = np.zeros(len(model.scale)), blocks[id(one)]
+            place = model.place(block)
+            rival = model.place(blocks[id(other)]) if other.effect is not None else place[:0]
+            others = np.setdiff1d(np.arange(len(own)), np.setdiff1d([*foreign, *place], rival))
+            if one.ordinal != NOWHERE:
+                own[place] = block.effect.acting / model.scale[place]
+            else:  # as it is fitted to what everything else leaves
+                score, some = np.zeros(len(own)), np.append(np.setdiff1d(others, rival), place)
+                score[place] = _scores(before, block) * model.scale[place]
+                own[place] = model.known.conditional(some).solve(score[some])[-len(place) :]
+            truths.append(Truth(own, others, float(own @ own)))
+        now = np.array([one.chi_square(model.known, one.departure(model.known)) for one in truths])
+        chances = np.sqrt([one.probability * other.probability for one, other in pairs])
+        goal = Named(tuple(truths), chances, now)
+        told_apart = goal.apart(model.known.with_rows(model.rows(offer))) >= TOLD**2
+        goal = replace(goal, chances=np.where(told_apart, chances, 0.0))
+        return Question(before, reach, tuple(pairs), offer, model, goal, told_apart)
+
+    def rows(self, count: int, stem: str) -> Asked | None:
+        """Return the rows that decide most, None where none decides anything.
+
+        Args:
+            count: How many.
+            stem: How their poses begin, and their session.
+        """
+        if not self.open.any():
+            return None
+        known, rng, here, width = self.model.known, np.random.default_rng(0), self.offer, WIDTH
+        near = self.model.rows(here)
+        chosen = exchanged(self.goal, known, near, greedy(self.goal, known, near, count), 1)
+        for _ in range(ROUNDS):
+            here = around(self.reach, self.before.setup, here.box[chosen], width, NEAR, rng)
+            near = self.model.rows(here)
+            chosen = exchanged(self.goal, known, near, range(count), 1)
+            width *= 0.5
+        rows = here.rows.some(chosen)
+        told = self.before.told
+        assert told is not None
+        q, span = told.campaign.q[-1], np.maximum(self.reach.upper - self.reach.lower, STILL)
+        short = driving_order(rows.q, rows.payload, q, span)
+        orders = [np.array(short), *(rng.permutation(count) for _ in range(ORDERS))]
+        if not self.depends_on_order:
+            orders = orders[:1]
+        values = self._values(rows, orders)
+        for _ in range(IMPROVED if len(orders) > 1 else 0):
+            best = orders[int(values.argmax())]
+            more = [_exchanged(best, rng) for _ in range(ORDERS)]
+            orders, values = [*orders, *more], np.append(values, self._values(rows, more))
+        best = orders[int(values.argmax())]
+        names = tuple(f"{stem} {i + 1}" for i in range(len(best)))
+        approach = last_motion(np.vstack([q, rows.q[best]]))[1:]
+        kept = replace(rows.some(best), pose=names, approach=approach, session=(stem,) * count)
+        given = told.campaign.derived
+        named = tuple(name for name in self.reach.arm.joint_names if f"{APPROACH}{name}" not in given)
+        reach = replace(self.reach, approached=named)
+        return Asked(kept, reach, dict(told.campaign.units), stem, -self.goal.value(known), -float(values.max()))
+
+    @property
+    def depends_on_order(self) -> bool:
+        """Whether a cause, or an effect of the arm, remembers the rows before or depends on where joints come from."""
+        own = [*self.before.setup.arm.effects, *(one.effect for pair in self.pairs for one in pair if one.effect)]
+        return any(one.remembers or any(APPROACH in name for name in one.location.covariates) for one in own)
+
+    def _values(self, rows: Rows, orders: Sequence[np.ndarray]) -> Array:
+        """Return the goal after (n,) rows in each of some orders, the campaign's last row before them."""
+        told = self.before.told
+        assert told is not None
+        count = len(rows)
+        way = rows.some(np.concatenate([[order[0], *order] for order in orders]))
+        q = way.q.reshape(len(orders), count + 1, -1).copy()
+        q[:, 0] = told.campaign.q[-1]
+        approach = np.concatenate([last_motion(one) for one in q])
+        names = tuple(f"{number}" for number in range(len(orders)) for _ in range(count + 1))
+        time = told.campaign.time[-1] + APART * np.tile(np.arange(1.0, count + 2), len(orders))
+        way = replace(way, q=q.reshape(len(way), -1), approach=approach, campaign=names, time=time)
+        view = look(self.before.setup, way, readings=self.reach.unread(way))
+        seen = answers(self.model.blocks, view) * self.model.scale
+        seen = seen.reshape(len(orders), count + 1, *seen.shape[1:])[:, 1:]
+        return np.array([self.goal.value(self.model.known.with_rows(one)) for one in seen])
+
+    def split_by(self, number: int) -> tuple[tuple[str, float], ...]:
+        """Return the best of each sort of instrument nobody has that tells a pair apart, and by how much [sigma].
+
+        Each is read in some rows of the campaign. What is open of an instrument itself is found from the same readings.
+        """
+        assert self.before.told is not None
+        view, known, truth = self.before.told.view, self.model.known, self.goal.truths[number]
+        some = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
+        declared, read = view.arm.sensors, view.readings.names
+        sensors = {one.name: one for word in SPLITTING for one in unlike(view.arm, word, read)}
+        sensors = {name: one for name, one in sensors.items() if name not in declared}
+        setup = replace(view.setup, arm=replace(view.arm, sensors={**declared, **sensors}))
+        kinds = tuple(one.kind.unread(len(some.rows), one.sigma, one.name) for one in sensors.values())
+        readings = Readings(len(some.rows), kinds)
+        here = replace(some, setup=setup, readings=readings, residual=np.zeros((len(some.rows), readings.size)))
+        here = replace(here, readings=readings.within_range(here.at))
+        after = answers([one.of_rows(view.context) for one in self.model.blocks], here) * self.model.scale
+        best, unread = dict[str, tuple[str, float]](), [one for name, one in declared.items() if name not in read]
+        for kind, place in here.readings.placed:
+            open_of_it = sensor_block(setup, kind.name, ("",))
+            own = open_of_it.jacobian(here)[:, place] / here.sigma[:, place, None]
+            both = LinearGaussian(np.asarray(block_diag(known.information, np.diag(open_of_it.prior**-2.0))))
+            both = both.with_rows(np.concatenate([after[:, place], own], axis=2))
+            count = own.shape[2]
+            others = np.append(truth.others, len(truth.own) + np.arange(count))
+            wider = Truth(np.append(truth.own, np.zeros(count)), others, truth.held)
+            more = wider.chi_square(both, wider.departure(both)) - self.goal.now[number]
+            word, sensor, sigmas = kind.name.partition("_")[0], sensors[kind.name], float(np.sqrt(max(more, 0.0)))
+            if sigmas > max(SPLIT, best.get(word, ("", 0.0))[1]):
+                link = "the tip" if sensor.link == view.arm.robot.tip else sensor.link
+                text = SPLITTING[word].format(place=sensor.shaft.joint if sensor.shaft else link)
+                there = any(one.link == sensor.link and one.kind is sensor.kind for one in unread)
+                best[word] = f"another {text.split(' ', 1)[1]}" if there else text, sigmas
+        return tuple(sorted(best.values(), key=lambda one: -one[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Rows to drive and to read, in their order; the side that joints come from follows from it.
+
+    Attributes:
+        rows: They.
+        reach: What could be asked.
+        units: Of the campaign, by column.
+        stem: How their poses begin.
+        before, after: The most that the probability of a wrong name can be, of the pairs that rows tell apart.
+    """
+
+    rows: Rows
+    reach: Reach
+    units: Mapping[str, str]
+    stem: str
+    before: float
+    after: float
+
+
+def _reach(before: Before, effects: Sequence[Effect], settable: Mapping[str, Sequence[float]]) -> Reach:
+    """Return what can be asked of the arm so that what effects depend on is known."""
+    assert before.told is not None
+    campaign, arm = before.told.campaign, before.setup.arm
+    known = campaign.known
+    needed = {name for one in (*arm.effects, *effects) for name in one.location.covariates}
+    needed = {name for name in needed if not name.startswith(("q_", APPROACH)) and name != MASS}
+    levels = {name: settable.get(name, (float(known[name][-1]),)) for name in sorted(needed) if name != "time"}
+    if "hold" in levels and "hold" not in settable:  # waiting needs nothing
+        levels["hold"] = (float(known["hold"].min()), float(known["hold"].max()))
+    last = {"time": (float(campaign.time[-1]) + APART,)} if "time" not in campaign.derived else {}
+    reach, _ = reach_of(
+        before, effects, None, levels | ({"time": last["time"]} if "time" in needed else {}), None, None
+    )
+    at_tip = any(isinstance(kind, Position) and not kind.name for kind in campaign.readings.kinds)
+    read = tuple(name for name in campaign.readings.names if name or at_tip)
+    blank = tuple(name for name, values in levels.items() if len(values) == 1)
+    return replace(reach, levels=levels | last, read=read, blank=(*blank, *last))
+
+
+def _scores(before: Before, block: CandidateBlock) -> Array:
+    """Return the (k,) products of an effect's whitened columns with what the campaign's fit leaves."""
+    told = before.told
+    assert told is not None
+    kinds = told.view.readings.kinds
+    noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
+    left = told.view.whitened * told.weights / noise**2
+    return np.tensordot(answers([block], told.view), left, axes=([0, 1], [0, 1]))
+
+
+def _exchanged(order: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Return an order with two of its rows in each other's place."""
+    found, (one, other) = order.copy(), rng.choice(len(order), 2, replace=False)
+    found[[one, other]] = found[[other, one]]
+    return found
