@@ -16,6 +16,7 @@ from armflex.cli.calibrate_command import campaigns_json, print_campaigns
 from armflex.cli.terminal import doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
 from armflex.errors import InputError, enough_memory, listing
+from armflex.files.arm_file import accepted_effects
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
@@ -45,6 +46,9 @@ MOST_ADVICE = 3
     help="Write so many rows that decide what is in question to ask.csv beside the output, ask_2.csv the second time.",
 )
 @options.settable
+@click.option(
+    "--resume", is_flag=True, help="Begin with what an interrupted trace had accepted, in the output's arm.toml."
+)
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @options.campaign
 def command(
@@ -53,6 +57,7 @@ def command(
     report_path: Path | None,
     ask: int | None,
     covariates: dict[str, list[float]],
+    resume: bool,
     keep: bool,
     anyway: bool,
     measured: Callable[[Arm], Measurements],
@@ -71,6 +76,7 @@ def command(
     outputs = Outputs(arm_path, output, report_path, options.json_path())
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = measured(arm)
+    accepted = accepted_effects(arm_path, output, measurements.sha256) if resume else ()
     finished: list[Trace] = []
     try:
         with enough_memory(f"{len(measurements)} rows"):
@@ -81,7 +87,7 @@ def command(
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, account, doing, anyway, ask or 0, covariates)
+            trace(arm, measurements, None, tell, keep, account, doing, anyway, ask or 0, covariates, accepted)
     finally:  # also where it could not be written
         for found in finished:
             print_trace(found)

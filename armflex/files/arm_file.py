@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -22,9 +23,11 @@ from armflex.conventions import SMALLEST_STD, TWIST_NAMES
 from armflex.declaration import Declaration, Source, read_toml
 from armflex.errors import (
     ArmFileError,
+    FileError,
     Flag,
     InputError,
     PayloadError,
+    Place,
     UnknownNameError,
     UrdfError,
     did_you_mean,
@@ -46,6 +49,7 @@ from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import read_spring
 from armflex.laws import read_law
 from armflex.laws.declared import law_name, soft
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.carried import AtNode
@@ -517,6 +521,34 @@ def write_prior(declared: Path, each: Mapping[str, tuple[float, float]], path: P
     document["prior"].pop("each", None)
     document["prior"].append("each", tomlkit.item({label: list(pair) for label, pair in each.items()}))
     return write_whole(path, tomlkit.dumps(document).encode())
+
+
+def accepted_effects(declared: Path, path: Path, sha256: str) -> tuple[Effect, ...]:
+    """Return the effects that an unfinished trace had added to a declared arm.toml.
+
+    Args:
+        declared: The arm.toml that is traced.
+        path: The one that was written.
+        sha256: Of the campaign.
+
+    Raises:
+        FileError: It is no arm.toml of an unfinished trace, or that of another campaign or another arm.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that it is unfinished
+        arm = load_arm(path)
+    document, own = (tomllib.loads(file.read_text(encoding="utf-8-sig")) for file in (path, declared))
+    _move_files(own, declared.parent.resolve(), path.parent.resolve())
+    table, count = document.pop("calibration", {}), len(own.setdefault("effect", []))
+    own.pop("calibration", None)
+    document["effect"] = document.get("effect", [])[:count]
+    if not table.get("unfinished"):
+        raise FileError(Place(path), "is of no unfinished trace: there is nothing to resume")
+    if table.get("measurements_sha256") != sha256:
+        raise FileError(Place(path), "is of a trace of another campaign: it is resumed with the same rows only")
+    if document != own:
+        raise FileError(Place(path), f"is of a trace of another arm than {declared}")
+    return arm.effects[count:]
 
 
 def _passing(path: Path) -> list[Path]:

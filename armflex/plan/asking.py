@@ -179,7 +179,8 @@ class Question:
         kept = replace(rows.some(best), pose=names, approach=approach, session=(stem,) * count)
         given = told.campaign.derived
         named = tuple(name for name in self.reach.arm.joint_names if f"{APPROACH}{name}" not in given)
-        reach = replace(self.reach, approached=named)
+        stated = self.reach.sigma / self.before.noises.get("", 1.0)  # however far readings scatter
+        reach = replace(self.reach, approached=named, sigma=stated)
         return Asked(kept, reach, dict(told.campaign.units), stem, -self.goal.value(known), -float(values.max()))
 
     @property

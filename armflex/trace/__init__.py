@@ -15,6 +15,7 @@ from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
 
 if TYPE_CHECKING:
+    from armflex.laws.effects.effect import Effect
     from armflex.trace.findings import Trace
     from armflex.trace.telling import Doing
 
@@ -34,6 +35,7 @@ def trace(
     anyway: bool = False,
     ask: int = 0,
     covariates: Mapping[str, Sequence[float]] | None = None,
+    accepted: Sequence[Effect] = (),
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
@@ -54,6 +56,7 @@ def trace(
         ask: How many rows are wanted that decide what is in question, in `asked` of what is returned; see
             `armflex.plan.drive.write_plan`.
         covariates: For those rows, values that can be set of recorded columns by name; others stay as they were last.
+        accepted: Effects that an earlier search of the same campaign had accepted: this one begins with them.
 
     Raises:
         ConventionError: The campaign is implausible for this arm, and plausible in another convention; or readings
@@ -68,4 +71,4 @@ def trace(
     if not 0 <= ask <= MOST_ASKED:
         raise InputError(f"ask is {ask}, expected 0 to {MOST_ASKED}")
     campaign = as_campaign(measurements, arm)
-    return run(arm, campaign, rows, report, keep, account, progress, anyway, Ask(ask, covariates or {}))
+    return run(arm, campaign, rows, report, keep, account, progress, anyway, Ask(ask, covariates or {}), accepted)

@@ -228,9 +228,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--kinds", default=",".join(EVERY), help="comma-separated; a kind or kind with ' lagged'")
     parser.add_argument("--effects", help="how many at once, 2-6: those kinds alone")
-    parser.add_argument(
-        "--ask", type=int, default=0, help="rows asked for and read, twice at most"
-    )
+    parser.add_argument("--ask", type=int, default=0, help="rows asked for and read, twice at most")
     parser.add_argument("--seed", type=int, default=0, help="first seed")
     parser.add_argument("-o", "--output", type=Path, default=Path("study.csv"))
     parser.add_argument("--page", type=Path, help="Markdown of the same tables, for the documentation")

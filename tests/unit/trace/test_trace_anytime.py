@@ -15,12 +15,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner, Result
 from support.campaigns import Truth, draw
 from support.command_line import strict_json
 
 from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.cli.calibrate_command import as_json as calibrated_json
-from armflex.cli.trace_command import Outputs, as_json, print_trace
+from armflex.cli.trace_command import Outputs, as_json, command, print_trace
 from armflex.errors import FileError
 from armflex.measured.measurements import Measurements
 from armflex.show.report import render_report
@@ -107,6 +108,28 @@ def test_what_was_accepted_is_in_the_outputs_when_the_command_is_killed(tmp_path
         arm = load_arm(tmp_path / "t.toml")
     assert "backlash" in [effect.law.name for effect in arm.effects]
     assert strict_json(tmp_path / "t.json")["unfinished"]
+
+    def resumed(arm: Path, rows: Path) -> Result:
+        return CliRunner().invoke(command, [str(arm), str(rows), "-o", str(tmp_path / "t.toml"), "--resume"])
+
+    header, *lines = truth.train.read_text().splitlines()
+    for name, text, said in (
+        ("other.csv", "\n".join([header, *lines[1:]]), "is of a trace of another campaign"),
+        (
+            "other.toml",
+            truth.arm.read_text().replace("joint_offset = 1e-3", "joint_offset = 2e-3"),
+            "of another arm than",
+        ),
+    ):
+        (tmp_path / name).write_text(text)
+        arm_file, rows = (tmp_path / name, truth.train) if name.endswith("toml") else (truth.arm, tmp_path / name)
+        refused = resumed(arm_file, rows)
+        assert isinstance(refused.exception, FileError) and said in str(refused.exception)
+    whole = trace(load_arm(truth.arm), read_measurements(truth.train, load_arm(truth.arm)))
+    assert resumed(truth.arm, truth.train).exit_code == 0
+    assert [one.name for one in load_arm(tmp_path / "t.toml").effects] == [one.effect.name for one in whole.found]
+    again = resumed(truth.arm, truth.train)
+    assert isinstance(again.exception, FileError) and "there is nothing to resume" in str(again.exception)
 
 
 @pytest.fixture
