@@ -44,7 +44,7 @@ APART = 600.0
 
 READ, SPLIT = 20, 5.0
 """Rows of the campaign in which another instrument is thought of, and the expected difference in standard deviations
-from which it tells two causes apart: by more than the odds within which causes are in question."""
+from which it distinguishes two causes: by more than the odds within which causes are in question."""
 
 SPLITTING = {
     "level": "a level on {place}",
@@ -75,7 +75,7 @@ Pair = tuple[Cause, Cause]
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """Causes that are possible, and what any row could tell of them.
+    """Causes that are possible, and how any row could distinguish them.
 
     Attributes:
         before: Arm and campaign.
@@ -83,8 +83,8 @@ class Question:
         pairs: The causes.
         offer: Rows spread over all that can be asked.
         model: What is free.
-        goal: The bound; pairs that no row tells apart have no part in it.
-        open: (K,) which pairs rows tell apart.
+        goal: The bound; pairs that no row distinguishes have no part in it.
+        open: (K,) which pairs rows distinguish.
     """
 
     before: Before
@@ -139,9 +139,9 @@ class Question:
         now = np.array([one.chi_square(model.known, one.departure(model.known)) for one in truths])
         chances = np.sqrt([one.probability * other.probability for one, other in pairs])
         goal = Named(tuple(truths), chances, now)
-        told_apart = goal.apart(model.known.with_rows(model.rows(offer))) >= TOLD**2
-        goal = replace(goal, chances=np.where(told_apart, chances, 0.0))
-        return Question(before, reach, tuple(pairs), offer, model, goal, told_apart)
+        distinct = goal.apart(model.known.with_rows(model.rows(offer))) >= TOLD**2
+        goal = replace(goal, chances=np.where(distinct, chances, 0.0))
+        return Question(before, reach, tuple(pairs), offer, model, goal, distinct)
 
     def rows(self, count: int, stem: str) -> Asked | None:
         """Return the rows that decide most, None where none decides anything.
@@ -207,7 +207,7 @@ class Question:
         return np.array([self.goal.value(self.model.known.with_rows(one)) for one in seen])
 
     def split_by(self, number: int) -> tuple[tuple[str, float], ...]:
-        """Return the best of each sort of instrument nobody has that tells a pair apart, and by how much [sigma].
+        """Return the best of each sort of instrument nobody has that distinguishes a pair, and by how much [sigma].
 
         Each is read in some rows of the campaign. What is open of an instrument itself is found from the same readings.
         """
@@ -251,7 +251,7 @@ class Asked:
         reach: What could be asked.
         units: Of the campaign, by column.
         stem: How their poses begin.
-        before, after: The most that the probability of a wrong name can be, of the pairs that rows tell apart.
+        before, after: The most that the probability of a wrong name can be, of the pairs that rows distinguish.
     """
 
     rows: Rows

@@ -161,8 +161,8 @@ class Named:
     probable afterwards with a probability of sqrt(p q) exp(-chi-square / 8) at most.
 
     Attributes:
-        truths: Of every pair one cause, to be told from the other.
-        chances: (K,) sqrt(p q) of every pair; 0 where no reading tells.
+        truths: Of every pair one cause, to be distinguished from the other.
+        chances: (K,) sqrt(p q) of every pair; 0 where no reading distinguishes it.
         now: (K,) the chi-squares that the probabilities are from.
     """
 

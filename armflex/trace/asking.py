@@ -1,7 +1,7 @@
 """What to measure next: what is still in question after a trace, and the rows that decide it.
 
 In question are an effect and what else it may be, and what may be missing beside the effects. `armflex.plan.asking`
-has the rows, and says what no row of this kind tells.
+has the rows, and says what no row of this kind distinguishes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ POSSIBLE, RIVALS = 0.01, 4
 """Tolerance: probability from which a cause is in question, and how many are in the place of one effect."""
 
 LOOKED = 64
-"""Tolerance: rows, a power of two, by which it is judged whether any tells, where none are asked for."""
+"""Tolerance: rows, a power of two, by which it is judged whether any decides, where none are asked for."""
 
 STEMS = ("ask", "ask_2")
 """How the poses of rows that were asked for begin, and their files are called: twice at most."""
@@ -111,7 +111,7 @@ def _odds(group: Sequence[Pair]) -> str:
 
 
 def _elsewhere(question: Question, number: int) -> str:
-    """Return in words what tells a pair apart that no row does."""
+    """Return in words what distinguishes a pair that no row does."""
     one, other = question.pairs[number]
     assert one.effect is not None
     readings = question.before.told.view.readings if question.before.told else None
