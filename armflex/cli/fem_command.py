@@ -11,7 +11,8 @@ from armflex.cli.terminal import doing, number, print_table, say
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, parse_quantity
 from armflex.errors import InputError, listing
 from armflex.fem.condense import condense
-from armflex.fem.mesh import UNITS
+from armflex.fem.matrices import SUFFIXES, read_matrices
+from armflex.fem.mesh import UNITS, Mesh
 from armflex.fem.part import Part, write_part
 from armflex.fem.read import read_mesh
 from armflex.fem.study import random_loads, study, write_study
@@ -64,7 +65,8 @@ def command(
 ) -> None:
     """Condense a mesh to stiffness, mass and weight where it joins its neighbours.
 
-    MESH is an Abaqus or CalculiX .inp, a Nastran .bdf, a gmsh .msh, or a STEP file, which gmsh meshes. With --table the
+    MESH is an Abaqus or CalculiX .inp, a Nastran .bdf, a gmsh .msh, a STEP file, which gmsh meshes, or finished
+    matrices (.sti, .mtx). With --table the
     deflections under random loads are found, with large displacements where CalculiX (ccx) is installed, for `train`.
     """
     ending = ".csv" if table else ".toml"
@@ -74,13 +76,18 @@ def command(
         raise InputError("--table N and --load 1kN:5kN belong together, and --moment with both")
     names = tuple(name.strip() for name in loaded.split(",") if name.strip())
     doing(f"reading {mesh_path.name}")
-    mesh = read_mesh(mesh_path, unit, young, poisson, density, size, springs=bool(table))
+    if mesh_path.suffix.lower() in SUFFIXES:
+        if table or (young, poisson, density, size) != (None,) * 4:
+            raise InputError(f"{mesh_path} has finished matrices: neither material, --size nor --table is for them")
+        mesh = read_matrices(mesh_path, unit)
+    else:
+        mesh = read_mesh(mesh_path, unit, young, poisson, density, size, springs=bool(table))
 
     def tick(what: str, done: int, total: int | None) -> None:
         doing(what + (f", {done} of {total}" if total else ""))
 
     if table:
-        assert load is not None
+        assert load is not None and isinstance(mesh, Mesh)
         if len(names) != 1:
             raise InputError(f"a table is of one loaded set, got {listing(names)}")
         loads = random_loads(table, _bounds(load, "force"), _bounds(moment, "moment") if moment else None, seed)

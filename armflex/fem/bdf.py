@@ -18,7 +18,10 @@ from armflex.fem.mesh import OTHERS, UNITS, Block, Material, Mesh, text_lines
 
 SOLIDS = {("CTETRA", 4): "C3D4", ("CTETRA", 10): "C3D10", ("CHEXA", 8): "C3D8", ("CHEXA", 20): "C3D20"}
 CARDS = {"CTETRA": (4, 10), "CHEXA": (8, 20)}
-NOT_READ = ("CQUAD", "CTRIA", "CBAR", "CBEAM", "CROD", "CELAS", "CBUSH", "CPENTA", "CPYRAM", "RBE", "CONM")
+FLAT = {"CTRIA3": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUAD8": 8}
+"""Faces of solids -> their nodes; without a PSHELL they make the set `PID<property>`."""
+
+NOT_READ = ("CBAR", "CBEAM", "CROD", "CELAS", "CBUSH", "CPENTA", "CPYRAM", "RBE", "CONM")
 """Beginnings of cards that change how a model gives."""
 
 ORDER = {20: (*range(12), 16, 17, 18, 19, 12, 13, 14, 15)}
@@ -69,6 +72,8 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
     solids: dict[int, tuple[int, int]] = {}
     materials: dict[int, Material] = {}
     named: dict[str, list[int]] = {}
+    faces: dict[int, tuple[str, int]] = {}
+    shells: set[int] = set()
     for line, card in _cards(path):
         word, cells = card[0], [*card[1:], *[""] * 8]
         if match := _SET.match(word):
@@ -84,6 +89,12 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             if len(own) not in CARDS[word]:
                 fail(f"{word} {cells[0]} has {len(own)} nodes, expected {' or '.join(map(str, CARDS[word]))}", line)
             elements[whole(cells[0], line)] = (word, whole(cells[1] or cells[0], line), own, line)
+        elif word in FLAT:
+            made_of = whole(cells[1] or cells[0], line)
+            faces.setdefault(made_of, (word, line))
+            named.setdefault(f"PID{made_of}", []).extend(whole(cell, line) for cell in cells[2 : 2 + FLAT[word]])
+        elif word in ("PSHELL", "PCOMP"):
+            shells.add(whole(cells[0], line))
         elif word == "PSOLID":
             solids[whole(cells[0], line)] = (whole(cells[1], line), line)
         elif word == "MAT1":
@@ -96,6 +107,9 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             named.setdefault(f"SPC{cells[0].strip()}", []).extend(listed(cells[2:], line))
         elif word.startswith(NOT_READ):
             fail(f"{word} is not computed: {', '.join(CARDS)} are, {OTHERS} are not", line)
+    for made_of in shells & faces.keys():
+        word, line = faces[made_of]
+        fail(f"{word} with a PSHELL is not computed: {', '.join(CARDS)} are, {OTHERS} are not", line)
     rows = {one: row for row, one in enumerate(nodes)}
     groups: dict[tuple[str, int], list[tuple[int, list[int], int]]] = {}
     for one, (word, made_of, own, line) in elements.items():

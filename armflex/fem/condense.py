@@ -11,7 +11,7 @@ from scipy.sparse import linalg
 
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, OutOfMemoryError, listing
-from armflex.fem.assembly import assembled
+from armflex.fem.matrices import Matrices, of_mesh
 from armflex.fem.mesh import Mesh, check_connected, check_size
 from armflex.fem.part import MOST, Part
 from armflex.storage.trust import sha256_of
@@ -26,7 +26,7 @@ Tick = Callable[[str, int, int | None], None]
 
 
 def condense(
-    mesh: Mesh,
+    structure: Mesh | Matrices,
     fixed: str,
     loaded: Sequence[str],
     interface: str = "rigid",
@@ -39,7 +39,7 @@ def condense(
     shapes K^-1 E C^-1 carry the mass, and the own weight moves the interfaces as the loads C^-1 E' K^-1 M g do.
 
     Args:
-        mesh: The mesh, whose elements have a material.
+        structure: A mesh, whose elements have a material, or finished matrices.
         fixed: The set that is held.
         loaded: The sets that carry load.
         interface: "rigid" or "average", see `Part`.
@@ -55,14 +55,19 @@ def condense(
     loaded = tuple(loaded)
     if not 1 <= len(loaded) <= MOST or len({name.lower() for name in (fixed, *loaded)}) <= len(loaded):
         raise InputError(f"expected one held set and 1 to {MOST} loaded ones, all different, got {listing(loaded)}")
+    mesh = structure.mesh if isinstance(structure, Matrices) else structure
     check_size(mesh)
     sets = {name: mesh.nodes_of(name) for name in (fixed, *loaded)}
-    check_connected(mesh, sets)
-    stiffness, mass = assembled(mesh, lambda done, total: said("assembling elements", done, total))
+    if isinstance(structure, Matrices):
+        found = structure
+    else:
+        check_connected(mesh, sets)
+        found = of_mesh(mesh, lambda done, total: said("assembling elements", done, total))
+    stiffness, body = found.stiffness, found.mass
     origins = np.array([mesh.points[sets[name]].mean(axis=0) for name in loaded])
-    reduced, entry = _interfaces(mesh, sets, fixed, loaded, origins, interface)
-    body = sparse.kron(mass, sparse.eye_array(3), "csc")
-    moved = body @ rigid_motion(mesh.points - origins[0])
+    reduced, entry = _interfaces(found, sets, fixed, loaded, origins, interface)
+    rigid = found.rigid(origins[0])
+    moved = body @ rigid
     stiffness, inner = (reduced.T @ stiffness @ reduced).tocsc(), (reduced.T @ body @ reduced).tocsc()
     pull = reduced.T @ moved
     said("factorising the stiffness", 0, None)
@@ -79,7 +84,8 @@ def condense(
     compliance = 0.5 * (compliance + compliance.T)
     shapes = np.linalg.solve(compliance, moves[:, :size].T).T
     flags = list(mesh.flags)
-    total = float(mass.sum())
+    carried_rigid = rigid.T @ moved
+    total = float(carried_rigid[0, 0])
     frequencies = np.zeros(0)
     if total > 0.0:
         said("natural frequencies", 0, None)
@@ -94,9 +100,9 @@ def condense(
         for block in mesh.blocks
         if block.kind in ("C3D4", "C3D8")
     ]
-    second = mesh.points.T @ (mass @ mesh.points)
-    com = mesh.points.T @ np.asarray(mass.sum(axis=1)).ravel() / total if total else mesh.points.mean(axis=0)
-    second = second - total * np.outer(com, com)
+    first = carried_rigid[3:, :3]  # mass times the skew matrix of the centre's place
+    arm = np.array([first[2, 1], first[0, 2], first[1, 0]]) / total if total else np.zeros(3)
+    inertia = carried_rigid[3:, 3:] - total * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     inner_mass = shapes.T @ (inner @ shapes)
     carried = np.linalg.solve(compliance, entry.T @ moves[:, size:])
     return Part(
@@ -109,8 +115,8 @@ def condense(
         interface,
         compliance,
         total,
-        com,
-        np.trace(second) * np.eye(3) - second,
+        origins[0] + arm,
+        0.5 * (inertia + inertia.T),
         0.5 * (inner_mass + inner_mass.T),
         carried[:, :3],
         carried[:, 3:],
@@ -122,16 +128,19 @@ def condense(
 
 
 def _interfaces(
-    mesh: Mesh, sets: dict[str, np.ndarray], fixed: str, loaded: tuple[str, ...], origins: Array, interface: str
+    found: Matrices, sets: dict[str, np.ndarray], fixed: str, loaded: tuple[str, ...], origins: Array, interface: str
 ) -> tuple[Any, Any]:
-    """Return the (3 N, n) map from the unknowns to all nodes, and the (n, 6 m) loads on them per interface's load."""
-    count = len(mesh.points)
-    bodies = [rigid_motion(mesh.points[sets[name]] - origin) for name, origin in zip(loaded, origins, strict=True)]
-    gone = [sets[fixed], *((sets[name] for name in loaded) if interface == "rigid" else ())]
+    """Return the (N, n) map from the unknowns to all freedoms, and the (n, 6 m) loads on them per interface's load."""
+    count, places = len(found.freedoms), {name: found.at(rows) for name, rows in sets.items()}
+    bodies = [found.rigid(origin)[places[name]] for name, origin in zip(loaded, origins, strict=True)]
+    for name, body in zip(loaded, bodies, strict=True):
+        if np.linalg.matrix_rank(body) < 6:
+            raise found.mesh.fail(f"set {name!r} has too few freedoms to carry every load: are they held already?")
+    gone = [places[fixed], *((places[name] for name in loaded) if interface == "rigid" else ())]
     free = np.setdiff1d(np.arange(count), np.concatenate(gone))
-    place: Any = sparse.eye_array(3 * count, format="csc")
-    reduced = place[:, (3 * free[:, None] + np.arange(3)).ravel()]
-    own = [place[:, (3 * sets[name][:, None] + np.arange(3)).ravel()] for name in loaded]
+    place: Any = sparse.eye_array(count, format="csc")
+    reduced = place[:, free]
+    own = [place[:, places[name]] for name in loaded]
     if interface == "rigid":
         moved = [where @ sparse.csc_array(body) for where, body in zip(own, bodies, strict=True)]
         size = 6 * len(loaded)
@@ -141,16 +150,6 @@ def _interfaces(
         return sparse.hstack([reduced, *moved], "csc"), entry
     spread = sparse.block_diag([sparse.csc_array(body @ np.linalg.inv(body.T @ body)) for body in bodies], "csc")
     return reduced, reduced.T @ sparse.hstack(own, "csc") @ spread
-
-
-def rigid_motion(arms: Array) -> Array:
-    """Return the (3 M, 6) motion of points at (M, 3) arms [m] from a body's origin by the body's twist."""
-    found = np.zeros((len(arms), 3, 6))
-    found[:, :, :3] = np.eye(3)
-    x, y, z = arms.T
-    found[:, 0, 4], found[:, 0, 5], found[:, 1, 3] = z, -y, -z
-    found[:, 1, 5], found[:, 2, 3], found[:, 2, 4] = x, y, -x
-    return found.reshape(-1, 6)
 
 
 def _factor(mesh: Mesh, stiffness: Any) -> Any:

@@ -38,6 +38,11 @@ BEYOND = (
 )
 """Keywords that change how a model gives, which a linear mesh of solids does not have."""
 
+FLAT = {"CPS3": 3, "CPS4": 4, "CPS6": 6, "CPS8": 8, "T3D2": 2, "T3D3": 3}
+"""Elements by which gmsh writes faces and edges of solids -> their nodes; without a section they make sets alone."""
+
+NODES = {**SOLIDS, **FLAT}
+
 DEEPEST = 5
 """Files that include one another."""
 
@@ -55,6 +60,12 @@ class _Part:
     elsets: dict[str, list[int | str]] = field(default_factory=dict)
     surfaces: dict[str, list[tuple[int | str, str]]] = field(default_factory=dict)
     sections: list[tuple[str, str, int]] = field(default_factory=list)
+
+
+def _parameters(given: list[str]) -> dict[str, str]:
+    """Return a keyword's parameters by name in capitals."""
+    pairs = (one.partition("=") for one in given)
+    return {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
 
 
 @dataclass(frozen=True)
@@ -99,6 +110,7 @@ class _Reader:
     def statements(self, path: Path, depth: int = 0) -> Iterator[_Statement]:
         """Yield the statements of a file and of those that it includes."""
         now: _Statement | None = None
+        unfinished = False
         for number, line in enumerate(text_lines(path), 1):
             text = line.strip()
             if not text or text.startswith("**"):
@@ -106,13 +118,16 @@ class _Reader:
             if not text.startswith("*"):
                 if now is None:
                     self.fail(f"expected a keyword such as *NODE, got {text[:40]!r}", number)
+                if unfinished and "=" in text:  # a keyword goes on after a comma
+                    now.parameters.update(_parameters(_SPLIT.split(text.rstrip(", \t"))))
+                    continue
                 now.data.append((number, _SPLIT.split(text.rstrip(", \t"))))
+                unfinished = False
                 continue
             if now is not None:
                 yield now
             word, *given = _SPLIT.split(text[1:].strip().rstrip(","))
-            pairs = (one.partition("=") for one in given)
-            parameters = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+            parameters, unfinished = _parameters(given), text.endswith(",")
             now = _Statement(" ".join(word.upper().split()), parameters, number, [])
             if now.keyword == "INCLUDE":
                 if depth >= DEEPEST or "INPUT" not in parameters:
@@ -182,7 +197,7 @@ class _Reader:
     def element(self, one: _Statement) -> None:
         kind = self.name(one, "TYPE")
         own = self.now.elsets.setdefault(one.parameters["ELSET"].upper(), []) if "ELSET" in one.parameters else []
-        if kind not in SOLIDS:
+        if kind not in NODES:
             if not self.springs:
                 text = f"elements of the type {kind} are not computed: {', '.join(SOLIDS)} are, {OTHERS} are not"
                 self.fail(text, one.line)
@@ -193,17 +208,17 @@ class _Reader:
         for line, cells in self.integers(one):
             begun = begun if waiting else line
             waiting += cells
-            if len(waiting) <= SOLIDS[kind]:
+            if len(waiting) <= NODES[kind]:
                 continue
             number, *nodes = waiting
-            if len(nodes) != SOLIDS[kind] or number in self.now.elements:
+            if len(nodes) != NODES[kind] or number in self.now.elements:
                 wrong = "stands twice" if number in self.now.elements else f"has {len(nodes)} nodes"
-                self.fail(f"element {number} {wrong}; a {kind} has {SOLIDS[kind]}", begun)
+                self.fail(f"element {number} {wrong}; a {kind} has {NODES[kind]}", begun)
             self.now.elements[number] = (kind, tuple(nodes), begun)
             own.append(number)
             waiting = []
         if waiting:
-            self.fail(f"element {waiting[0]} has {len(waiting) - 1} nodes; a {kind} has {SOLIDS[kind]}", begun)
+            self.fail(f"element {waiting[0]} has {len(waiting) - 1} nodes; a {kind} has {NODES[kind]}", begun)
 
     def set_of(self, one: _Statement, key: str) -> None:
         of = self.now.nsets if key == "NSET" else self.now.elsets
@@ -322,12 +337,20 @@ class _Reader:
                         own.add(rows[key])
                     elif key in elements:
                         own.update(elements[key][1])
+            for name in part.elsets.keys() - part.nsets.keys():  # whose nodes are the set
+                keys = self.members(part, prefix, name, "elsets", 0)
+                sets.setdefault(name, set()).update(*(elements[key][1] for key in keys if key in elements))
             for name, faces in part.surfaces.items():
                 sets.setdefault(name, set()).update(self.faces(part, prefix, faces, rows, elements))
-        if not elements:
+        if all(kind in FLAT for kind, *_ in elements.values()):
             self.fail(f"has no solid elements ({', '.join(SOLIDS)})", 0)
         groups: dict[tuple[str, str], list[tuple[int, list[int], int]]] = {}
         for key, (kind, nodes, number, line) in elements.items():
+            if kind in FLAT:
+                if key in made:
+                    self.fail(f"element {number} is a {kind} with a section, which is not computed", line)
+                self.flags.setdefault(kind, Flag("left_out", f"elements {kind} without a section make sets alone"))
+                continue
             groups.setdefault((kind, made.get(key, ("", 0))[0]), []).append((number, nodes, line))
         blocks = []
         for (kind, material), found in groups.items():
@@ -386,7 +409,7 @@ class _Reader:
                 continue
             keys = [f"{prefix}{what}"] if isinstance(what, int) else self.members(part, prefix, what, "elsets", 0)
             for key in keys:
-                if key in elements:
+                if key in elements and elements[key][0] in SOLIDS:
                     kind, nodes, number, line = elements[key]
                     corners = 4 if SOLIDS[kind] in (4, 10) else 8
                     if int(face[1]) > len(FACES[corners]):

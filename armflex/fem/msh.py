@@ -28,7 +28,11 @@ def read_msh(path: Path, unit: str = "m") -> Mesh:
     try:
         found: Any = meshio.gmsh.read(path)
     except Exception as error:  # meshio raises whatever its parsers do
-        raise MeshError(Place(path), f"is no gmsh mesh that meshio reads: {error or type(error).__name__}") from None
+        raise MeshError(
+            Place(path),
+            f"is no gmsh mesh that meshio reads: {error or type(error).__name__}"
+            " (with physical groups, save what is in one alone)",
+        ) from None
     names = {(int(tag), int(size)): name for name, (tag, size) in found.field_data.items()}
     tags = found.cell_data.get("gmsh:physical", [np.zeros(len(cells.data), dtype=int) for cells in found.cells])
     sizes = {"vertex": 0, "line": 1, "line3": 1, "triangle": 2, "triangle6": 2, "quad": 2, "quad8": 2}

@@ -7,6 +7,7 @@ from pathlib import Path
 from armflex.errors import InputError, MeshError, Place, did_you_mean, listing
 from armflex.fem.bdf import read_bdf
 from armflex.fem.inp import read_inp
+from armflex.fem.matrices import SUFFIXES
 from armflex.fem.mesh import Mesh, with_material
 from armflex.fem.msh import mesh_step, read_msh
 
@@ -39,7 +40,8 @@ def read_mesh(
     if suffix not in KINDS:
         hint = did_you_mean(suffix, KINDS)
         raise MeshError(
-            Place(path), f"{suffix or 'a file without a suffix'} is no mesh{hint} (known: {listing(KINDS)})"
+            Place(path),
+            f"{suffix or 'a file without a suffix'} is no mesh{hint} (known: {listing((*KINDS, *SUFFIXES))})",
         )
     step = suffix in (".step", ".stp")
     if step and size is None:

@@ -18,7 +18,8 @@ import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import ConvergenceError, Flag, InputError, UnsupportedError
-from armflex.fem.condense import condense, rigid_motion
+from armflex.fem.condense import condense
+from armflex.fem.matrices import rigid_motion
 from armflex.fem.mesh import UNITS, Mesh, check_size
 from armflex.storage.whole_file import scratch, write_whole
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from scipy import io, linalg, sparse
 from support.command_line import fine, run_here, strict_json
 from support.meshes import bar, write_bar
 from support.small_arms import ROBOTS
@@ -19,6 +20,7 @@ from support.small_arms import ROBOTS
 import armflex
 from armflex.fem.bdf import read_bdf
 from armflex.fem.inp import read_inp
+from armflex.fem.matrices import of_mesh
 from armflex.fem.part import read_part
 
 pytest.importorskip("skfem")
@@ -134,6 +136,62 @@ def test_gmsh_meshes_are_read(tmp_path: Path) -> None:
     found = condensed(tmp_path, tmp_path / "bar.msh", "--young", YOUNG, "--poisson", POISSON, "--density", DENSITY)
     same = write_bar(tmp_path / "bar.inp", "C3D4", points, nodes)
     np.testing.assert_allclose(found["compliance"], condensed(tmp_path, same)["compliance"], rtol=1e-9, atol=1e-18)
+
+
+def test_faces_that_gmsh_writes_are_sets(tmp_path: Path) -> None:
+    """Its plane elements have no section; a keyword may go on after a comma; a set of elements is that of its nodes."""
+    points, nodes = bar("C3D4", (4, 1, 1), (0.6, 0.1, 0.2))
+    mesh = write_bar(tmp_path / "bar.inp", "C3D4", points, nodes)
+    expected = condensed(tmp_path, mesh)
+    at = {name: np.flatnonzero(np.abs(points[:, 0] - x) < 1e-9) + 1 for name, x in (("root", 0.0), ("tip", 0.6))}
+    text = mesh.read_text().partition("*NSET")[0] + "*MATERIAL" + mesh.read_text().partition("*MATERIAL")[2]
+    text = text.replace("ELSET=ALL, MATERIAL", "ELSET=ALL,\n MATERIAL")
+    for number, (name, own) in enumerate(at.items(), 900):
+        text += f"*ELEMENT, type=CPS4,\n ELSET={name}\n{number}, {', '.join(map(str, own))}\n"
+    mesh.write_text(text)
+    assert condensed(tmp_path, mesh)["compliance"] == expected["compliance"]
+    mesh.write_text(text + "*SOLID SECTION, ELSET=tip, MATERIAL=STEEL\n")
+    found = run_here(tmp_path, "fem", mesh, "--fixed", "root", "--loaded", "tip", "-o", "p.toml")
+    assert found.returncode == 2 and "element 901 is a CPS4 with a section" in found.stderr
+
+
+def test_finished_matrices_give_the_same_part(tmp_path: Path) -> None:
+    """Of all nodes, in mm and tonnes too, and as another program's Craig-Bampton part of two interfaces and modes."""
+    points, nodes = bar("C3D10", (4, 1, 1), (0.6, 0.1, 0.2))
+    expected = condensed(tmp_path, write_bar(tmp_path / "bar.inp", "C3D10", points, nodes))
+    whole = of_mesh(read_inp(tmp_path / "bar.inp"))
+    names = {row: name for name in ("ROOT", "TIP") for row in whole.mesh.sets[name]}
+
+    def write(name: str, stiffness: np.ndarray, mass: np.ndarray, rows: list[str]) -> Path:
+        io.mmwrite(tmp_path / f"{name}.mtx", sparse.coo_array(stiffness), symmetry="symmetric")
+        io.mmwrite(tmp_path / f"{name}.mass.mtx", sparse.coo_array(mass), symmetry="symmetric")
+        (tmp_path / f"{name}.nodes.csv").write_text("\n".join(["node,x,y,z,set", *rows]) + "\n")
+        return tmp_path / f"{name}.mtx"
+
+    def same(found: dict, *keys: str) -> None:
+        for key in keys:
+            scale = np.abs(expected[key]).max()
+            np.testing.assert_allclose(found[key], expected[key], rtol=1e-6, atol=1e-8 * scale)
+
+    stiffness, mass = whole.stiffness.toarray(), whole.mass.toarray()
+    rows = [f"{i + 1},{1e3 * x},{1e3 * y},{1e3 * z},{names.get(i, '')}" for i, (x, y, z) in enumerate(points)]
+    found = condensed(tmp_path, write("all", 1e-3 * stiffness, 1e-3 * mass, rows), "--unit", "mm")
+    same(found, "compliance", "mass", "com", "inertia", "mass_matrix", "weight", "frequencies_hz")
+    ends = [points[whole.mesh.sets[name]].mean(axis=0) for name in ("ROOT", "TIP")]
+    free = whole.at(np.array([i for i in range(len(points)) if i not in names]))
+    rigid = np.zeros((len(stiffness), 12))
+    for place, name in enumerate(("ROOT", "TIP")):
+        own = whole.at(whole.mesh.sets[name])
+        rigid[own, 6 * place : 6 * place + 6] = whole.rigid(ends[place])[own]
+    inner = stiffness[np.ix_(free, free)]
+    rigid[free] = -np.linalg.solve(inner, (stiffness @ rigid)[free])
+    modes = np.zeros((len(stiffness), 20))
+    modes[free] = linalg.eigh(inner, mass[np.ix_(free, free)], subset_by_index=[0, 19])[1]
+    basis = np.hstack([rigid, modes])
+    rows = [f"{i},{x},{y},{z},{name}" for i, ((x, y, z), name) in enumerate(zip(ends, ("ROOT", "TIP"), strict=True), 1)]
+    found = condensed(tmp_path, write("cb", basis.T @ stiffness @ basis, basis.T @ mass @ basis, rows))
+    same(found, "compliance", "mass", "com", "inertia", "mass_matrix", "weight")
+    np.testing.assert_allclose(found["frequencies_hz"], expected["frequencies_hz"], rtol=5e-3)
 
 
 def test_an_average_interface_is_softer_than_a_rigid_one(tmp_path: Path) -> None:
