@@ -27,7 +27,8 @@ class Machine:
     """The true arm: a pose is told as joint positions, and the tool goes where the loaded drives let it."""
 
     def __init__(self, urdf: Path, joints: tuple[str, ...], tip: str) -> None:
-        text = urdf.read_text().replace("</robot>", '<mujoco><compiler fusestatic="false"/></mujoco></robot>')
+        keep = '<mujoco><compiler fusestatic="false"/></mujoco></robot>'
+        text = urdf.read_text(encoding="utf-8").replace("</robot>", keep)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.data, self.tip = mujoco.MjData(self.model), self.model.body(tip).id
         self.places = [self.model.joint(name).qposadr[0] for name in joints]
@@ -60,7 +61,7 @@ def declared(folder: Path, urdf: Path) -> Path:
 def pushes(path: Path, machine: Machine, count: int = 40) -> Path:
     """Push the machine's tool in random poses and directions, and write what the tracker reads."""
     rng = np.random.default_rng(1)
-    with path.open("w", newline="") as file:
+    with path.open("w", encoding="utf-8", newline="") as file:
         table = csv.writer(file)
         joints, loads = [f"q_J{i}" for i in range(1, 7)], [f"force_f{axis}" for axis in "xyz"]
         table.writerow([*joints, *"xyz", "sigma", *loads, "payload"])

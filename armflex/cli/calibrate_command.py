@@ -37,9 +37,7 @@ SCATTERED = 1.5
 @click.command(cls=options.Command)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Calibrated arm.toml to write.")
 @click.option(
-    "--sample",
-    type=click.IntRange(FEWEST_DRAWS),
-    help="Draws per chain: sample learned laws by NUTS as well (minutes).",
+    "--sample", type=click.IntRange(FEWEST_DRAWS), help="Draws per chain: learned laws by NUTS as well (minutes)."
 )
 @click.option("--all", "show_all", is_flag=True, help="List every parameter, also the unremarkable.")
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of the calibration to write.")

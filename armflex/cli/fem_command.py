@@ -30,9 +30,7 @@ SOLVERS = {"calculix": "CalculiX, with large displacements", "linear": "a linear
 @click.option("--young", type=float, help="Young's modulus of all elements [Pa].")
 @click.option("--poisson", type=float, help="Poisson's ratio of all elements.")
 @click.option("--density", type=float, help="Density of all elements [kg/m^3].")
-@click.option(
-    "--young-std", type=click.FloatRange(0.0, 1.0), default=0.0, help="Relative standard deviation of Young's modulus."
-)
+@click.option("--young-std", type=click.FloatRange(0.0, 1.0), default=0.0, help="Relative std of Young's modulus.")
 @click.option("--size", type=options.Quantity("length"), metavar="20mm", help="Edge of the elements of a STEP file.")
 @click.option(
     "--interface",

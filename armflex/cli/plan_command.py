@@ -36,13 +36,7 @@ MOST_LINES = 10
 @click.option("-o", "--output", required=True, type=OutputPath(), help="Rows to measure, with x y z to be filled in.")
 @click.option("--rows", type=int, default=20, show_default=True, help="Positions that will be read.")
 @click.option("--after", "after_path", type=InputPath, metavar="MEAS.csv", help="Campaign that was measured already.")
-@click.option(
-    "--along",
-    "along_path",
-    type=InputPath,
-    metavar="TRAJ.csv",
-    help="Minimise the uncertainty of predictions along this path.",
-)
+@click.option("--along", "along_path", type=InputPath, metavar="TRAJ.csv", help="Minimise uncertainty along this path.")
 @click.option(
     "--between",
     metavar="E1,E2,...",

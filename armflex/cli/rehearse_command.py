@@ -23,9 +23,7 @@ CLEAR, DOUBTFUL = 0.9, 0.5
 @click.command(cls=options.Command)
 @click.argument("arm_path", metavar="ARM", type=options.InputPath)
 @click.option("--rows", "rows_path", type=options.InputPath, metavar="POSES.csv", help="[default: 60 rows of plan]")
-@click.option(
-    "--sigma", type=options.Quantity("length"), metavar="0.2mm", help="Noise of a position reading [default: 0.2mm]."
-)
+@click.option("--sigma", type=options.Quantity("length"), metavar="0.2mm", help="Noise of a position [default: 0.2mm].")
 @click.option("--size", type=options.Quantity("length"), metavar="1mm", help="Size of an effect, RMS [default: 1mm].")
 @click.option("--draws", type=click.IntRange(min=1), default=DRAWS, show_default=True, help="Campaigns of each effect.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the draws.")

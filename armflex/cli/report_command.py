@@ -52,20 +52,7 @@ def command(
 
             write_report(found, output)
     left_out = ["excluded"] * bool(found.excluded)
-    columns = [
-        "pose",
-        "payload",
-        "cycles",
-        *left_out,
-        "AP mm",
-        "\u00b1",
-        "x",
-        "y",
-        "z",
-        "RP mm",
-        "\u00b1",
-        "RP of noise",
-    ]
+    columns = ["pose", "payload", "cycles", *left_out, "AP mm", "± mm", "x mm", "y mm", "z mm", "RP mm", "± mm"]
     modelled = any(one.predicted is not None for one in found.poses)
     rows = []
     for one in found.poses:
@@ -74,7 +61,9 @@ def command(
         cells += [_mm(again.value), _mm(again.std), _mm(again.instrument)]
         counted = [one.cycles, *[one.excluded for _ in left_out]]
         rows.append([one.pose, one.payload, *counted, *cells, *([_mm(one.predicted)] if modelled else [])])
-    print_table("ISO 9283 pose characteristics", columns + ["AP with this model"] * modelled, rows)
+    print_table(
+        "ISO 9283 pose characteristics", [*columns, "RP of noise mm", *["AP with this model mm"] * modelled], rows
+    )
     for name, several in (("vAP", found.directions), ("dAP", found.drifts)):
         for one in several:
             again = "" if one.repeatability is None else f", dRP {_mm(one.repeatability)} mm"

@@ -28,7 +28,7 @@ from armflex.result import plain
 from armflex.show.report import write_report
 from armflex.storage.whole_file import together
 from armflex.trace import MOST_ASKED, trace
-from armflex.trace.findings import Found, FoundFamily, Trace, write_traced
+from armflex.trace.findings import HELD_OUT_IS_OF, Found, FoundFamily, Trace, write_traced
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
@@ -294,7 +294,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         "flags": found.calibration.flags,
         "held_out_chosen_again_rms_mm": found.compared
         and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
-        "held_out_is_of": found.said_of_held_out if found.compared is not None else "nothing was chosen",
+        "held_out_is_of": HELD_OUT_IS_OF if found.compared is not None else "nothing was chosen",
         "families": [_family_json(one) for one in found.families],
         "undecided": found.undecided
         and {

@@ -176,7 +176,7 @@ def _printed(path: Path) -> list[dict[int, Array]]:
     """Return the displacements that CalculiX printed at the end of every step, by node."""
     found: dict[int, dict[int, Array]] = {}
     now: dict[int, Array] = {}
-    for line in path.read_text().splitlines() if path.exists() else ():
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         cells = line.split()
         if line.lstrip().startswith("displacements"):
             time_now, now = float(cells[-1]), {}

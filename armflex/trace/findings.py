@@ -43,6 +43,12 @@ UNLIKELY = 1e-4
 LARGER = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""
 
+HELD_OUT_IS_OF = (
+    "Effects were selected and fitted without the held-out poses; the final candidates and the families at every drive "
+    "were selected from all rows."
+)
+"""What was decided without the poses that held-out errors are of, and what was not."""
+
 
 @dataclass(frozen=True)
 class Proof:
@@ -62,13 +68,6 @@ class Proof:
     sessions_after: float | None
     errors_apart: float
     null: float
-
-    @property
-    def sessions_agree(self) -> bool:
-        """Whether whole sessions, where any can judge, are predicted better."""
-        if self.sessions_before is None or self.sessions_after is None:
-            return True
-        return self.sessions_after < self.sessions_before
 
 
 @dataclass(frozen=True)
@@ -456,14 +455,6 @@ class Trace(Result):
         if self.compared is None:
             return self.held_out_before, self.held_out_after
         return self.compared.before, max(self.compared.after, self.held_out_after)
-
-    @property
-    def said_of_held_out(self) -> str:
-        """What was decided without the poses that held-out errors are of, and what was not, in a sentence."""
-        return (
-            "laws, places and values were selected and fitted without these poses, and so was the decision to add an "
-            "effect; the final candidates and the families at every drive were selected from all rows."
-        )
 
     @property
     def residual(self) -> Array:

@@ -98,7 +98,7 @@ class Model:
             lines += [f"*SPRING, ELSET={name}, NONLINEAR", table]
         lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", "2.1e11, 0.3", "*DENSITY", "7850."]
         lines += ["*SOLID SECTION, ELSET=SOLID, MATERIAL=STEEL"]
-        path.write_text("\n".join(lines) + "\n")
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         return path
 
 

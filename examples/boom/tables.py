@@ -182,7 +182,7 @@ class Condensed:
 def read_springs(file: Path) -> list[tuple[list[tuple[int, int]], tuple[np.ndarray, np.ndarray]]]:
     """Return the pairs of nodes of every set of SPRINGA of an .inp, and its (n,) forces [N] and elongations [m]."""
     found, now, pairs, rows = [], "", [], []
-    for line in [*file.read_text().splitlines(), "*END"]:
+    for line in [*file.read_text(encoding="utf-8").splitlines(), "*END"]:
         if line.startswith("*"):
             if now == "*SPRING":
                 found.append((pairs, tuple(np.array(rows).T)))

@@ -40,8 +40,8 @@ def account(found: PosePerformance) -> SimpleNamespace:
         headline=f"Pose accuracy {accuracy}, pose repeatability {repeated}, each of the worst pose.",
         lead=[text for text in (found.remarks[0] if "instrument" in found.remarks[0] else "", more.strip()) if text],
         cards=tuple(cards),
-        head=["pose", "payload", "session", "cycles", "AP", "of it noise", "x", "y", "z", "RP", "of noise"]
-        + ["with model"] * bool(modelled),
+        head=["pose", "payload", "session", "cycles", "AP [mm]", "noise", "x [mm]", "y", "z", "RP [mm]", "of noise"]
+        + ["AP with model"] * bool(modelled),
         poses=tuple(_row(one, bool(modelled)) for one in poses),
         rotations=tuple(
             (one.pose, *(measure(angle, None, "rad") for angle in (*one.rotation, *one.rotation_repeatability)))

@@ -8,7 +8,7 @@ from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.numbers import change, measure, millimetres, short
 from armflex.show.report.words import called, joined, site_words, units_of, words
-from armflex.trace.findings import Found, Trace, Unexplained
+from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, Unexplained
 
 MOST_VALUES = 2
 """Values of an effect that the first sentence has room for."""
@@ -77,7 +77,7 @@ def further(trace: Trace) -> list[str]:
     if trace.undecided is not None:
         said.append(trace.undecided.text)
     if trace.compared is not None:
-        said.append(f"Of the error on held-out poses: {trace.said_of_held_out}")
+        said.append(HELD_OUT_IS_OF)
     readings = trace.state.fit.view.readings
     unit = readings.unit
     said += [
