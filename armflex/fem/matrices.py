@@ -84,10 +84,10 @@ def read_matrices(path: Path, unit: str = "m") -> Matrices:
         pair: list[Any] = [_triangle(path.with_suffix(end), len(freedoms)) for end in (".sti", ".mas")]
     else:
         mesh = _nodes(path.with_suffix(".nodes.csv"), length)
-        pair = [_market(path), None]
+        pair = [_market(path)]
         count, size = len(mesh.points), pair[0].shape[0]
         if (heavy := path.with_suffix(".mass.mtx")).exists():
-            pair[1] = _market(heavy)
+            pair.append(_market(heavy))
             if pair[1].shape != pair[0].shape:
                 raise MeshError(Place(heavy), f"is {pair[1].shape[0]} square, {path.name} is {size}")
         each = 6 if size >= 6 * count else 3
@@ -98,9 +98,8 @@ def read_matrices(path: Path, unit: str = "m") -> Matrices:
         freedoms[each * count :] = MODAL, 0
     root = np.where((freedoms[:, 0] != MODAL) & (freedoms[:, 1] < 3), length**-0.5, length**0.5)
     scaling = sparse.diags_array(root)  # N and mm: a stiffness in N/mm and a mass in t scale alike
-    stiffness, mass = ((scaling @ one @ scaling).tocsc() if one is not None else None for one in pair)
-    if mass is None:
-        mass = sparse.csc_array(stiffness.shape)
+    stiffness, *more = ((scaling @ one @ scaling).tocsc() for one in pair)
+    mass = more[0] if more else sparse.csc_array(stiffness.shape)
     return Matrices(replace(mesh, path=path), stiffness, mass, freedoms)
 
 
