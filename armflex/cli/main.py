@@ -25,6 +25,7 @@ COMMANDS = {
     "calibrate": "fit what [prior] frees to a measured campaign",
     "trace": "calibrate, and find the effects that explain the residual",
     "prior": "what sister arms have in common, as the prior of the next one",
+    "history": "what of one machine changed between its calibrations, and since when",
     "report": "pose accuracy and repeatability of a campaign, as ISO 9283 defines them",
     "plan": "the poses, payloads and approach directions to measure next",
     "rehearse": "which missing effects a campaign would name, before it is driven",

@@ -108,47 +108,21 @@ def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
     """
     if len(arms) < FEWEST:
         raise InputError(f"{len(arms)} arms say nothing of a spread: expected {FEWEST} or more")
-    names = list(arms)
-    first = arms[names[0]]
-    for name, arm in arms.items():
-        if arm.certainty is None:
-            raise InputError(f"{name} is not calibrated: its file has no [calibration]")
-        if not _alike(first, arm):
-            raise InputError(f"{name} is not declared like {names[0]}: sisters are corrections of one arm")
-    own = [tuple(one for one in _certain(arm) if one.group.kind in SHARED) for arm in arms.values()]
-    for name, some in zip(names, own, strict=True):
-        if some != own[0]:
-            odd = [one.label for one in set(some) ^ set(own[0])]
-            raise InputError(f"[prior] frees other parameters of {name} than of {names[0]}: {listing(sorted(odd), 5)}")
-    parameters = own[0]
-    if not parameters:
-        raise InputError(f"{names[0]}: nothing was fitted that sisters have in common (offsets, geometry, compliance)")
-    scale = np.array([first.prior.of(one)[1] for one in parameters])
-    sisters = [_sister(name, arm, parameters, scale) for name, arm in arms.items()]
-    whole = sum((one.information for one in sisters), np.zeros((len(scale),) * 2))
-    chosen = _visible(whole)
-    if not len(chosen):
-        raise InputError("the campaigns of all arms together determine no parameter better than its prior")
-    sisters = [
-        Sister(one.name, one.information[np.ix_(chosen, chosen)], one.pull[chosen], one.value[chosen])
-        for one in sisters
-    ]
+    parameters, scale, sisters, held = said(arms)
+    ones = np.ones(len(scale))
     strangers: dict[str, float] = {}
     while len(sisters) > FEWEST:
         odds = []
         for i, one in enumerate(sisters):
             mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, DRAWS // 3)
-            odds.append(_evidence(one, np.zeros(len(chosen)), np.ones(len(chosen))) - _evidence(one, mean, std))
+            odds.append(_evidence(one, 0.0 * ones, ones) - _evidence(one, mean, std))
         worst = int(np.argmax(odds))
         if odds[worst] < STRANGE:
             break
         strangers[sisters.pop(worst).name] = float(odds[worst])
     mean, spread, std = _predicted(sisters, seed, DRAWS)
-    # What is seen, but not beside the chosen ones, is the same as some of these; what is not seen stays as uncertain.
-    held = tuple(one for i, one in enumerate(parameters) if i not in chosen and whole[i, i] >= VISIBLE)
-    scale = scale[chosen]
     return Fleet(
-        tuple(parameters[i] for i in chosen),
+        parameters,
         mean * scale,
         spread * scale,
         std * scale,
@@ -156,6 +130,44 @@ def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
         tuple(one.name for one in sisters),
         strangers,
     )
+
+
+def said(
+    arms: Mapping[str, Arm],
+) -> tuple[tuple[ArmParameter, ...], Array, list[Sister], tuple[ArmParameter, ...]]:
+    """Return the parameters that the campaigns of arms determine, their priors, what each said, and what is held.
+
+    Raises:
+        InputError: An arm is not calibrated, declared otherwise, or another prior frees its parameters.
+    """
+    names = list(arms)
+    first = arms[names[0]]
+    for name, arm in arms.items():
+        if arm.certainty is None:
+            raise InputError(f"{name} is not calibrated: its file has no [calibration]")
+        if not _alike(first, arm):
+            raise InputError(f"{name} is not declared like {names[0]}: what is compared are corrections of one arm")
+    own = [tuple(one for one in _certain(arm) if one.group.kind in SHARED) for arm in arms.values()]
+    for name, some in zip(names, own, strict=True):
+        if some != own[0]:
+            odd = [one.label for one in set(some) ^ set(own[0])]
+            raise InputError(f"[prior] frees other parameters of {name} than of {names[0]}: {listing(sorted(odd), 5)}")
+    parameters = own[0]
+    if not parameters:
+        raise InputError(f"{names[0]}: nothing was fitted that is compared (offsets, geometry, masses, compliance)")
+    scale = np.array([first.prior.of(one)[1] for one in parameters])
+    sisters = [_sister(name, arm, parameters, scale) for name, arm in arms.items()]
+    whole = sum((one.information for one in sisters), np.zeros((len(scale),) * 2))
+    chosen = _visible(whole)
+    if not len(chosen):
+        raise InputError("the campaigns of all arms together determine no parameter better than its prior")
+    # What is seen, but not beside the chosen ones, is the same as some of these; what is not seen stays as uncertain.
+    held = tuple(one for i, one in enumerate(parameters) if i not in chosen and whole[i, i] >= VISIBLE)
+    some = [
+        Sister(one.name, one.information[np.ix_(chosen, chosen)], one.pull[chosen], one.value[chosen])
+        for one in sisters
+    ]
+    return tuple(parameters[i] for i in chosen), scale[chosen], some, held
 
 
 def _certain(arm: Arm) -> tuple[ArmParameter, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +12,11 @@ from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
     from armflex.estimate import Calibration
+    from armflex.estimate.history import History
     from armflex.tasks.iso9283 import PosePerformance
     from armflex.trace.findings import Trace
 
-__all__ = ["render_calibration", "render_iso9283", "render_report", "write_report"]
+__all__ = ["render_calibration", "render_iso9283", "render_report", "write_history", "write_report"]
 
 
 def write_report(result: Trace | Calibration | PosePerformance, path: str | os.PathLike[str]) -> Path:
@@ -38,6 +39,13 @@ def write_report(result: Trace | Calibration | PosePerformance, path: str | os.P
     else:
         text = render_calibration(result) if isinstance(result, Calibration) else render_report(result)
     return write_whole(Path(path), text.encode())
+
+
+def write_history(found: History, labels: Sequence[str], path: str | os.PathLike[str]) -> Path:
+    """Write the page of a machine's history, its dates named by `labels`, whole or not at all; return its path."""
+    from armflex.show.report.courses import account
+
+    return write_whole(Path(path), _rendered("history.html", lambda: account(found, labels)).encode())
 
 
 def render_report(trace: Trace) -> str:

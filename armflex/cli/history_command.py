@@ -1,0 +1,79 @@
+"""armflex history: one machine over several calibrations."""
+
+from __future__ import annotations
+
+import os
+from datetime import date
+from pathlib import Path
+
+import click
+import numpy as np
+
+from armflex.cli import options
+from armflex.cli.terminal import number, print_table, say
+from armflex.errors import InputError
+from armflex.estimate.history import history
+from armflex.files.arm_file import load_arm
+from armflex.storage.whole_file import together
+
+
+@click.command(cls=options.Command)
+@click.argument("paths", metavar="ARM.toml ...", nargs=-1, required=True, type=options.InputPath)
+@click.option(
+    "--dates", metavar="2026-01-15,..", help="Of the calibrations, in their order; without it they are evenly spaced."
+)
+@click.option("-o", "--output", type=options.OutputPath(), help="HTML page to write.")
+def command(paths: tuple[Path, ...], dates: str | None, output: Path | None) -> None:
+    """Say which parameters of one machine changed between its calibrations, since when, and whether at once.
+
+    The files are calibrations of one declared arm, each with a campaign of its own, in the order of their dates.
+    """
+    if len({os.path.realpath(path) for path in paths}) < len(paths):
+        raise InputError("an arm file is given twice: each calibration counts once")
+    labels = [part.strip() for part in dates.split(",")] if dates else [path.stem for path in paths]
+    try:
+        days = [float(date.fromisoformat(label).toordinal()) for label in labels] if dates else range(len(paths))
+    except ValueError:
+        raise InputError(f"--dates: {dates!r} is not of the form 2026-01-15,2026-03-02,..") from None
+    if len(labels) != len(paths):
+        raise InputError(f"--dates: {len(labels)} dates for {len(paths)} files")
+    found = history({str(path): load_arm(path) for path in paths}, list(days))
+    with together():
+        options.write_json(
+            {
+                "format": "armflex-history-1",
+                "dates": labels,
+                "parameters": [
+                    {
+                        "name": one.parameter.label,
+                        "unit": one.parameter.unit,
+                        "value": one.value,
+                        "std": one.std,
+                        "change": one.change or None,
+                        "since": labels[one.since] if one.since else None,
+                        "size": one.size if one.change else None,
+                        "size_std": one.size_std if one.change else None,
+                    }
+                    for one in found.courses
+                ],
+            }
+        )
+        if output is not None:
+            from armflex.show.report import write_history  # draws
+
+            write_history(found, labels, output)
+    rows = []
+    for one in found.changed:
+        when, sizes = f"since {labels[one.since]}" if one.since else "all along", (one.size, one.size_std)
+        cells = (number(size, digits) for size, digits in zip(sizes, (3, 2), strict=True))
+        rows.append([one.parameter.label, one.change, when, *cells, one.parameter.unit])
+    if rows:
+        print_table("What changed", ["parameter", "how", "when", "by", "± std", "unit"], rows)
+    else:
+        say(f"Nothing changed beyond its uncertainty: {len(found.courses)} parameters over {len(paths)} calibrations.")
+    last = np.argsort(found.dates)[-2:].tolist()
+    for one, step, std in found.between(*last) if len(paths) > 2 else ():
+        text = f"{number(step, 3)} ± {number(std, 2)} {one.parameter.unit}"
+        say(f"Between {labels[last[0]]} and {labels[last[1]]}: {one.parameter.label} by {text}.")
+    if output is not None:
+        say(f"Written to {output}.")
