@@ -69,12 +69,12 @@ def fit(urdf: Path, tip: str, joints: tuple[str, ...], q: Array, seen: Array, mo
     write_configuration(folder / "figaroh.yaml", tip, joints, model, len(q))
     robot = load_robot(str(urdf), package_dirs=str(urdf.parent))
     logging.disable(logging.WARNING)
-    start = time.perf_counter()
+    start = time.process_time()
     with contextlib.redirect_stdout(io.StringIO()):
         found = tracker()(robot, str(folder / "figaroh.yaml"))
         found.initialize()
         found.solve(enable_logging=False)
-    seconds = time.perf_counter() - start
+    seconds = time.process_time() - start
 
     def predict(positions: Array) -> Array:
         known = dict(found.calib_config, NbSample=len(positions))
