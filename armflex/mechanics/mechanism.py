@@ -53,6 +53,8 @@ from armflex.robot import Corrections, Robot
 
 CLOSED = 1e-13
 """Largest last step of passive joints [m, rad] to where the loops close."""
+ROUNDED = 1e-9
+"""Step [m, rad] that is rounding where it does not shrink any more."""
 TOLERANCE = 1e-12
 """Largest residual of an equilibrium, of any flexure or gap [m, rad]; of torques as a share of the largest."""
 LONGEST = 0.5
@@ -109,6 +111,8 @@ class Closing:
         Raises:
             ClosureError: A loop does not close, or the joints could be anywhere.
         """
+        if self._last is not None and np.array_equal(self._last[0], q):
+            return self._last[1]
         free = self._first(q) if self._last is None else self._followed(*self._last, q)
         if free is None:
             raise self._open(q)
@@ -128,12 +132,12 @@ class Closing:
         lengths = self._ties.place(self.configuration(home, start))[0][self.lengths]
         home[self._driven :] = lengths - self._offsets
         found = []
-        settled = self._newton(home, start, np.inf)
+        settled = self._newton(home, start, jumps=True)
         if settled is not None:
             led = self._followed(home, settled, q)
             found += [] if led is None else [led]
         if given or settled is None:
-            straight = self._newton(q, start, np.inf)
+            straight = self._newton(q, start, jumps=True)
             found += [] if straight is None else [straight]
         return min(found, key=lambda free: float(np.abs(free - start).max(initial=0.0)), default=None)
 
@@ -151,19 +155,19 @@ class Closing:
                 size *= 0.5
         return free
 
-    def _newton(self, q: Array, free: Array, longest: float = LONGEST) -> Array | None:
-        """Return where the gaps are least, None where the steps are long or do not shrink."""
-        places, before = self._flex.free_v, np.inf
+    def _newton(self, q: Array, free: Array, jumps: bool = False) -> Array | None:
+        """Return where the gaps are least, None where steps are long or do not shrink, unless it may jump."""
+        before = 2.0 * LONGEST
         for _ in range(MOST):
             gaps, ways = self.gaps(q, self.configuration(q, free))
-            step = _solved(ways[:, places], gaps)
+            step = _solved(ways[:, self._flex.free_v], gaps)
             size = float(np.abs(step).max(initial=0.0))
-            if not size <= min(longest, np.inf if np.isinf(longest) else 0.5 * before, 1e3) and size > CLOSED:
+            shrinks = size <= 0.5 * before
+            if size <= CLOSED or (size <= ROUNDED and not shrinks):
+                return free - step
+            if not np.isfinite(size) or not (shrinks or jumps):
                 return None
-            free = free - (step if size <= LONGEST else step * (LONGEST / size))
-            if size <= CLOSED:
-                return free
-            before = size if size < before or np.isinf(longest) else before
+            free, before = free - step * min(1.0, LONGEST / size), size
         return None
 
     def nearest(self, q: Array, free: Array) -> Array:
