@@ -15,6 +15,7 @@ import pytest
 from lxml import etree
 from support.small_arms import ROBOTS
 
+from armflex import Arm
 from armflex.errors import UrdfError
 from armflex.mechanics.pinocchio_model import FlexModel, build_model
 from armflex.robot import Robot, Site, load_robot
@@ -42,8 +43,7 @@ REFUSED = {
     # The deepest leaf is a finger without weight, or one that mimics another; with the hand as tip they are welcome.
     "romeo_description/urdf/romeo_laas_small.urdf": "'l_gripper' moves with joint 'l_gripper_joint' but has no",
     "alex_description/urdf/alex_psyonic_hands.urdf": "no joint named 'index_q1', did you mean 'Left_index_q1'",
-    "pr2_description/urdf/pr2.urdf": "of the chain mimics",
-    "romeo_description/urdf/romeo.urdf": "of the chain mimics",
+    "romeo_description/urdf/romeo.urdf": "'LFinger11Link': mass is 0 kg",
     "talos_data/robots/talos_full_v2.urdf": "of the chain mimics",
     "talos_data/robots/talos_full_v2_box.urdf": "of the chain mimics",
     "tiago_pro_description/robots/tiago_pro.urdf": "of the chain mimics",
@@ -118,7 +118,10 @@ def assert_same_mechanics(robot: Robot, flex: FlexModel, reference: pin.Model, q
     assert_close(pin.rnea(flex.model, data, q, v, -v), pin.rnea(reference, other, full, fast, -fast)[rows])
 
 
-LOADED = [name for name in FILES if name not in REFUSED]
+FOLLOWING = {"pr2_description/urdf/pr2.urdf": "r_gripper_l_finger_tip_link"}
+"""Tips beyond a joint that mimics one of the chain."""
+
+LOADED = [name for name in FILES if name not in REFUSED and name not in FOLLOWING]
 
 
 @pytest.mark.parametrize("path", [*BUNDLED.values(), *(FILES[name] for name in LOADED)], ids=[*BUNDLED, *LOADED])
@@ -137,6 +140,26 @@ def test_hands_with_mimicking_fingers_are_welcome(name, tip):
     assert_same_mechanics(
         robot, build_model(robot), pin.buildModelFromUrdf(str(FILES[name])), random_positions(robot, 1)[0]
     )
+
+
+@pytest.mark.skipif(not FILES, reason="example-robot-data is not installed")
+@pytest.mark.parametrize(("name", "tip"), FOLLOWING.items(), ids=FOLLOWING)
+def test_a_joint_that_mimics_one_of_the_chain_follows_it(name, tip):
+    robot = load_robot(FILES[name], tip)
+    reference = pin.buildModelFromUrdf(str(FILES[name]))
+    data, arm = reference.createData(), Arm(robot)
+    for q in random_positions(robot, 3):
+        full, at = pin.neutral(reference), dict(zip(robot.joint_names, q, strict=True))
+        for follower, (master, factor, offset) in robot.linkage.followers.items():
+            at[follower] = factor * at[master] + offset
+        for joint, value in at.items():
+            own = reference.joints[reference.getJointId(joint)]
+            wraps = own.nq == 2  # Pinocchio has a continuous joint as cosine and sine
+            full[own.idx_q : own.idx_q + own.nq] = (np.cos(value), np.sin(value)) if wraps else value
+        pin.framesForwardKinematics(reference, data, full)
+        there, base = (data.oMf[reference.getFrameId(link)] for link in (tip, robot.base))
+        expected = (base.inverse() * there).homogeneous
+        np.testing.assert_allclose(arm.rigid_pose(q).homogeneous, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("locked", [0.0, 0.02, 0.04])

@@ -53,7 +53,7 @@ class Machine:
         """Hinges with a drive, then cylinders."""
         return (*(name for name, hinge in self.hinges.items() if not hinge.passive), *self.cylinders)
 
-    def load(self, folder: Path, **tables: str) -> armflex.Arm:
+    def load(self, folder: Path) -> armflex.Arm:
         """Return the machine as files say it."""
         parts = [link("base"), *(link(name, mass, com, 1.0) for name, (mass, com) in self.bodies.items()), link("tool")]
         parts += [joint(name, one.parent, one.child, one.place, axis=one.axis) for name, one in self.hinges.items()]
