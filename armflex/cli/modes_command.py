@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import click
@@ -13,17 +14,31 @@ from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
 from armflex.estimate.draw import drawn_frequencies
 from armflex.mechanics.modes import Modes
+from armflex.plotting import check_ending
 from armflex.rows.wrench import Wrench
+from armflex.show.view.mode_picture import draw_modes
+from armflex.storage.whole_file import together
 
 
 @click.command(cls=options.Command)
 @options.configuration
 @click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="Modes at most.")
-def command(arm: Arm, q: Array, payload: str, wrenches: list[Wrench], covariates: dict[str, float], count: int) -> None:
+@click.option("--picture", "drawing", type=options.OutputPath(), metavar="M.png", help="Draw the four slowest modes.")
+def command(
+    arm: Arm,
+    q: Array,
+    payload: str,
+    wrenches: list[Wrench],
+    covariates: dict[str, float],
+    count: int,
+    drawing: Path | None,
+) -> None:
     """Natural frequencies and mode shapes at the deflected pose, drives holding.
 
     The uncertainty is that of 64 arms as likely as ARM: of what [calibration] found, and of laws with relative_std.
     """
+    if drawing is not None:
+        check_ending(drawing)
     found = arm.modes(q, payload, covariates=covariates, wrenches=wrenches, count=count)
     drawn = None if wrenches else drawn_frequencies(arm, q, payload, covariates=covariates, count=count)
     std = None if drawn is None or drawn.shape[1] < len(found.frequencies) else drawn.std(axis=0, ddof=1)
@@ -43,7 +58,10 @@ def command(arm: Arm, q: Array, payload: str, wrenches: list[Wrench], covariates
             "stiffness_sensitivities": found.sensitivities,
         }
 
-    options.conclude(content, found.flags, arm)
+    with together():
+        if drawing is not None:
+            draw_modes(arm.deflection(q, payload, covariates=covariates, wrenches=wrenches), found, drawing)
+        options.conclude(content, found.flags, arm)
     print_modes(found, std)
 
 

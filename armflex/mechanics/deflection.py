@@ -405,10 +405,17 @@ class Deflection(_Result[float]):
         return (*laws, *beyond_seen(self.arm.effects, self._row).get(0, ()))
 
     @checked_kinds
-    def link_poses(self, magnification: float = 1.0) -> dict[str, Array]:
-        """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm."""
-        mechanics = self._mechanics
-        found = mechanics.link_poses(mechanics.flexed(self.solved.rigid, magnification * self._at_rest[0]))
+    def link_poses(self, magnification: float = 1.0, further: Array | None = None) -> dict[str, Array]:
+        """Return the (4, 4) pose [m] of every link with the flexures' twists magnified; 0 gives the rigid arm.
+
+        Args:
+            magnification: Factor on the twists.
+            further: (n_flexures, 6) motion of the flexures beside them, as of a mode [m, rad].
+        """
+        mechanics, motion = self._mechanics, magnification * self._at_rest[0]
+        if further is not None:
+            motion[mechanics.flex.flexure_v] += further.ravel()
+        found = mechanics.link_poses(mechanics.flexed(self.solved.rigid, motion))
         for one in self.case.wrenches:
             found |= one.links(found[one.frame])
         return found

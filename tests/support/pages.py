@@ -20,13 +20,16 @@ QUIET = (
 """Flags of a browser that asks nobody anything."""
 
 
-def picture(page: Path, virtual_ms: int) -> np.ndarray:
-    """Screenshot of the canvas right of the panel, (H, W, 3), after so much time in the page."""
+def picture(page: Path, virtual_ms: int, asked: str = "") -> np.ndarray:
+    """Screenshot of the canvas right of the panel, (H, W, 3), after so much time in the page.
+
+    `asked` is what its address ends in.
+    """
     image = pytest.importorskip("PIL.Image", reason="decoding a screenshot needs Pillow")
     target = page.with_suffix(f".{virtual_ms}.png")
     command = [BROWSER, *(f"--{flag}" for flag in QUIET), "--window-size=1280,800"]
     command += [f"--user-data-dir={page.parent / f'profile {virtual_ms}'}", f"--screenshot={target}"]
-    command += [f"--virtual-time-budget={virtual_ms}", page.as_uri()]
+    command += [f"--virtual-time-budget={virtual_ms}", page.as_uri() + asked]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     return np.asarray(image.open(target).convert("RGB"), dtype=float)[:, 300:]
 

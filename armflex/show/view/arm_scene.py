@@ -5,6 +5,7 @@ The picture has a ghost of the rigid arm, the flexed arm, its flexures, payload,
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -23,6 +24,7 @@ from armflex.laws.effects.in_arm import settled_covariates
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
+from armflex.mechanics.modes import modes_of
 from armflex.parallel import Progress
 from armflex.rows.wrench import Wrench
 from armflex.show.view.meshes import read_mesh
@@ -36,6 +38,7 @@ from armflex.show.view.scene_3d import (
     Shape,
     ShapeKind,
     Slider,
+    Swing,
     scene_points,
 )
 from armflex.storage.whole_file import write_whole
@@ -61,6 +64,9 @@ SAMPLES = 9
 
 SLIDERS = 2.0 * np.pi
 """Largest position of a slider [rad or m]: of a joint without limits a turn either way."""
+
+SWINGS, SWUNG, SMALL = 6, 0.05, 1e-5
+"""Modes that a page can show, how far the tip then swings as a share of the reach, and the step that shapes are of."""
 
 TINY = 1e-6
 """Length [mm] and turn [mrad] that a page shows as 0: nobody looks at less than a nanometre."""
@@ -280,8 +286,8 @@ def posable(arm: Arm, shown: Deflection, factor: float) -> Posable:
             joint, link = parent[link]
             yield joint.name
 
-    def flexed(found: Deflection) -> Array:
-        one, other = found.link_poses(0.0), found.link_poses(factor)
+    def flexed(found: Deflection, further: Array | None = None) -> Array:
+        one, other = found.link_poses(0.0), found.link_poses(factor, further)
         apart = [np.linalg.inv(one[link]) @ other[link] for link in links]
         return np.array([[*pose[:3, 3], *pin.log3(pose[:3, :3])] for pose in apart])
 
@@ -308,9 +314,17 @@ def posable(arm: Arm, shown: Deflection, factor: float) -> Posable:
                 pose[:3, 3], pose[:3, :3] @ joint.axis, samples, np.array(table),
             )
         )  # fmt: skip
+    swings: tuple[Swing, ...] = ()
+    with contextlib.suppress(ArmflexError):  # nothing that moves has a mass, or nothing gives
+        modes = modes_of(shown.solved, SWINGS, arm.damping_ratio)
+        size = SWUNG * max(robot.reach, 0.1)
+        swings = tuple(
+            Swing(float(frequency), (flexed(shown, SMALL * twists) - now) * (size / SMALL))
+            for frequency, twists in zip(modes.frequencies, modes.twists, strict=True)
+        )
     moves = np.array([[joint.name in set(behind(link)) for joint in robot.moving] for link in links])
     poses = np.array([rigid[link] for link in links])
-    return Posable(tuple(sliders), links, poses, moves, now, links.index(robot.tip), factor)
+    return Posable(tuple(sliders), links, poses, moves, now, links.index(robot.tip), factor, swings=swings)
 
 
 def _triads(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:

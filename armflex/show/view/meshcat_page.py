@@ -116,6 +116,7 @@ def _posable(arm: Posable) -> dict[str, object]:
         "tip": arm.tip,
         "magnification": arm.magnification,
         "when": arm.when,
+        "swings": [{"hz": one.frequency, "flexed": np.round(one.flexed, 7).tolist()} for one in arm.swings],
     }
 
 

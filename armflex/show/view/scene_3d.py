@@ -104,6 +104,19 @@ class Slider:
 
 
 @dataclass(frozen=True, eq=False)
+class Swing:
+    """A mode of vibration that the page shows at the click of a button.
+
+    Attributes:
+        frequency: [Hz].
+        flexed: (L, 6) change of `Posable.flexed` at its largest.
+    """
+
+    frequency: float
+    flexed: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Posable:
     """An arm whose joints can be moved on the page, without asking it again.
 
@@ -117,6 +130,7 @@ class Posable:
         magnification: Factor in all of them.
         frame: Which of the scene's times this is.
         when: Said of it, '' where there is but one.
+        swings: Its slowest modes, the drives holding.
     """
 
     sliders: tuple[Slider, ...]
@@ -128,6 +142,7 @@ class Posable:
     magnification: float
     frame: int = 0
     when: str = ""
+    swings: tuple[Swing, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -433,6 +433,39 @@ def test_meshes_that_are_not_drawn_are_said(tmp_path: Path, heavy: Arm) -> None:
 
 @pytest.mark.slow
 @needs_browser
+def test_a_page_swings_its_modes(tarm: Arm, tmp_path: Path) -> None:
+    """The tip goes the way that `modes` says, and where the address asks for a mode the picture moves."""
+    q = tarm.position(A2=0.3)
+    found, shown = tarm.modes(q, "p600"), tarm.deflection(q, "p600")
+    moved = posable(tarm, shown, 1.0)
+    assert [one.frequency for one in moved.swings] == pytest.approx(found.frequencies[:6].tolist())
+    rigid = shown.link_poses(0.0)[tarm.robot.tip]
+    for one, shape in zip(moved.swings, found.shapes, strict=False):
+        tip = rigid[:3, :3] @ one.flexed[moved.tip, :3]
+        np.testing.assert_allclose(tip, 0.05 * tarm.robot.reach * shape[:3], rtol=0, atol=2e-3)
+    if BROWSER is not None:
+        page = view(tarm, q, "p600", path=tmp_path / "v.html")
+        swinging = [picture(page, late, "#mode=1") for late in (1500, 1700, 1900)]
+        assert max(np.abs(one - swinging[0]).max(axis=-1).mean() for one in swinging[1:]) > 0.3
+
+
+def test_modes_are_drawn(armflex: Callable[..., subprocess.CompletedProcess], tmp_path: Path) -> None:
+    said = armflex(
+        "modes",
+        ROBOTS / "tarm_like" / "arm.toml",
+        "--payload",
+        "p600",
+        "--picture",
+        "modes.png",
+        "--json",
+        "modes.json",
+    )
+    assert said.returncode == 0 and (tmp_path / "modes.png").stat().st_size > 20_000
+    wrong = armflex("modes", ROBOTS / "tarm_like" / "arm.toml", "--picture", "modes.doc", "--json", "no.json")
+    assert wrong.returncode == 2 and "expected a name that ends in" in wrong.stderr
+    assert not (tmp_path / "no.json").exists()
+
+
 def test_a_printed_page_has_the_picture(tarm: Arm, tmp_path: Path) -> None:
     """What a browser keeps of a canvas is empty when it prints."""
     assert sheets(view(tarm, payload="p600").html, tmp_path / "print") == 1
