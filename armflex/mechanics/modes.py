@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg.lapack import dpotrf, dtrtri  # numpy's wrappers take six times as long on an arm's flexures
 
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnstableEquilibriumError
@@ -115,7 +116,7 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
         both[:6, own], both[6:] = 0.0, np.eye(both.shape[1])[own]
         whole += both.T @ more @ both
     mass = whole[mechanics.flexures]
-    root, back = _root(compliance)
+    root, owner = _root(compliance)
     inverse, ways = _slowest(np.eye(root.shape[1]) + root.T @ geometric @ root, root.T @ mass @ turned @ root, count)
     motion = (root @ ways).T  # (m, 6 n)
     tip = motion @ turned.T @ mechanics.tip_jacobian(configuration)[:, places].T
@@ -127,8 +128,7 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     body = motion @ turned.T
     masses = np.einsum("mi,ij,mj->m", body, mass, body)
     frequencies = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
-    force = ways @ back.T  # what bends the flexures
-    energies = (motion * force).reshape(len(masses), -1, 6).sum(axis=2)
+    energies = ways**2 @ (owner[:, None] == np.arange(len(places) // 6))  # of the flexures, as dm'C^-1 dm = y'y
     shares = energies / (masses / inverse)[:, None]
     flags = () if damping is not None else (_assumed(),)
     flags += tuple(_pointlike(found, configuration, body, masses))
@@ -144,23 +144,21 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, names, flags, momenta, drives)
 
 
-def _root(compliance: Array) -> tuple[Array, Array]:
-    """Return (6 n, r) R with R R' = C of a (6 n, 6 n) block-diagonal compliance, and the transpose of its inverse.
+def _root(compliance: Array) -> tuple[Array, np.ndarray]:
+    """Return (6 n, r) R with R R' = C of a (6 n, 6 n) block-diagonal compliance, and the flexure of every column.
 
     Raises:
-        InputError: Nothing gives.
+        InputError: No flexure bends.
     """
-    blocks = compliance.reshape(len(compliance) // 6, 6, -1, 6)
-    blocks = np.einsum("kikj->kij", blocks)
+    blocks = np.einsum("kikj->kij", compliance.reshape(len(compliance) // 6, 6, -1, 6))
     sizes, axes = np.linalg.eigh(0.5 * (blocks + blocks.swapaxes(1, 2)))
-    roots, whole = np.sqrt(np.maximum(sizes, 0.0)), np.zeros(compliance.shape)
-    gives = (sizes > NEGLIGIBLE * sizes.max()).ravel()
-    if not gives.any():
-        raise InputError("no flexure gives under these loads: the arm is rigid, and does not swing")
-    for i, own in enumerate(axes):
-        whole[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = own
-    length = roots.ravel()[gives]
-    return whole[:, gives] * length, whole[:, gives] / length
+    bends = np.nonzero(sizes > NEGLIGIBLE * sizes.max())
+    if not len(bends[0]):
+        raise InputError("no flexure bends under these loads: the arm is rigid, and does not swing")
+    columns = np.arange(len(bends[0]))
+    roots = np.zeros((len(blocks), 6, len(columns)))
+    roots[bends[0], :, columns] = (axes[bends[0], :, bends[1]].T * np.sqrt(sizes[bends])).T
+    return roots.reshape(len(compliance), -1), bends[0]
 
 
 def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
@@ -171,12 +169,12 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
         UnstableEquilibriumError: K is not positive.
     """
     (even, odd), (inert, bent) = ((0.5 * (one + one.T), 0.5 * (one - one.T)) for one in (stiffness, mass))
-    try:
-        lower = np.linalg.inv(np.linalg.cholesky(even))
-    except np.linalg.LinAlgError:
+    factor, failed = dpotrf(even, lower=1, clean=1)
+    if failed:
         least = float(np.linalg.eigvalsh(even)[0])
         text = "the arm would not stay where its loads balance: there is nothing to swing about"
-        raise UnstableEquilibriumError(text, least) from None
+        raise UnstableEquilibriumError(text, least)
+    lower, _ = dtrtri(factor, lower=1)
     found, vectors = np.linalg.eigh(lower @ inert @ lower.T)
     some = np.flatnonzero(found > NEGLIGIBLE * max(found[-1], 0.0))[::-1][:count]
     if not len(some):
