@@ -137,19 +137,20 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             read = "x, y, z" if measurements.positioned.any() else "readings"
             remedy = f"move {read} by one row against the joints"
             yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step), of_rows=False)
-    if measurements.readings.of(Position) is None:
+    if (position := measurements.readings.of(Position)) is None:
         return
+    axes_read = np.isfinite(position.sigma).any(axis=0)  # one that nobody read is in no unit
     for unit, taken, factor in _factors("m"):
         remedy = f"write the unit into the header: x_{unit}, y_{unit}, z_{unit}"
         remedy = remedy if unit != "inches" else "convert them, and write x_mm, y_mm, z_mm into the header"
         name = f"x, y, z are in {unit}, read as {taken}"
-        volume, every = float(np.log(factor)), np.eye(3) * factor
+        volume, every = float(np.log(factor)) * axes_read.mean(), np.eye(3) * factor
         yield Hypothesis(name, remedy, _positions(every), some=True, volume=volume)
         yield Hypothesis(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
-        for axis, one in zip("xyz", np.eye(3), strict=True):
-            scale = np.diag(np.where(one > 0.0, factor, 1.0))
-            name = f"{axis} alone is in {unit}, read as {taken}"
-            yield Hypothesis(name, remedy, _positions(scale), RARE, volume=volume / 3.0)
+        for i in np.flatnonzero(axes_read):
+            scale = np.diag(np.where(np.arange(3) == i, factor, 1.0))
+            name = f"{'xyz'[i]} alone is in {unit}, read as {taken}"
+            yield Hypothesis(name, remedy, _positions(scale), RARE, volume=float(np.log(factor)) / 3.0)
     smaller = "write sigma_mm into the header"
     yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)))
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
