@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg.lapack import dpotrf, dtrtri  # numpy's wrappers take six times as long on an arm's flexures
 
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnstableEquilibriumError
@@ -168,6 +167,8 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
         InputError: Nothing that moves has a mass.
         UnstableEquilibriumError: K is not positive.
     """
+    from scipy.linalg.lapack import dpotrf, dtrtri  # not needed to import the package; a sixth of numpy's time
+
     (even, odd), (inert, bent) = ((0.5 * (one + one.T), 0.5 * (one - one.T)) for one in (stiffness, mass))
     factor, failed = dpotrf(even, lower=1, clean=1)
     if failed:
