@@ -14,6 +14,7 @@ from armflex.errors import Flag, InputError, OutOfMemoryError, listing
 from armflex.fem.matrices import Matrices, of_mesh
 from armflex.fem.mesh import Mesh, check_connected, check_size
 from armflex.fem.part import MOST, Part
+from armflex.fem.surface import surface_of
 from armflex.storage.trust import sha256_of
 
 MODES = 6
@@ -124,6 +125,7 @@ def condense(
         young_std,
         len(mesh.points),
         tuple(dict.fromkeys(flags)),
+        surface_of(mesh, np.asarray(reduced @ shapes)) if len(loaded) == 1 else None,
     )
 
 

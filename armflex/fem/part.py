@@ -10,8 +10,9 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import Flag
+from armflex.fem.surface import Surface, surface_path, write_surface
 from armflex.result import Result
-from armflex.storage.whole_file import write_whole
+from armflex.storage.whole_file import together, write_whole
 
 FORMAT = "armflex-part-1"
 
@@ -48,6 +49,7 @@ class Part(Result):
         young_std: Relative standard uncertainty of the compliance, one factor of all of it; 0 where nobody says.
         nodes: Number of the mesh's nodes.
         flags: What is doubtful.
+        surface: What pages draw, None of several loaded interfaces and where the part was read from its file.
     """
 
     mesh: str
@@ -68,6 +70,7 @@ class Part(Result):
     young_std: float = 0.0
     nodes: int = 0
     flags: tuple[Flag, ...] = ()
+    surface: Surface | None = None
 
     TOLD = (
         *("mesh", "sha256", "nodes", "fixed", "fixed_origin", "loaded", "interface", "origin", "compliance"),
@@ -99,7 +102,7 @@ class Part(Result):
 
 
 def write_part(part: Part, path: Path) -> Path:
-    """Write a PART.toml whole or not at all."""
+    """Write a PART.toml, and beside it PART.surface.safetensors for pages, whole or not at all."""
 
     def rows(matrix: Array) -> str:
         return "[\n" + "".join(f"    [{', '.join(f'{x:.16e}' for x in row)}],\n" for row in matrix) + "]"
@@ -137,7 +140,10 @@ def write_part(part: Part, path: Path) -> Path:
         f"# load on the interfaces per rad/s^2 of turning about {part.loaded[0]!r}",
         f"spin = {rows(part.spin)}",
     ]
-    return write_whole(path, ("\n".join(lines) + "\n").encode())
+    with together():
+        if part.surface is not None:
+            write_surface(part.surface, surface_path(path), part.sha256)
+        return write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
 def read_part(path: Path) -> Part:

@@ -18,6 +18,7 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean, listing
 from armflex.fem.part import Part, read_part
+from armflex.fem.surface import Drawing, surface_path
 from armflex.laws.declared import NEAR
 from armflex.laws.joint.meshed import MeshedLaw
 from armflex.robot import Robot
@@ -43,7 +44,8 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         inside = [joint.child for joint in robot.chain[:-1]]
         hint = did_you_mean(name, inside)
         raise table.fail("file", f"no link {name!r} between two joints of the chain{hint} (known: {listing(inside)})")
-    part = read_part(table.path.parent / table.text("file"))
+    path = table.path.parent / table.text("file")
+    part = read_part(path)
     loaded, *more = part.loaded
     if more:
         raise table.fail("file", f"has {1 + len(more)} loaded interfaces ({listing(part.loaded)}), a link one")
@@ -71,7 +73,8 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         )
         inertia = np.block([[whole - rest - end, (turning - end).T], [turning - end, bent - end]])
     law = MeshedLaw(0.5 * (compliance + compliance.T), part.young_std)
-    flexure = Flexure(name, f"{name}:end", law, inertia=inertia)
+    drawing = Drawing(surface_path(path), part.sha256, part.origin, at_joint)
+    flexure = Flexure(name, f"{name}:end", law, inertia=inertia, drawing=drawing)
     return _ended(robot, joint, split, f"{name}:end"), flexure, flags
 
 

@@ -14,6 +14,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import Flag, LawError, ModelFileError, UnknownNameError, listing
 from armflex.fem.part import Part, read_part
+from armflex.fem.surface import Drawing
 from armflex.laws.joint.beam import Beam, MeshedBeam, Section, stiffness
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import read_linear, softness
@@ -41,6 +42,7 @@ class Flexure:
         learn: What of its law `calibrate` finds from measurements of the whole arm, None for nothing.
         inertia: (12, 12) what a link that bends there adds to the mass matrix [kg, kg m, kg m^2], by the motion of its
             root and by its own, beside its two bodies; None for nothing.
+        drawing: The mesh that bends there, as pages draw it; None for none.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Flexure:
     before: bool = False
     learn: Learning | None = None
     inertia: Array | None = None
+    drawing: Drawing | None = None
 
     @property
     def learned(self) -> LearnedLaw | None:

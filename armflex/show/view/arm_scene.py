@@ -232,12 +232,15 @@ def arm_scene(
     times = motion.times
     shapes, missing = _link_shapes(arm, motion, meshes)
     tree = not arm.robot.linkage
+    parts = list(_parts(arm, motion, factor, colors))
+    shapes |= dict.fromkeys((part.name.rpartition("/")[2] for part in parts), ())
     scene = Scene(
         title=arm.robot.urdf.name,
         subtitle=_subtitle(arm, shown, motion, factor),
         nodes=(
             *_nodes(arm, motion, factor, colors, shapes),
             *_ties(arm, motion, factor),
+            *parts,
             *_triads(arm, motion, factor),
             *_arrows(arm, motion, factor),
         ),
@@ -540,6 +543,30 @@ def payload_box(payload: Payload) -> tuple[Array, Array]:
     place[:3, :3] = axes * np.linalg.det(axes)
     sides = np.sqrt(np.maximum(6.0 / payload.mass * (moments.sum() - 2.0 * moments), 0.0))
     return np.maximum(sides, 0.02 * sides.max()), place
+
+
+def _parts(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> Iterator[Node]:
+    """Yield the meshes of condensed parts, rigid as ghosts and bent as in the row that the legend speaks of."""
+    shown = motion.frames[motion.worst]
+    child = {joint.name: joint.child for joint in arm.robot.chain}
+    for flexure in arm.flexures:
+        if flexure.drawing is None:
+            continue
+        link = child[flexure.joint]
+        twist = factor * shown.twists[arm.flexure_names.index(flexure.name)]
+        for group, own, magnified in (("rigid", np.zeros(6), 0.0), ("flexed", twist, factor)):
+            if (found := flexure.drawing.bent(own)) is None:
+                continue
+            color, opacity = (GHOST, 0.22) if group == "rigid" else (colors[flexure.name], 1.0)
+            corners = found[0][found[1]]
+            facets = np.zeros(len(corners), [("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+            facets["normal"] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            facets["normal"] /= np.linalg.norm(facets["normal"], axis=1, keepdims=True).clip(1e-30)
+            facets["corners"] = corners
+            data = bytes(80) + np.uint32(len(facets)).tobytes() + facets.tobytes()  # an STL file
+            shape = Shape("mesh", np.ones(3), color=color, opacity=opacity, data=data, data_format="stl")
+            poses = np.array([frame.link_poses(magnified)[link] for frame in motion.frames])
+            yield Node(f"{group}/{_leaf(flexure.name)}", poses, (shape,), link, flexed=group == "flexed")
 
 
 def _flexure_of_link(arm: Arm) -> dict[str, str]:

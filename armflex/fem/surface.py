@@ -1,0 +1,108 @@
+"""The surface of a condensed mesh and how its nodes move with the loaded interface: what pages draw of a part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.fem.mesh import Mesh
+from armflex.storage.array_file import Layout, read_arrays, write_arrays
+from armflex.storage.schema import Numbers
+
+FACES = {
+    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
+    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Corners of an element -> corners of its faces, seen from outside against the clock."""
+
+LAYOUT = Layout(
+    "the surface of a part",
+    "armflex-surface-1",
+    {
+        "points": Numbers(("nodes", 3)),
+        "triangles": Numbers(("triangles", 3), "i8", least=0),
+        "shapes": Numbers(("nodes", 3, 6)),
+    },
+    {"sha256": str},
+    anew="run `armflex fem` again",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """The surface of a mesh.
+
+    Attributes:
+        points: (V, 3) its nodes [m].
+        triangles: (F, 3) rows of them, seen from outside against the clock.
+        shapes: (V, 3, 6) shift of each per twist of the loaded interface at its centroid, the fixed one held.
+    """
+
+    points: Array
+    triangles: np.ndarray
+    shapes: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """Where a part's surface is, in its file and in the arm.
+
+    Attributes:
+        path: Its file.
+        sha256: Of the mesh that the part was condensed from.
+        origin: (3,) centroid of the loaded interface in axes of the mesh [m].
+        place: Of the mesh's axes, put at that centroid, in the axes of the flexure.
+    """
+
+    path: Path
+    sha256: str
+    origin: Array
+    place: pin.SE3
+
+    def bent(self, twist: Array) -> tuple[Array, np.ndarray] | None:
+        """Return (V, 3) nodes [m] in the axes of the flexure's outboard side, bent by its twist, and (F, 3) triangles.
+
+        Nothing where the file is not there, or is that of another mesh.
+
+        Raises:
+            FileError: It is damaged.
+        """
+        if not self.path.exists():
+            return None
+        about, arrays, _ = read_arrays(self.path, LAYOUT)
+        if about["sha256"] != self.sha256 or arrays["triangles"].max(initial=0) >= len(arrays["points"]):
+            return None
+        moved = arrays["points"] - self.origin + arrays["shapes"] @ self.place.actInv(pin.Motion(twist)).vector
+        back = pin.exp6(pin.Motion(twist)).inverse()
+        placed = moved @ self.place.rotation.T + self.place.translation
+        return placed @ back.rotation.T + back.translation, arrays["triangles"]
+
+
+def surface_path(part: Path) -> Path:
+    """Return where the surface of a PART.toml is."""
+    return part.with_suffix(".surface.safetensors")
+
+
+def surface_of(mesh: Mesh, shapes: Array) -> Surface:
+    """Return the surface of a mesh, whose N nodes move by (3 N, 6) shapes."""
+    found = []
+    for corners, faces in FACES.items():
+        own = [b.nodes[:, face] for b in mesh.blocks if (b.nodes.shape[1] in (4, 10)) == (corners == 4) for face in faces]
+        if own:
+            every = np.vstack(own)
+            _, first, times = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
+            outer = every[first[times == 1]]  # a face of two elements is inside
+            found += [outer[:, [0, i, i + 1]] for i in range(1, every.shape[1] - 1)]
+    triangles = np.vstack(found)
+    kept, numbers = np.unique(triangles, return_inverse=True)
+    return Surface(mesh.points[kept], numbers.reshape(-1, 3), shapes.reshape(-1, 3, 6)[kept])
+
+
+def write_surface(surface: Surface, path: Path, sha256: str) -> None:
+    """Write a surface whole or not at all."""
+    arrays = {"points": surface.points, "triangles": surface.triangles.astype("i8"), "shapes": surface.shapes}
+    write_arrays(path, LAYOUT, arrays, {"sha256": sha256})
