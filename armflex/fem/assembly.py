@@ -106,8 +106,9 @@ def _matrices(mesh: Mesh, block: Block) -> Iterator[tuple[slice, Array, Array]]:
         points = mesh.points[block.nodes[some]]
         volumes, gradients = _at_points(points, how.gradients)
         wrong = (volumes <= 0.0).any(axis=1)
-        if len(points[0]) in (4, 10):  # middles of edges alone may hide that corners are exchanged
-            wrong |= np.linalg.det(points[:, 1:4] - points[:, :1]) <= 0.0
+        corners, straight = (4, "C3D4") if len(points[0]) in (4, 10) else (8, "C3D8")
+        if len(points[0]) > corners:  # middles of edges may hide that corners are exchanged
+            wrong |= (_at_points(points[:, :corners], rule(straight).gradients)[0] <= 0.0).any(axis=1)
         bad = np.flatnonzero(wrong)
         if len(bad):
             raise volume_error(mesh, block, bad + start)

@@ -125,7 +125,7 @@ def condense(
         young_std,
         len(mesh.points),
         tuple(dict.fromkeys(flags)),
-        surface_of(mesh, np.asarray(reduced @ shapes)) if len(loaded) == 1 else None,
+        surface_of(mesh, np.asarray(reduced @ shapes)) if mesh is structure and len(loaded) == 1 else None,
     )
 
 

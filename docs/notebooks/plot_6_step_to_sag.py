@@ -91,3 +91,10 @@ if meshed:
 # %%
 # A beam without shear has 0.351 mm of it. A mesh has neither welds nor bolts: ``young = 0.1`` in ``[prior]`` lets
 # ``armflex calibrate`` find one factor for the part from readings of the tip.
+
+# %%
+# Drawn
+# -----
+#
+# The page has the mesh itself, bent, with its deflection magnified. Drag it.
+armflex.view(arm, arm.position(luff=-0.4), "load") if meshed else None

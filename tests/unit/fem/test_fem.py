@@ -281,6 +281,13 @@ def swapped(text: str) -> str:
     return "\n".join([*lines[:at], ", ".join(cells), *lines[at + 1 :]]) + "\n"
 
 
+def folded(folder: Path) -> Path:
+    """Middles of edges stay: at its points of integration such a brick still has a positive volume."""
+    points, nodes = bar("C3D20", (2, 1, 1), (0.4, 0.1, 0.2))
+    nodes[0, :8] = np.roll(nodes[0, :8], 4)
+    return write_bar(folder / "bar.inp", "C3D20", points, nodes)
+
+
 BROKEN: dict[str, tuple[Callable[[Path], Path], tuple[object, ...], str]] = {
     "a node of no element": (
         edited(lambda t: t.replace("*NODE\n", "*NODE\n999, 1., 0., 0.\n")),
@@ -288,6 +295,11 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], tuple[object, ...], str]] = {
         "bar.inp:2: node 999 belongs to no element",
     ),
     "an inverted element": (edited(swapped), (), "element 1 (C3D10) has no positive volume"),
+    "a brick whose corners alone are exchanged": (
+        folded,
+        (),
+        "element 1 (C3D20) has no positive volume",
+    ),
     "a part on its own": (two_apart, (), "is not connected to 'root'"),
     "a missing set": (small, ("--loaded", "tipp"), "no set of bar.inp named 'tipp', did you mean 'TIP'"),
     "a missing material": (
