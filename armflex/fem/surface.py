@@ -91,7 +91,9 @@ def surface_of(mesh: Mesh, shapes: Array) -> Surface:
     """Return the surface of a mesh, whose N nodes move by (3 N, 6) shapes."""
     found = []
     for corners, faces in FACES.items():
-        own = [b.nodes[:, face] for b in mesh.blocks if (b.nodes.shape[1] in (4, 10)) == (corners == 4) for face in faces]
+        own = [
+            b.nodes[:, face] for b in mesh.blocks if (b.nodes.shape[1] in (4, 10)) == (corners == 4) for face in faces
+        ]
         if own:
             every = np.vstack(own)
             _, first, times = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)

@@ -124,6 +124,8 @@ def test_learned_boom():
     found = run("16_learned_boom")
     assert found["learned"] < 0.5e-3 and found["linear"] > 5.0 * found["learned"]
     assert 0.90 <= found["covered"] <= 0.98
+    assert found["explained"] == pytest.approx(1.0, abs=1e-3)  # the joints' shares are all of the band
+    assert found["A3"] > found["M1"] > found["A4"]
 
 
 def test_step_to_sag(tmp_path):

@@ -550,7 +550,7 @@ def _parts(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> I
     shown = motion.frames[motion.worst]
     child = {joint.name: joint.child for joint in arm.robot.chain}
     for flexure in arm.flexures:
-        if flexure.drawing is None:
+        if flexure.drawing is None or flexure.joint is None:
             continue
         link = child[flexure.joint]
         twist = factor * shown.twists[arm.flexure_names.index(flexure.name)]
