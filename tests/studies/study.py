@@ -32,7 +32,7 @@ from support.scoring import Score, score
 
 EVERY = (*KINDS, *LAGGED, *OUTSIDE, *NULLS, "two")
 ARMS = ("boom", "six")
-LISTS = ("truth", "found", "equivalents", "unexplained", "named", "stated")
+LISTS = ("truth", "found", "equivalents", "unexplained", "named", "stated", "sets")
 COLUMNS = [field.name for field in fields(Score)]
 RIGHT, IN_CLASS = ("exact", "exact+"), ("exact", "exact+", "class")
 Job = tuple[str, int, str, float]
@@ -64,7 +64,7 @@ def _value(name: str, text: str):
         return text == "True"
     if name == "rank":
         return int(text) if text else None
-    return text if name in ("kind", "arm", "verdict", "log") else float(text)
+    return text if name in ("kind", "arm", "verdict", "log", "unasked") else float(text)
 
 
 def append(path: Path, result: Score) -> None:
@@ -164,6 +164,9 @@ def summary(scores: Sequence[Score]) -> str:
         f"95 % intervals cover      {covered} of {checked}" + (f" ({covered / checked:.0%})" if checked else ""),
         f"after over the noise      median {_median(ratios):.3f}, worst {max(ratios, default=np.nan):.2f}",
     ]
+    if asked := [one for one in real if one.asked]:
+        before, after = (sum(getattr(one, what) in RIGHT for one in asked) for what in ("unasked", "verdict"))
+        lines.append(f"rows asked for in {len(asked)} of them: all right {before} before, {after} after")
     return "\n".join([*lines, *_several([one for one in scores if one.named and one.verdict != "ERROR"])])
 
 

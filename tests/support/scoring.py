@@ -8,6 +8,7 @@ import traceback
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -57,10 +58,13 @@ class Score:
         false: Names found that are none of theirs, nor have one among their equivalents.
         before, after, floor: RMS on the held-out rows with calibration, with the trace, and of the noise itself [mm].
         shown, strain: What calibration leaves of the effects [mm], and how far they move it.
-        stated: Of each name found, the probability stated of it and whether it is a hidden one; 0 where none is stated.
+        stated: Of each name found and of what else it may be, the probability stated of it and whether it is a hidden
+            one; and the same of nothing.
+        sets: Of each 95 % credible set whether it holds a hidden one, and how many names it has.
         checked, covered: Parameters with a true value, and those within 1.96 standard deviations of it.
         seconds: Of the processor, of the last trace.
         asked: How often rows were asked for, driven and read before the account that is judged.
+        unasked: The verdict of the first account.
         log: What the search said it was doing; or the error.
     """
 
@@ -78,6 +82,7 @@ class Score:
     unexplained: list = field(default_factory=list)
     named: list = field(default_factory=list)
     stated: list = field(default_factory=list)
+    sets: list = field(default_factory=list)
     false: int = 0
     before: float = np.nan
     after: float = np.nan
@@ -88,6 +93,7 @@ class Score:
     covered: int = 0
     seconds: float = np.nan
     asked: int = 0
+    unasked: str = ""
     log: str = ""
 
     @property
@@ -132,6 +138,7 @@ def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
         start, wanted = time.process_time(), ask if drawn.spare else 0
         account = armflex.trace(arm, armflex.read_measurements(truth.train, arm), report=result.hear, ask=wanted)
         result.seconds = time.process_time() - start
+        result.unasked = result.unasked or verdict(truth.effects, account)
         if account.asked is None:
             break
         drawn, result.asked = drawn.asked(account.asked.rows), result.asked + 1
@@ -146,7 +153,10 @@ def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
     result.found = [described(one.effect, one.evidence) for one in account.found]
     result.equivalents = [[described(other) for other, _ in one.equivalent] for one in account.found]
     result.unexplained = _unexplained(account)
-    result.stated = [(one.probability, any(_is(e, one.effect) for e in truth.effects)) for one in account.found]
+    pairs = [[(one.effect, one.probability), *one.credible] for one in account.found]
+    names_of_each = [[(chance, any(_is(e, effect) for e in truth.effects)) for effect, chance in own] for own in pairs]
+    result.stated = [*chain(*names_of_each), (account.nothing, not truth.effects)]
+    result.sets = [(any(right for _, right in own), len(own)) for own in names_of_each]
     result.verdict = verdict(truth.effects, account)
     result.first, result.axis, result.rank = first_found(truth.effects, account)
     result.checked, result.covered = coverage(truth.effects, account.found)

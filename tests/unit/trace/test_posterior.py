@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
+from studies.reliability import log_score
 
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
@@ -110,6 +111,10 @@ def test_a_scan_beside_a_part_of_another_model_is_that_of_its_own() -> None:
         assert evidence.log_posterior(model) == alone.log_posterior
 
 
+GOLDEN_LOG_SCORE = -0.361
+"""Mean logarithm of the probability that was given to what is true, in the problems below; a change may raise it."""
+
+
 @pytest.mark.slow
 def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
     """Over problems that are drawn from the prior itself, of hypotheses that imitate one another."""
@@ -129,6 +134,7 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
     sure = stated_ > 0.9
     assert sure.sum() > 40 and right_[sure].mean() > 0.9
     assert right_[~sure].mean() == pytest.approx(stated_[~sure].mean(), abs=0.12)
+    assert log_score(np.column_stack([stated_, right_])) > GOLDEN_LOG_SCORE - 0.005
 
 
 def test_rivals_are_ranked_one_of_each_place() -> None:

@@ -1,0 +1,82 @@
+"""How often stated probabilities are right: a table and a picture from the tables of `study.py`.
+
+    python tests/studies/study.py --draws 350 --seed 6000 -o study.csv         # continued where it was ended
+    python tests/studies/reliability.py study.csv --picture reliability.png
+
+Every name of every credible set counts once, and so does that nothing is missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from studies.study import read_scores
+
+FEWEST = 20
+"""Statements of which a decile is judged."""
+
+LEAST = 1e-4
+"""Probability below which a statement of it counts as this one in the log score."""
+
+
+def deciles(stated: np.ndarray) -> list[tuple[int, float, float]]:
+    """Return of (N, 2) probabilities and outcomes by decile how many there are, their mean, and how many are right."""
+    which = np.minimum((10.0 * stated[:, 0]).astype(int), 9)
+    return [
+        (int((which == i).sum()), *(stated[which == i].mean(axis=0) if (which == i).any() else (np.nan, np.nan)))
+        for i in range(10)
+    ]
+
+
+def log_score(stated: np.ndarray) -> float:
+    """Return the mean logarithm of the probability that was given to what is true."""
+    given = np.where(stated[:, 1] > 0.5, stated[:, 0], 1.0 - stated[:, 0])
+    return float(np.log(np.clip(given, LEAST, 1.0)).mean())
+
+
+def draw(path: Path, found: list[tuple[int, float, float]]) -> None:
+    """Draw frequency against probability, with two standard deviations of the counts."""
+    import matplotlib.pyplot as plt
+
+    count, mean, right = (np.array(column) for column in zip(*found, strict=True))
+    figure, axes = plt.subplots(figsize=(4.2, 4.0), layout="constrained")
+    axes.plot([0, 1], [0, 1], color="0.7", lw=1)
+    error = 2.0 * np.sqrt(np.maximum(mean * (1.0 - mean), 0.0) / np.maximum(count, 1))
+    axes.errorbar(mean, right, error, fmt="o", ms=4, capsize=2)
+    for n, x, y in found:
+        if n:
+            axes.annotate(str(n), (x, y), xytext=(5, -9), textcoords="offset points", fontsize=7)
+    axes.set(xlabel="probability stated", ylabel="share that is right", xlim=(-0.02, 1.02), ylim=(-0.05, 1.05))
+    figure.savefig(path, dpi=150)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("tables", type=Path, nargs="+")
+    parser.add_argument("--picture", type=Path)
+    given = parser.parse_args(arguments)
+    scores = [one for path in given.tables for one in read_scores(path) if one.verdict != "ERROR"]
+    stated = np.array([pair for one in scores for pair in one.stated], float)
+    sets = np.array([pair for one in scores for pair in one.sets], float)
+    found = deciles(stated)
+    print(f"{len(scores)} draws, {len(stated)} statements")
+    print("stated       number  mean stated  right")
+    for i, (count, mean, right) in enumerate(found):
+        doubt = " (few)" if count < FEWEST else ""
+        print(f"{i / 10:.1f} to {i / 10 + 0.1:.1f}   {count:6d}  {mean:11.3f}  {right:5.3f}{doubt}")
+    print(f"log score {log_score(stated):.4f}")
+    print(f"95 % sets hold a hidden effect: {sets[:, 0].mean():.1%} of {len(sets)}, {sets[:, 1].mean():.2f} names each")
+    if given.picture:
+        draw(given.picture, found)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
