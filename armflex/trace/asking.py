@@ -1,7 +1,7 @@
 """What to measure next: what is still in question after a trace, and the rows that decide it.
 
-In question are an effect and what else it may be, and what may be missing beside the effects. `armflex.plan.asking`
-has the rows, and says what no row of this kind distinguishes.
+In question are an effect and what else it may be, and, where nothing was found, what may be missing.
+`armflex.plan.asking` has the rows, and says what no row of this kind distinguishes.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def _elsewhere(question: Question, number: int) -> str:
 
 
 def _groups(state: State, credible: Sequence[Credible]) -> list[list[Pair]]:
-    """Return for every effect, and for what may be missing, the pairs of causes that are in question."""
+    """Return for every effect, or for what may be missing, the pairs of causes that are in question."""
     found, known = list[list[Pair]](), len(state.declared.arm.effects)
     for number, (unit, one) in enumerate(zip(state.units, credible, strict=False)):
         if state.known[number].family:
@@ -138,15 +138,14 @@ def _groups(state: State, credible: Sequence[Credible]) -> list[list[Pair]]:
         rivals += [Cause(None, one.nothing)] if one.nothing >= DOUBT else []
         found.append([(own, other) for other in rivals])
     missing = credible[-1]
-    if DOUBT < 1.0 - missing.nothing < CREDIBLE:
-        some = [Cause(*pair) for pair in _possible(missing, DOUBT if state.known else POSSIBLE)]
-        none = Cause(None, missing.nothing)
+    if not state.known and DOUBT < 1.0 - missing.nothing < CREDIBLE:
+        some, none = [Cause(*pair) for pair in _possible(missing)], Cause(None, missing.nothing)
         found.append([*((one, none) for one in some), *combinations(some, 2)])
     return [group for group in found if group]
 
 
-def _possible(one: Credible, least: float = POSSIBLE) -> list[tuple[Effect, float]]:
-    pairs = [(_effect(each), chance) for each, chance in one.others if not each.family and chance >= least]
+def _possible(one: Credible) -> list[tuple[Effect, float]]:
+    pairs = [(_effect(each), chance) for each, chance in one.others if not each.family and chance >= POSSIBLE]
     return pairs[:RIVALS]
 
 
