@@ -51,7 +51,7 @@ def machine(arm: Arm, seed: int) -> tuple[Measurements, Measurements, dict[str, 
     links = [name for name in arm.weighing if not name.startswith("payload ")]
     heavier = dict(zip(links, rng.normal(0.0, HEAVIER, len(links)).tolist(), strict=True))
     masses = {name: float(np.exp(value)) for name, value in heavier.items()}
-    loads = [["none", CARRIED][row % 2] if row < POSES else "none" for row in range(count)]
+    loads = [["none", CARRIED][row % 2] if row < POSES else ["none", CARRIED][row % 4 // 2] for row in range(count)]
     plants = {
         load: Sprung(referee, arm.joint_names, load, STIFFNESS / np.exp(softer), masses) for load in ("none", CARRIED)
     }
