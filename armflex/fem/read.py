@@ -55,4 +55,6 @@ def read_mesh(
         found = read_msh(path, unit)
     else:
         found = read_inp(path, unit, springs) if suffix == ".inp" else read_bdf(path, unit)
+    if found.beyond and not young is poisson is density is None:
+        raise InputError(f"{path}: CalculiX reads this model as it stands: write its material there")
     return with_material(found, young, poisson, density)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import subprocess
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shutil import which
 
@@ -93,6 +93,8 @@ def study(
     """
     if which(PROGRAM):
         check_size(mesh)
+        if not mesh.beyond:  # instances may have nodes of one number
+            mesh = replace(mesh, ids=np.arange(1, len(mesh.points) + 1))
         return Study(loads, _calculix(mesh, fixed, loaded, loads, unit, interface, tick), "calculix", mesh.flags)
     if mesh.beyond:
         keyword, line = mesh.beyond[0]
@@ -188,16 +190,18 @@ def _printed(path: Path) -> list[dict[int, Array]]:
 
 
 def _model(mesh: Mesh, unit: str) -> str:
-    """Return the model without its steps: an .inp as it stands, of any other file its solids."""
-    if mesh.path.suffix.lower() == ".inp":
+    """Return the model without its steps: its solids, or where it has more the .inp as it stands."""
+    if mesh.beyond:
         lines = mesh.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         words = [line.strip().upper() for line in lines]
-        if not any(word.startswith(("*PART", "*INSTANCE", "*INCLUDE")) for word in words):
-            end = next((i for i, word in enumerate(words) if word.startswith("*STEP")), len(lines))
-            return "\n".join(lines[:end])
+        if any(word.startswith(("*PART", "*INSTANCE", "*INCLUDE")) for word in words):
+            keyword, line = mesh.beyond[0]
+            raise UnsupportedError(
+                f"{mesh.path}:{line}: *{keyword} in parts or included files: flatten the model first"
+            )
+        end = next((i for i, word in enumerate(words) if word.startswith("*STEP")), len(lines))
+        return "\n".join(lines[:end])
     length, stress, density = UNITS[unit]
-    if not np.array_equal(mesh.ids, np.unique(mesh.ids)):
-        raise UnsupportedError(f"{mesh.path}: several instances have nodes of one number; flatten the model first")
     lines = ["*NODE"]
     for number, place in zip(mesh.ids, mesh.points / length, strict=True):
         lines.append(", ".join([str(number), *(f"{x:.12e}" for x in place)]))

@@ -394,6 +394,24 @@ def test_a_table_of_loads_without_calculix_is_linear_and_says_so(
 
 
 @pytest.mark.slow
+def test_calculix_is_given_the_material_that_was_asked_for(tmp_path: Path) -> None:
+    """An .inp of gmsh's has faces without a section and no material at all; CalculiX gets neither."""
+    if shutil.which("ccx") is None:
+        pytest.skip("CalculiX (ccx) is not installed")
+    text = (
+        small(tmp_path).read_text().split("*MATERIAL")[0] + "*ELEMENT, TYPE=CPS6, ELSET=FACE\n900, 1, 2, 3, 5, 6, 7\n"
+    )
+    (tmp_path / "bar.inp").write_text(text)
+    soft = ("--young", 7e10, "--poisson", 0.3)
+    ends = ("--fixed", "ROOT", "--loaded", "TIP")
+    fine(run_here(tmp_path, "fem", "bar.inp", *ends, *soft, "-o", "t.csv", "--table", 2, "--load", "10N:10N"))
+    compliance = condensed(tmp_path, tmp_path / "bar.inp", *soft)["compliance"]
+    rows = np.genfromtxt(tmp_path / "t.csv", delimiter=",", skip_header=1)
+    expected = rows[:, :3] @ np.array(compliance)[:3, :3].T
+    np.testing.assert_allclose(1e-3 * rows[:, 3:6], expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("interface", ["rigid", "average"])
 def test_a_table_of_loads_by_calculix(tmp_path: Path, interface: str) -> None:
     """Small loads give the condensation's compliance; in mm, and of a mesh that is no .inp, too."""
