@@ -7,7 +7,7 @@ from pathlib import Path
 from armflex.arguments import checked_kinds
 from armflex.errors import UnknownNameError
 
-ROBOTS = ("tarm_like", "heavy_six")
+ROBOTS = ("tarm_like", "heavy_six", "palletizer", "hybrid_lifter")
 
 
 @checked_kinds

@@ -291,11 +291,12 @@ class LoadedArm:
         if payload.mass and distance > max(arm.robot.reach, 1.0):
             raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
         urdf, flags = arm.robot.urdf, arm.flags
-        if arm.payload_rating is not None and payload.mass > arm.payload_rating:
+        rated = arm.payload_rating is not None and payload.mass <= arm.payload_rating
+        if arm.payload_rating is not None and not rated:
             text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"
             flags = (*flags, Flag("beyond_rating", text))
         own = sum(one.mass for name in urdf.below(arm.robot.base) if (one := urdf.links[name].inertial))
-        if 0.0 < own < payload.mass:
+        if 0.0 < own < payload.mass and not rated:
             text = f"payload of {payload.mass:g} kg is heavier than the arm itself, {own:.4g} kg: grams?"
             flags = (*flags, Flag("heavy_payload", text))
         return flags

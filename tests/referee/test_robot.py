@@ -182,7 +182,7 @@ def test_refused_for_the_right_reason(name):
 
 @pytest.mark.parametrize("path", BUNDLED.values(), ids=BUNDLED)
 def test_flexures_at_zero_change_nothing(path):
-    robot = load_robot(path)
+    robot = load_robot(path, "tool")
     sites = [Site(name, name) for name in robot.joint_names] + [Site("base", None)]
     rigid, flex = build_model(robot), build_model(robot, sites)
     assert len(flex.flexure_v) == 6 * len(sites) and flex.model.nv == rigid.model.nv + 6 * len(sites)
@@ -196,7 +196,7 @@ def test_flexures_at_zero_change_nothing(path):
 @pytest.mark.slow
 @pytest.mark.parametrize("path", BUNDLED.values(), ids=BUNDLED)
 def test_a_base_further_out_leaves_out_what_is_above(path):
-    robot = load_robot(path)
+    robot = load_robot(path, "tool")
     base = robot.moving[1].child
     part = load_robot(path, robot.tip, base)
     assert part.joint_names == robot.joint_names[2:]

@@ -128,6 +128,12 @@ def test_learned_boom():
     assert found["A3"] > found["M1"] > found["A4"]
 
 
+def test_loops():
+    """Rods keep the wrist as the column is; the cylinder carries the weight above; cylinders cancel the sag."""
+    level, off, left = run("18_loops")
+    assert level < 1e-9 and off < 1e-9 and left < 1e-9
+
+
 def test_step_to_sag(tmp_path):
     pytest.importorskip("gmsh", reason="gmsh, an extra of its own, is not installed", exc_type=ImportError)
     pytest.importorskip("skfem")

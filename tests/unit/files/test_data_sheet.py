@@ -351,6 +351,10 @@ def test_a_payload_heavier_than_the_arm_is_asked_about(tmp_path: Path) -> None:
         str, arm.deflection(Q, "p5").flags
     )
     assert not arm.deflection(Q).flags
+    rated = load_arm(
+        declared(tmp_path, ("mass = 5.0", "mass = 33.0"), ("payload_rating = 10.0", "payload_rating = 33.0"))
+    )
+    assert not rated.deflection(Q, "p5").flags  # nobody rates an arm for grams
 
 
 def test_no_equilibrium_names_its_loads(tmp_path: Path) -> None:
