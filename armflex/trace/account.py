@@ -104,7 +104,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         after = refitted(here, rest)
         if after is None:
             return Weighed(here, found, seen, null), tuple(withdrawn)
-        here = after
+        here = standing(after, here)
 
 
 def settled_exactly(state: State) -> State:

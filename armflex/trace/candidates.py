@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -143,6 +143,17 @@ class Bank:
         for part in self.parts:
             regressors[:, part.places] = part.regressors
         return regressors
+
+    def columns(self, places: np.ndarray) -> Array:
+        """Return the (n, k) columns at some places."""
+        found, where = np.empty((self.fit.residual.size, len(places))), np.full(self.starts[-1], -1)
+        where[places] = np.arange(len(places))
+        for part in self.parts:
+            own = np.flatnonzero(where[part.places] >= 0)
+            if len(own):
+                some = replace(part, places=part.places[own], shapes=part.shapes[own])
+                found[:, where[some.places]] = some.regressors
+        return found
 
     @property
     def parts(self) -> Iterable[Part]:

@@ -98,6 +98,7 @@ class Screen(Evidence):
     """The evidence of all hypotheses at a fit: those of the catalogue's grid in one block, further ones in another.
 
     Attributes:
+        known: The hypotheses of the grid.
         fit, context: Where columns are made.
         projection: Of what is fitted anyway.
         quiet: Standard deviation of the readings by which they are whitened, over that stated.
@@ -105,7 +106,7 @@ class Screen(Evidence):
     """
 
     def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection, quiet: float = 1.0) -> None:
-        self.bank, self.projection, self.quiet = columns, projection, quiet
+        self.known, self.bank, self.projection, self.quiet = known, columns, projection, quiet
         self.fit, self.context = columns.fit, columns.context
         self.objective, self.count = projection.objective, projection.count
         self.constant = -columns.fit.freedom * float(np.log(quiet))
@@ -131,6 +132,8 @@ class Screen(Evidence):
         batches = tuple(batch_of([self.groups[i] for i in own.tolist()], own, *rest) for own, *rest in some)
         further = Block(len(self.groups), (), np.empty(0), np.empty(0))
         self.blocks = [Block(0, batches, scores, prior_of(self.groups)), further]
+        self._catalogue, self._narrowed = self.blocks[0], None
+        self._narrow_rows, self._narrow = dict[int, Array](), np.empty((0, 0))
         self._held, self._place, self._rows = Held(projection), dict[int, int](), dict[int, Array]()
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
@@ -138,9 +141,10 @@ class Screen(Evidence):
 
     def forget(self) -> None:
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
-        self.whole = None
+        self.scanned.clear()
         self._known.clear()
         self._rows.clear()
+        self._narrowed = None
         self.bank.forget()
 
     def _scaled(self, squares: Array) -> Array:
@@ -199,7 +203,7 @@ class Screen(Evidence):
             for beside, own, own_seen in known:
                 across = (columns.T @ own - seen @ own_seen.T) @ beside.inverse.T
                 insides = taken(batches, [inside for *_, inside, _ in batches], across, -1.0)
-                logs.append(beside.odds_of(batches, insides, scores - across @ beside.pull))
+                logs.append(beside.odds_of(batches, insides, scores - across @ beside.pull, len(made)))
             odds = np.array([one.prior for one, _ in made]) + np.max(logs, axis=(0, 2))
             best += zip(odds.tolist(), (one for one, _ in made), strict=True)
             best = sorted(best, key=lambda pair: -pair[0])[:most]
@@ -255,12 +259,31 @@ class Screen(Evidence):
         at = self._held_at(places)
         if block:
             return self._held.gram[np.ix_(self._further, at)]
-        missing = [i for i, place in enumerate(places.tolist()) if place not in self._rows]
+        kept = self.blocks[0].kept
+        rows = self._rows if kept is None else self._narrow_rows
+        missing = [i for i, place in enumerate(places.tolist()) if place not in rows]
         if missing:
             some = at[missing]
-            found = self.bank.products(self._held.cleared[some].T) / self.quiet - self._seen @ self._held.seen[some].T
-            self._rows |= zip(places[missing].tolist(), np.ascontiguousarray(found.T), strict=True)
-        return np.array([self._rows[place] for place in places.tolist()]).reshape(len(places), self._first).T
+            if kept is None:
+                found = self.bank.products(self._held.cleared[some].T) / self.quiet
+                found -= self._seen @ self._held.seen[some].T
+            else:
+                found = self._narrow.T @ self._held.cleared[some].T - self._seen[kept] @ self._held.seen[some].T
+            rows |= zip(places[missing].tolist(), np.ascontiguousarray(found.T), strict=True)
+        size = self._first if kept is None else len(kept)
+        return np.array([rows[place] for place in places.tolist()]).reshape(len(places), size).T
+
+    def narrow(self, some: bool) -> None:
+        if not some:
+            self.blocks[0] = self._catalogue
+            return
+        numbers = self.ranked[self.ranked < self.blocks[1].first]
+        if self._narrowed is None or not np.array_equal(numbers, self._narrowed[0]):
+            block = self._catalogue.narrowed(numbers)
+            assert block.kept is not None
+            self._narrowed, self._narrow_rows = (numbers, block), {}
+            self._narrow = self.bank.columns(block.kept) / self.quiet
+        self.blocks[0] = self._narrowed[1]
 
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""

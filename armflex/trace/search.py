@@ -10,7 +10,7 @@ from __future__ import annotations
 import contextlib
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 
 import numpy as np
@@ -53,12 +53,14 @@ class Standing:
         screen: All hypotheses at its fit, its own effects taken out.
         model: Its own hypotheses there.
         places: Where a random twist would explain what its model leaves, the likeliest first.
+        rejected: Laws and places of models that the arm was fitted with from here, and that came out worth no more.
     """
 
     state: State
     screen: Screen
     model: Model
     places: tuple[RandomTwist, ...]
+    rejected: list[Counter] = field(default_factory=list)
 
     @property
     def value(self) -> float:
@@ -76,12 +78,18 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     if last is not None:
         last.screen.forget()
     state.say(f"screening what {len(state.rows)} rows still show")
-    known = hypotheses(state.context)
+    known = hypotheses(state.context) if last is None else last.screen.known
     columns = bank((one.one for one in known), state.fit, state.context, state.tell)
     screen = Screen(known, columns, state.bare, state.quiet)
     screen.extend(families(state.fit.view, state.context))
     model = own_model(screen, state.hypotheses)
     return Standing(state, screen, model, random_places(state, screen, model))
+
+
+def alone(state: State) -> tuple[Screen, Model]:
+    """Return the linear problem of a state's own hypotheses alone, and its model: what a trial is worth."""
+    screen = Screen((), bank((), state.fit, state.context), state.bare, state.quiet)
+    return screen, own_model(screen, state.hypotheses)
 
 
 def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
@@ -232,21 +240,20 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
     """Return the state refitted with a model, None where that is worth no more.
 
     Where the fit does not come out as the linear problem promised, what is new leaves it one by one: what the problem
-    at that fit can spare best. Where there is no such fit, each is left out in turn.
+    at that fit can spare best. What did not come out so is not fitted from this state again.
     """
     known, count = spots(here.screen, here.model), len(here.state.rows)
-    while spots(here.screen, model) != known:
-        trial = refitted(here, model)
-        if trial is not None and (trial.value > here.value + BETTER or len(trial.state.rows) != count):
-            return trial
-        asked = spots(here.screen, model)
-        own = [here.screen.groups[one.number].hypothesis.spot for one in model]
-        new = [i for i, spot in enumerate(own) if asked[spot] > known[spot]]
-        if trial is None:
-            others = [refitted(here, (*model[:i], *model[i + 1 :])) for i in new if len(new) > 1]
-            best = max((one for one in others if one is not None), key=lambda one: one.value, default=None)
-            return best if best is not None and best.value > here.value + BETTER else None
-        left = {i: trial.screen.log_posterior((*trial.model[:i], *trial.model[i + 1 :])) for i in new}
+    while (asked := spots(here.screen, model)) != known and asked not in here.rejected:
+        here.rejected.append(asked)
+        state = refitted(here, model)
+        if state is None:
+            return None
+        screen, own = alone(state)
+        if screen.log_posterior(own) > here.value + BETTER or len(state.rows) != count:
+            return standing(state, here)
+        places = [here.screen.groups[one.number].hypothesis.spot for one in model]
+        new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
+        left = {i: screen.log_posterior((*own[:i], *own[i + 1 :])) for i in new}
         spared = max(left, key=left.__getitem__, default=None)
         if spared is None or left[spared] <= here.value:
             return None
@@ -254,7 +261,7 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
     return None
 
 
-def refitted(here: Standing, model: Model) -> Standing | None:
+def refitted(here: Standing, model: Model) -> State | None:
     """Return the state fitted with a model, None where the arm with it does not come to rest."""
     screen, state = here.screen, here.state
     beside, added = screen.beside(model), list[Added]()
@@ -267,7 +274,7 @@ def refitted(here: Standing, model: Model) -> Standing | None:
     names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
     state.say(f"refitting with {names or 'nothing'}")
     try:
-        return standing(sorted_out(with_hypotheses(replace(state, heed=True), added, explained)), here)
+        return sorted_out(with_hypotheses(replace(state, heed=True), added, explained))
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
         return None
 

@@ -40,6 +40,9 @@ MOST = 24
 PAIRS = 3
 """Tolerance: pairs of hypotheses, those that share most, that are taken out together once nothing else improves it."""
 
+RANKED = 512
+"""Tolerance: the best of a scan, among which an exchange is sought once a climb has changed the model."""
+
 KEPT = 64
 """Tolerance: models whose evidence is held at a time."""
 
@@ -119,18 +122,38 @@ class Block:
         batches: They by their size.
         scores: (K,) products X'My of their columns.
         priors: (H,) log prior probability of every hypothesis at each of its scales.
+        kept: Which of the columns are gone through, and numbered by batches, where not all are.
     """
 
     first: int
     batches: tuple[Batch, ...]
     scores: Array
     priors: Array
+    kept: np.ndarray | None = None
 
     @cached_property
     def where(self) -> dict[int, tuple[int, int]]:
         """Of every hypothesis the batch, and the place in it."""
         pairs = enumerate(numbers.tolist() for numbers, *_ in self.batches)
         return {number: (i, j) for i, numbers in pairs for j, number in enumerate(numbers)}
+
+    @property
+    def key(self) -> tuple[int, bool]:
+        """By which it is known while it grows."""
+        return self.first, self.kept is not None
+
+    def narrowed(self, numbers: np.ndarray) -> Block:
+        """Return the block with some of its hypotheses, under their numbers."""
+        kept, batches, count = list[np.ndarray](), list[Batch](), 0
+        for own, places, *rest in self.batches:
+            some = np.isin(own, numbers)
+            kept.append(places[some].ravel())
+            places = count + np.arange(len(kept[-1])).reshape(-1, places.shape[1])
+            count += len(kept[-1])
+            scale, inside, signed = (one[some] for one in rest)
+            batches.append((own[some], places, scale, inside, signed))
+        columns = np.concatenate([np.zeros(0, dtype=int), *kept])
+        return replace(self, batches=tuple(batches), scores=self.scores[columns], kept=columns)
 
 
 def prior_of(some: Iterable[Group]) -> Array:
@@ -154,8 +177,8 @@ class Evidence(ABC):
     objective: float
     count: int
     constant: float = 0.0
-    whole: Beside | None = None
-    """The last model that was scanned from its own rows of G; models without some of it need no others."""
+    ranked: np.ndarray = np.zeros(0, dtype=int)
+    """Numbers of the hypotheses that were among the best of any scan of all since a climb began."""
 
     @abstractmethod
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
@@ -197,6 +220,14 @@ class Evidence(ABC):
             del self._known[next(iter(self._known))]
         return found
 
+    @cached_property
+    def scanned(self) -> dict[tuple[int, bool], Beside]:
+        """The last model that all hypotheses of a block, or some, were scanned beside: others differ little from it."""
+        return {}
+
+    def narrow(self, some: bool) -> None:
+        """Scan only what is `ranked` from now on, or all."""
+
     def log_posterior(self, model: Model) -> float:
         """Return the log posterior probability of a model, but for a constant."""
         return self.beside(model).log_posterior
@@ -204,9 +235,10 @@ class Evidence(ABC):
     def with_readings(self, scores: Array, objective: float) -> Self:
         """Return the same hypotheses with other readings: (K,) scores of all columns, and J0."""
         other = copy(self)
-        vars(other).pop("_known", None)
+        for name in ("_known", "scanned"):
+            vars(other).pop(name, None)
         pairs = zip(self.blocks, self.parted(scores), strict=True)
-        other.blocks, other.objective, other.whole = [replace(a, scores=b) for a, b in pairs], objective, None
+        other.blocks, other.objective = [replace(a, scores=b) for a, b in pairs], objective
         return other
 
     def parted(self, scores: Array) -> list[Array]:
@@ -243,9 +275,9 @@ class Beside:
         self.inverse = np.linalg.inv(self.root)
         self.pull = self.inverse @ (scores * self.scale)
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(held).sum())
-        self._reduced: dict[int, tuple[Block, Reduced]] = {}
-        self._odds: dict[int, tuple[Block, Array]] = {}
-        self._crossed: dict[int, tuple[Block, Array]] = {}
+        self._reduced: dict[tuple[int, bool], tuple[Block, Reduced]] = {}
+        self._odds: dict[tuple[int, bool], tuple[Block, Array]] = {}
+        self._crossed: dict[tuple[int, bool], tuple[Block, Array]] = {}
 
     @cached_property
     def left(self) -> float:
@@ -295,70 +327,94 @@ class Beside:
 
     def _odds_in(self, which: int) -> Array:
         block = self.evidence.blocks[which]
-        if which not in self._odds or self._odds[which][0] is not block:
-            odds = self.odds_of(block.batches, *self.reduced(which)) + block.priors[:, None]
-            self._odds[which] = block, odds
-        return self._odds[which][1]
+        if block.key not in self._odds or self._odds[block.key][0] is not block:
+            odds = self.odds_of(block.batches, *self.reduced(which), len(block.priors)) + block.priors[:, None]
+            self._odds[block.key] = block, odds
+        return self._odds[block.key][1]
+
+    def _follow(self, block: Block) -> None:
+        last = self.evidence.scanned.get(block.key)
+        if last is not None and last is not self:
+            last._crossed.pop(block.key, None)
+        self.evidence.scanned[block.key] = self
+
+    def crossed(self, which: int) -> Array:
+        """Return the (K, k) products X'MX of a block's columns with the scaled ones of the model."""
+        block = self.evidence.blocks[which]
+        if block.key not in self._crossed or self._crossed[block.key][0] is not block:
+            self._crossed[block.key] = block, self.evidence.gram(which, self.places) * self.scale
+        return self._crossed[block.key][1]
 
     def across(self, which: int) -> Array:
-        """Return the (K, k) products of a block's columns with those of the model, by the root's inverse transposed."""
-        block, known = self.evidence.blocks[which], self._shared
-        if which not in self._crossed or self._crossed[which][0] is not block:
-            more = self.evidence.gram(which, self.places[known:]) * self.scale[known:]
-            before = self.evidence.whole.across(which) if known and self.evidence.whole else more[:, :0]
-            more = (more - before @ self.root[known:, :known].T) @ self.inverse[known:, known:].T
-            self._crossed[which] = block, np.hstack([before, more])
-        return self._crossed[which][1]
-
-    @property
-    def _shared(self) -> int:
-        """How many of the first columns are all those of the last model that was scanned."""
-        whole = self.evidence.whole
-        if whole is None or whole is self or whole.model != self.model[: len(whole.model)]:
-            return 0
-        return len(whole.places)
+        """Return the same by the root's inverse transposed: squares of it are what the model takes of information."""
+        return self.crossed(which) @ self.inverse.T
 
     def reduced(self, which: int) -> Reduced:
         """Return what the model leaves of a block's information and scores.
 
-        A model without some of what another holds leaves what that does, and the directions that it lacks; one with
-        more leaves what that does but for what is more.
+        That is what the last model left, in the directions that are gone more and in those that are new less: products
+        with the columns of a few hypotheses, not with those of all.
         """
         evidence = self.evidence
-        block, whole = evidence.blocks[which], evidence.whole
-        if which in self._reduced and self._reduced[which][0] is block:
-            return self._reduced[which][1]
+        block = evidence.blocks[which]
+        if block.key in self._reduced and self._reduced[block.key][0] is block:
+            return self._reduced[block.key][1]
+        last = evidence.scanned.get(block.key)
         insides, scores = [inside for *_, inside, _ in block.batches], block.scores
-        gone = [] if whole is None else [i for i, one in enumerate(whole.model) if one not in self.model]
         if not self.model:
             found = insides, scores
-        elif whole is not None and gone and len(gone) == len(whole.model) - len(self.model):
-            axes = whole.inverse[:, np.concatenate([np.arange(*whole._ends[i : i + 2]) for i in gone])]
-            axes = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
-            insides, scores = whole.reduced(which)
-            more = whole.across(which) @ axes
-            found = taken(block.batches, insides, more, 1.0), scores + more @ (axes.T @ whole.pull)
+        elif last is None or last is self or not set(last.model) & set(self.model):
+            across = self.across(which)
+            found = taken(block.batches, insides, across, -1.0), scores - across @ self.pull
+            self._follow(block)
         else:
-            across, known = self.across(which), self._shared
-            if whole is not None and known:
-                insides, scores = whole.reduced(which)
-            more = across[:, known:]
-            found = taken(block.batches, insides, more, -1.0), scores - more @ self.pull[known:]
-            if whole is not None and whole is not self:
-                whole._crossed.clear()
-            evidence.whole = self
-        self._reduced[which] = block, found
+            insides, scores = last.reduced(which)
+            gone = [i for i, one in enumerate(last.model) if one not in self.model]
+            kept = np.setdiff1d(np.arange(len(last.places)), lost := last.columns_of(gone))
+            if gone:
+                axes = last.inverse[:, lost]
+                axes = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
+                more = last.crossed(which) @ (last.inverse.T @ axes)
+                insides, scores = taken(block.batches, insides, more, 1.0), scores + more @ (axes.T @ last.pull)
+            new = [i for i, one in enumerate(self.model) if one not in last.model]
+            if new:
+                rest, own = evidence.beside(tuple(one for one in last.model if one in self.model)), self.columns_of(new)
+                places, scale = self.places[own], self.scale[own]
+                whole, score = evidence.among(np.concatenate([rest.places, places]))
+                count, scales = len(rest.places), np.concatenate([rest.scale, scale])
+                whole, score = whole * scales * scales[:, None], score * scales
+                across = rest.inverse @ whole[:count, count:]
+                held = np.repeat([SCALES[self.model[i].scale] ** -2.0 for i in new], [self.size(i) for i in new])
+                inverse = np.linalg.inv(np.linalg.cholesky(whole[count:, count:] + np.diag(held) - across.T @ across))
+                weights = np.zeros((len(last.places), len(own)))
+                weights[kept] = rest.inverse.T @ across
+                more = evidence.gram(which, places) * scale - last.crossed(which) @ weights
+                more, pull = more @ inverse.T, inverse @ (score[count:] - across.T @ rest.pull)
+                insides, scores = taken(block.batches, insides, more, -1.0), scores - more @ pull
+                self._follow(block)
+            found = insides, scores
+        self._reduced[block.key] = block, found
         return found
 
-    def odds_of(self, batches: Sequence[Batch], insides: Sequence[Array], scores: Array) -> Array:
-        """Return the (H, T) log evidence that hypotheses add to the model at each scale.
+    def size(self, index: int) -> int:
+        """Return how many columns a hypothesis of the model has, by its place in it."""
+        return self._ends[index + 1] - self._ends[index]
+
+    def columns_of(self, some: Sequence[int]) -> np.ndarray:
+        """Return the places of the columns of some hypotheses of the model among all of its columns."""
+        none = np.zeros(0, dtype=int)
+        return np.concatenate([none, *(np.arange(self._ends[i], self._ends[i + 1]) for i in some)])
+
+    def odds_of(self, batches: Sequence[Batch], insides: Sequence[Array], scores: Array, most: int) -> Array:
+        """Return the (H, T) log evidence that hypotheses add to the model at each scale; none where not in batches.
 
         Args:
             batches: Of all of them.
             insides, scores: What the model leaves of their information and of their columns' scores.
+            most: H.
         """
         count = self.evidence.count
-        found = np.full((sum(len(numbers) for numbers, *_ in batches), len(SCALES)), -np.inf)
+        found = np.full((most, len(SCALES)), -np.inf)
         here, tight = float(log_likelihood(self.left, count)), SCALES[:, None] ** -2.0
         for (numbers, places, scale, _, signed), inside in zip(batches, insides, strict=True):
             score = scores[places] * scale
@@ -433,6 +489,7 @@ def rivals(
     best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
     some = np.flatnonzero(best >= -within)
     order = some[np.argsort(-best[some], kind="stable")]
+    evidence.ranked = np.union1d(evidence.ranked, order[:RANKED])
     _, first = np.unique(evidence.spots[order], return_index=True)
     top = -np.inf
     for number in order[np.sort(first)].tolist():
@@ -465,14 +522,15 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
         refine: Refines what is inside the best hypotheses before one is chosen; None to take them as they are.
         most: Hypotheses at most.
     """
-    begun = evidence.log_posterior(model)
+    begun, first, again = evidence.log_posterior(model), set(model), True
+    evidence.ranked = np.zeros(0, dtype=int)
     model, value = _swept(evidence, model, begun, refine, most)
-    again = True
     while again:
         again = False
         for pair in _sharing(evidence, model):
             rest = tuple(one for i, one in enumerate(model) if i not in pair)
             trial, found = rest, evidence.log_posterior(rest)
+            evidence.narrow(set(model) != first)
             for _ in pair:
                 trial, found = _extended(evidence, trial, found, begun, refine, most)
             if found > value - WITHIN and set(trial) != set(model):
@@ -480,6 +538,7 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
             if found > value + BETTER:
                 model, value, again = trial, found, True
                 break
+    evidence.narrow(False)
     return model
 
 
@@ -503,8 +562,9 @@ def _extended(
 
 def _swept(evidence: Evidence, model: Model, begun: float, refine: Refine | None, most: int) -> tuple[Model, float]:
     """Return a model, and its log posterior, that no one hypothesis more, less or exchanged makes more probable."""
-    value, i, tried = evidence.log_posterior(model), 0, -1
+    value, i, tried, first = evidence.log_posterior(model), 0, -1, model
     while tried < len(model):  # one after the other, and round again until none can go or be exchanged
+        evidence.narrow(tried >= 0 and model is not first)
         if tried < 0:
             longer, value = _extended(evidence, model, value, begun, refine, most)
             model, tried = longer, 0 if len(longer) == len(model) else -1
@@ -526,10 +586,14 @@ def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:
     """Return the pairs of a model of which either member takes over most when the other goes."""
     if len(model) < 2:
         return []
-    whole = evidence.log_posterior(model)
+    beside = evidence.beside(model)
 
     def worth(*gone: int) -> float:
-        return whole - evidence.log_posterior(tuple(one for i, one in enumerate(model) if i not in gone))
+        axes = beside.inverse[:, beside.columns_of(gone)]
+        own, values = axes.T @ axes, axes.T @ beside.pull
+        left = beside.left + float(values @ np.linalg.solve(own, values))
+        fall = log_likelihood(beside.left, evidence.count) - log_likelihood(left, evidence.count)
+        return float(fall + 0.5 * np.linalg.slogdet(own)[1])
 
     alone = [worth(i) for i in range(len(model))]
     shared = {pair: worth(*pair) - alone[pair[0]] - alone[pair[1]] for pair in combinations(range(len(model)), 2)}

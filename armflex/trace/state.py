@@ -273,9 +273,10 @@ def with_hypotheses(state: State, added: Sequence[Added], explained: Array, effo
     Raises:
         ArmflexError: The arm with them does not come to rest, or no fit is found.
     """
-    known, blocks = len(state.declared.arm.effects), list[EffectBlock]()
+    known, blocks, starts = len(state.declared.arm.effects), list[EffectBlock](), list[tuple[Array, Array]]()
+    present = {one.spot: [state.fitted[i].acting for i in unit] for one, unit in zip(state.known, state.units, strict=True)}
     for one in added:
-        first = 0
+        first, now = 0, present.get(one.hypothesis.spot, [])
         for member in one.hypothesis.members:
             count = len(member.location.terms)
             effect = member.effect(one.amplitudes[first : first + count])
@@ -285,18 +286,21 @@ def with_hypotheses(state: State, added: Sequence[Added], explained: Array, effo
             prior = amplitude_prior(effect, free, state.fit.view, state.context)
             prior[:count] = np.minimum(prior[:count], one.std[first : first + count])
             blocks.append(EffectBlock(effect, free, state.context, known + len(blocks), prior))
+            start, promised = blocks[-1].start, np.zeros(len(prior))
+            promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
+            starts.append((start, promised))
             first += count
     projection, rest = state.bare, sum(len(block.parameters) for block in state.blocks)
     absorbed, random = projection.absorbed(projection.data - explained), np.zeros(0)
     if state.random is not None:
         random = absorbed[rest:]
     after = replace(state, known=tuple(one.hypothesis for one in added))
-    starts = [block.start for block in blocks]
     last: ArmflexError | None = None
     for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead
         declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
+        effects = [start - (1.0 - share) * promised for start, promised in starts]
         try:
-            return refit(after, tuple(blocks), state.random, np.concatenate([declared, *starts, random]), effort)
+            return refit(after, tuple(blocks), state.random, np.concatenate([declared, *effects, random]), effort)
         except ArmflexError as error:
             last = error
     assert last is not None

@@ -189,7 +189,7 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     most = max(range(len(here.screen.groups)), key=lambda i: len(here.screen.groups[i].places))
     believed = refitted(here, (Chosen(most, len(SCALES) - 1),))
     assert believed is not None
-    found = conclude(believed, here.places)
+    found = conclude(standing(believed), here.places)
     assert found.withdrawn
     gone = found.withdrawn[0]
     calibrated, with_it = gone.errors
