@@ -35,7 +35,7 @@ from armflex.trace.probabilities import Credible, competing, sampled
 from armflex.trace.screen import MOVED
 from armflex.trace.search import Standing, refitted, standing
 from armflex.trace.selection import SCALES
-from armflex.trace.state import State, lost_rows, refit, sorted_out
+from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
 
@@ -94,16 +94,18 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         last = weakest(model, evidence) if seen.compared.worse else idle(here.state)
         if last is None:
             return Weighed(here, found, seen, null), tuple(withdrawn)
-        unit = here.state.units[last]
-        gone = Withdrawn(here.state.fitted[unit[0]], None, seen.compared, len(unit) > 1)
-        if seen.compared.worse:
-            withdrawn.append(gone)
-        why = "held-out poses are predicted worse with it" if seen.compared.worse else "its size may be zero"
-        here.state.say(f"withdrawing {gone.title}: {why}")
-        rest = tuple(one for i, one in enumerate(here.model) if i != last)
-        after = refitted(here, rest)
-        if after is None:
+        worse = seen.compared.worse
+        gone, after = [last], refitted(here, tuple(one for i, one in enumerate(here.model) if i != last))
+        if after is None and not worse:
             return Weighed(here, found, seen, null), tuple(withdrawn)
+        if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
+            gone = list(range(len(model)))
+            after = with_hypotheses(here.state, (), np.zeros(len(here.screen.projection.data)))
+        why = "held-out poses are predicted worse with it" if worse else "its size may be zero"
+        for unit in (here.state.units[i] for i in gone):
+            one = Withdrawn(here.state.fitted[unit[0]], None, seen.compared, len(unit) > 1)
+            withdrawn += [one] if worse else []
+            here.state.say(f"withdrawing {one.title}: {why}")
         here = standing(after, here)
 
 

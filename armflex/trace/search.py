@@ -171,10 +171,7 @@ def _begun(here: Standing) -> Standing:
 def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     """Return the state that no further model of its own linear problem improves."""
     for _ in range(ROUNDS):
-        model = modelled(here)
-        if spots(here.screen, model) == spots(here.screen, here.model):
-            return here
-        after = _fitted(here, model)
+        after = _fitted(here, modelled(here)) or _fitted(here, modelled(here, 1))
         if after is None:
             return here
         here = after
@@ -182,9 +179,9 @@ def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     return here
 
 
-def modelled(here: Standing) -> Model:
+def modelled(here: Standing, more: int = AT_ONCE) -> Model:
     """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
-    return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + AT_ONCE, MOST))
+    return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + more, MOST))
 
 
 def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:

@@ -123,7 +123,8 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
     whole, chosen, fit = folds.squares([own] * count), folds.squares(anew), here.state.fit
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
     calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fit)
-    before = held_out(calibrated, pose_folds(here.state.groups), judged=judged).rms
+    poses = pose_folds(here.state.groups)
+    before, exact = (held_out(one, poses, judged=judged).rms for one in (calibrated, fit))
     names, proofs = [], []
     for i, one in enumerate(own):
         name = folds.parts[0].groups[one.number].hypothesis.name
@@ -132,7 +133,8 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
         names.append(sum(led) / count)
         without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
         proofs.append(_proof(here, folds, i, without, whole, null))
-    return Validated(Compared(before, folds.rms(chosen), folds.rms(whole)), tuple(names), tuple(proofs))
+    compared = Compared(before, folds.rms(chosen), max(folds.rms(whole), exact))
+    return Validated(compared, tuple(names), tuple(proofs))
 
 
 def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:
