@@ -98,7 +98,6 @@ class Screen(Evidence):
     """The evidence of all hypotheses at a fit: those of the catalogue's grid in one block, further ones in another.
 
     Attributes:
-        known: The hypotheses of the grid.
         fit, context: Where columns are made.
         projection: Of what is fitted anyway.
         quiet: Standard deviation of the readings by which they are whitened, over that stated.
@@ -106,7 +105,7 @@ class Screen(Evidence):
     """
 
     def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection, quiet: float = 1.0) -> None:
-        self.known, self.bank, self.projection, self.quiet = known, columns, projection, quiet
+        self.bank, self.projection, self.quiet = columns, projection, quiet
         self.fit, self.context = columns.fit, columns.context
         self.objective, self.count = projection.objective, projection.count
         self.constant = -columns.fit.freedom * float(np.log(quiet))

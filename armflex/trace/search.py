@@ -78,7 +78,7 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     if last is not None:
         last.screen.forget()
     state.say(f"screening what {len(state.rows)} rows still show")
-    known = hypotheses(state.context) if last is None else last.screen.known
+    known = hypotheses(state.context)  # grids of loads follow the fit
     columns = bank((one.one for one in known), state.fit, state.context, state.tell)
     screen = Screen(known, columns, state.bare, state.quiet)
     screen.extend(families(state.fit.view, state.context))
