@@ -350,5 +350,8 @@ class Dense(Evidence):
     def gram(self, block: int, places: np.ndarray) -> Array:
         return self._gram[:, places]
 
+    def narrow(self, some: bool) -> None:
+        """All are scanned: they are few."""
+
     def charge(self, number: int, amplitudes: Array) -> float:
         return float(self._charges[number])

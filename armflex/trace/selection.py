@@ -225,6 +225,7 @@ class Evidence(ABC):
         """The last model that all hypotheses of a block, or some, were scanned beside: others differ little from it."""
         return {}
 
+    @abstractmethod
     def narrow(self, some: bool) -> None:
         """Scan only what is `ranked` from now on, or all."""
 

@@ -274,7 +274,9 @@ def with_hypotheses(state: State, added: Sequence[Added], explained: Array, effo
         ArmflexError: The arm with them does not come to rest, or no fit is found.
     """
     known, blocks, starts = len(state.declared.arm.effects), list[EffectBlock](), list[tuple[Array, Array]]()
-    present = {one.spot: [state.fitted[i].acting for i in unit] for one, unit in zip(state.known, state.units, strict=True)}
+    present = {
+        one.spot: [state.fitted[i].acting for i in unit] for one, unit in zip(state.known, state.units, strict=True)
+    }
     for one in added:
         first, now = 0, present.get(one.hypothesis.spot, [])
         for member in one.hypothesis.members:
