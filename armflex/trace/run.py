@@ -82,7 +82,8 @@ def _with_accepted(begun: Standing, accepted: Sequence[Effect]) -> Standing:
         like = [each for each in every if not each.family and _is(one, each.one)]
         like += sought(one.law, [one.location], begun.state.context) if one.law.sought else []
         known += [replace(each, members=(candidate,)) for each in like[:1]]
-    return refitted(begun, own_model(screen, known)) or begun
+    after = refitted(begun, own_model(screen, known))
+    return begun if after is None else standing(after, begun)
 
 
 def _is(effect: Effect, candidate: Candidate) -> bool:
