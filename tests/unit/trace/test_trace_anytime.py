@@ -208,8 +208,9 @@ def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(tmp_path: P
     rows = read_measurements(truth.train, arm)
     here = standing(begin(calibrate(arm, rows, np.flatnonzero(rows.measured)[::3], as_stated=True)))
     play = next(i for i, one in enumerate(here.screen.groups) if one.hypothesis.one.name.startswith("backlash"))
-    believed = refitted(here, (Chosen(play, len(SCALES) // 2),))
-    assert believed is not None
+    state = refitted(here, (Chosen(play, len(SCALES) // 2),))
+    assert state is not None
+    believed = standing(state, here)
     (effect,), (block,) = believed.state.fitted, believed.state.effects
     assert abs(effect.acting[0]) < 2.0 * believed.state.stds_of(block)[0] and idle(believed.state) == 0
     assert conclude(believed, here.places).found == ()
