@@ -281,7 +281,6 @@ class Arm:
         """All laws as one map."""
         return LawStack(self.flexure_names, tuple(flexure.law for flexure in self.modelled))
 
-    @checked_kinds
     def found(self, parameter: ArmParameter) -> float:
         """Return what calibration found of a parameter of the arm itself, in its unit."""
         kind, name = parameter.group.kind, str(parameter.group.of)
@@ -293,6 +292,7 @@ class Arm:
         values = (self.corrections.geometry if kind is ParameterKind.GEOMETRY else self.factors).get(name)
         return 0.0 if values is None else float(values[axis])
 
+    @checked_kinds
     def named(self, labels: Sequence[str]) -> tuple[ArmParameter, ...]:
         """Return the parameters of the arm and its instrument that labels name; see `armflex.parameters.named`.
 

@@ -16,7 +16,7 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
-from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, real_array
+from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, WRENCH_NAMES, Array, finite_array, real_array
 from armflex.errors import ExtrapolationError, Flag, ShapeError, UnsupportedError, naming
 from armflex.laws import Row
 from armflex.laws.effects.context import MASS
@@ -414,7 +414,8 @@ class Deflection(_Result[float]):
         """
         mechanics, motion = self._mechanics, magnification * self._at_rest[0]
         if further is not None:
-            motion[mechanics.flex.flexure_v] += further.ravel()
+            shape = (len(self.names.flexures), 6)
+            motion[mechanics.flex.flexure_v] += finite_array(further, "further", shape).ravel()
         found = mechanics.link_poses(mechanics.flexed(self.solved.rigid, motion))
         for one in self.case.wrenches:
             found |= one.links(found[one.frame])

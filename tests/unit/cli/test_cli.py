@@ -55,7 +55,7 @@ def test_deflect_json(shell: Run, tmp_path: Path, tarm: Arm) -> None:
     assert set(found) == {
         "format", "payload", "base", "tip", "method", "joint_names", "flexure_names", "q", "joint_loads", "wrenches",
         "twists", "contributions", "corrected", "remainder", "displacement", "covariance", "compliance", "pose",
-        "rigid_pose", "flags", "load_factor",
+        "rigid_pose", "flags", "load_factor", "passive", "loop_loads", "cylinder_states", "spring_states",
     }  # fmt: skip
     assert (found["format"], found["base"], found["tip"]) == ("armflex-deflect-1", "crane", "tool")
     q = tarm.position(M1=1.5, A1=np.deg2rad(10.0), A3=0.5)

@@ -108,7 +108,9 @@ def test_the_terminal_says_on_what_an_effect_depends_and_how_often_it_is_chosen_
 def test_held_out_errors_are_of_what_was_chosen_without_the_poses(ran) -> None:
     found, said = ran[2], strict_json(ran[0] / "t.json")
     assert said["held_out_rms_mm"]["after"] == pytest.approx(1e3 * max(found.compared.after, found.held_out_after))
-    assert "without the held-out poses" in said["held_out_is_of"] and said["families"] == [] and said["undecided"] is None
+    assert (
+        "without the held-out poses" in said["held_out_is_of"] and said["families"] == [] and said["undecided"] is None
+    )
 
 
 def test_the_summary_fits_a_screen_and_the_steps_go_to_stderr(ran) -> None:
