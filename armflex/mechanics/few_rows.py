@@ -11,7 +11,8 @@ end, C the laws' tangent, G the geometric stiffness and E the derivative of exp6
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -59,9 +60,7 @@ class FewRows:
 
     def among(self, number: np.ndarray) -> FewRows:
         """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
-        own = np.flatnonzero(number[self.rows] >= 0)
-        arrays = (self.poses, self.jacobians, self.following, self.turned, self.weighed, self.loads)
-        return FewRows(self.loaded, number[self.rows[own]], self.tangents[own], *(values[own] for values in arrays))
+        return _among(self, number)
 
     def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
         """Return the (M, 6, n, 6) motion of an end per change of a flexure's twist law; None is the tip."""
@@ -132,6 +131,16 @@ def linearised(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, twists: Arra
     return FewRows(loaded, rows, tangents, poses, jacobians, following, turned, weighed, loads)
 
 
+Linearised = TypeVar("Linearised", "FewRows", "MechanismRows")
+
+
+def _among(rows: Linearised, number: np.ndarray) -> Linearised:
+    """Return those rows that have a (N,) number, under these numbers; every array but their numbers has a row each."""
+    own = np.flatnonzero(number[rows.rows] >= 0)
+    some = {field.name: getattr(rows, field.name)[own] for field in fields(rows)[2:]}
+    return replace(rows, rows=number[rows.rows[own]], **some)
+
+
 @dataclass(frozen=True, eq=False)
 class MechanismRows:
     """Some rows of one payload of an arm with loops, linearised: `FewRows`' questions, answered as `Linear` does.
@@ -161,9 +170,7 @@ class MechanismRows:
 
     def among(self, number: np.ndarray) -> MechanismRows:
         """See `FewRows`."""
-        own = np.flatnonzero(number[self.rows] >= 0)
-        some = {field.name: getattr(self, field.name)[own] for field in fields(self)[2:]}
-        return MechanismRows(self.loaded, number[self.rows[own]], **some)
+        return _among(self, number)
 
     def by_end(self, end: str | None) -> Array:
         """Return the (M, 6, v) motion of an end per body motion of everything; None is the tip."""

@@ -79,7 +79,7 @@ class LawStack:
     def change_with_position(self, wrenches: Array, row: Row) -> Array:
         """Return the (..., 6 n, nq) derivative of the twists [m, rad] by the joint positions at given loads."""
         change = np.zeros((*wrenches.shape, row.q.shape[-1]))
-        if self.changing:
+        if self.rows_differ:
             for i, step in enumerate(1e-4 * np.eye(row.q.shape[-1])):
                 ends = [self.twists(wrenches, replace(row, q=row.q + side * step)) for side in (1.0, -1.0)]
                 change[..., i] = (ends[0] - ends[1]) / 2e-4
@@ -103,11 +103,6 @@ class LawStack:
         """Return where (6 n,) wrenches [N, Nm] are beyond what a law was trained on."""
         asked = [(name, law.flags(wrenches[place], row)) for name, place, law in self.trained]
         return tuple(replace(f, text=f"flexure {name!r}: {f.text}", about=name) for name, flags in asked for f in flags)
-
-    @cached_property
-    def changing(self) -> tuple[tuple[int, Law], ...]:
-        """The parts that may give otherwise at other positions or covariates."""
-        return tuple((i, law) for i, law in self.parts if law.constant is None and not _fixed(law))
 
     @cached_property
     def asked(self) -> tuple[tuple[int, Law], ...]:
@@ -174,11 +169,6 @@ def _is_known(law: Law) -> bool:
     """Return whether a law is one of terms, some of them curved, which count under every load."""
     terms = law.known_terms or ()
     return any(not one.linear for one in terms) and all(one.window is None for one in terms)
-
-
-def _fixed(law: Law) -> bool:
-    """Return whether a law is the same at all positions and covariates."""
-    return _is_known(law) and not any(one.factors for one in law.known_terms or ())
 
 
 def _singly(one: Term | Neurons) -> Iterable[Term]:
@@ -331,7 +321,8 @@ class PlacedLaws:
         self._softer: list[slice] = []
         self._row = NOWHERE
         self._known: dict[int, Array] = {}
-        self.changing, self.curved, self.bent = stack.rows_differ, False, bool(len(neurons) or stack.bent)
+        self._curves = bool(len(neurons) or stack.bent)
+        self.changing, self.curved, self.bent = stack.rows_differ, False, self._curves
         largest = max(abs(part).max(initial=0.0) for part in (matrix, gains, numbers.bent[:, :42]))
         self.tame = largest < TAME and all(term.degree <= 1.0 for _, _, term in stack.bent)
 
@@ -361,8 +352,7 @@ class PlacedLaws:
                 self._softer.append(here)
         for t, (_, law, term) in enumerate(self._stack.bent):
             self._weights[t] = law.weight(term.factors, row)
-        self.curved = bool(curved)
-        self.bent = bool(curved or len(self._stack.numbers.neurons) or self._stack.bent)
+        self.curved, self.bent = bool(curved), bool(curved or self._curves)
         together = _sum([self._matrix.dot, *self._bent]) if self._softer else self._usual
 
         def motion(torque: Array) -> Array:
