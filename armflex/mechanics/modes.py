@@ -107,7 +107,6 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     softened = mechanics.stiffness(configuration, case)
     geometric = softened[mechanics.flexures] @ turned
     whole = pin.crba(mechanics.model, mechanics.data, configuration)
-    whole = np.triu(whole) + np.triu(whole, 1).T  # Pinocchio fills the upper triangle alone
     for number, more in loaded.arm.distributed.items():  # links that bend along their length
         own = places[6 * number : 6 * number + 6]
         joint = loaded.flexure_joints[number]
@@ -125,7 +124,7 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     unit = np.where(unit > 0.0, unit, 1.0)[:, None]
     tip, motion, ways = tip / unit, motion / unit, ways.T / unit
     body = motion @ turned.T
-    masses = np.einsum("mi,ij,mj->m", body, mass, body)
+    masses = ((body @ mass) * body).sum(axis=1)
     frequencies = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
     energies = ways**2 @ (owner[:, None] == np.arange(len(places) // 6))  # of the flexures, as dm'C^-1 dm = y'y
     shares = energies / (masses / inverse)[:, None]
@@ -167,22 +166,20 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
         InputError: Nothing that moves has a mass.
         UnstableEquilibriumError: K is not positive.
     """
-    from scipy.linalg.lapack import dpotrf, dtrtri  # not needed to import the package; a sixth of numpy's time
+    from scipy.linalg.lapack import dsygvd  # pyright: ignore[reportAttributeAccessIssue] - not in its stubs
 
-    (even, odd), (inert, bent) = ((0.5 * (one + one.T), 0.5 * (one - one.T)) for one in (stiffness, mass))
-    factor, failed = dpotrf(even, lower=1, clean=1)
+    even, inert = 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T)
+    found, ways, failed = dsygvd(inert, even)
     if failed:
         least = float(np.linalg.eigvalsh(even)[0])
         text = "the arm would not stay where its loads balance: there is nothing to swing about"
         raise UnstableEquilibriumError(text, least)
-    lower, _ = dtrtri(factor, lower=1)
-    found, vectors = np.linalg.eigh(lower @ inert @ lower.T)
     some = np.flatnonzero(found > NEGLIGIBLE * max(found[-1], 0.0))[::-1][:count]
     if not len(some):
         raise InputError("nothing that moves has a mass: there is no frequency")
-    ways = lower.T @ vectors
     own = found[some]
-    off = ways.T @ bent @ ways[:, some] - own * (ways.T @ odd @ ways[:, some])
+    chosen = ways[:, some]
+    off = ways.T @ ((mass - inert) @ chosen - own * ((stiffness - even) @ chosen))
     gaps = own - found[:, None]
     gaps[some, np.arange(len(some))] = np.inf
     mixed = off / np.where(gaps == 0.0, 1e-300, gaps)
@@ -190,7 +187,7 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
         every, exact = (np.real(one) for one in np.linalg.eig(np.linalg.solve(stiffness, mass)))
         some = np.argsort(-every)[: len(some)]
         return every[some], exact[:, some]
-    return own - (off * mixed).sum(axis=0), ways[:, some] + ways @ mixed
+    return own - (off * mixed).sum(axis=0), chosen + ways @ mixed
 
 
 def _assumed() -> Flag:

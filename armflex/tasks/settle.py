@@ -27,7 +27,7 @@ from armflex.trajectory import Trajectory, as_trajectory
 MODES = 8
 """Slowest modes that are followed; faster ones are hardly excited and decay sooner."""
 
-FURTHER = 0.05
+FURTHER = 0.02
 """Tolerance: way of any joint [rad or m] after which the modes are computed anew."""
 
 FINE = 24

@@ -1,41 +1,87 @@
-"""Frequencies and shapes against MuJoCo's mass matrix and finite differences of its forces, and a closed form."""
+"""Frequencies and shapes against MuJoCo (mass matrix, differences of its forces), Exudyn, and a closed form."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from support.exudyn_arm import exudyn_frequencies
 from support.mujoco_arm import Referee, Sprung
-from support.small_arms import ROBOTS, joint, link, robot
+from support.small_arms import CROOKED, ROBOTS, joint, link, robot
 from support.sprung_campaign import driven
 
-from armflex import InputError, load_arm, make_arm
+from armflex import Arm, InputError, load_arm, make_arm
 from armflex.errors import ArmFileError
 from armflex.laws import LinearLaw
 
 SPRINGS = {"tarm_like": 4e6, "heavy_six": 1e5}
 """N m/rad of turning drives; of sliding ones as many N/m."""
 
+EVERY = {**SPRINGS, "oblique": 4e4}
 
-@pytest.mark.parametrize("name", SPRINGS)
-def test_frequencies_and_shapes_are_those_of_mujoco(name: str) -> None:
-    declared, referee = load_arm(ROBOTS / name / "arm.toml"), Referee(name)
-    arm, rng, sags = driven(declared, SPRINGS[name]), np.random.default_rng(4), []
+SLIDING = """[robot]
+urdf = "robot.urdf"
+tip = "tool"
+gravity = [0.3, -0.2, -9.8]
+[payload.bar]
+mass = 15.0
+com = [0.3, -0.1, 0.05]
+inertia = [0.4, 2.0, 1.9, 0.1, -0.05, 0.02]
+[flexure.yaw]
+joint = "yaw"
+compliance = [0, 0, 0, 0, 0, 1e-6]
+"""
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> dict[str, Path]:
+    """Folders of three arms; the third has oblique mounts, a wrist that slides, and leans."""
+    slide = (
+        joint("slide", "fore", "wrist", (0.6, 0.05, 0.1), (0, 0.4, 0), (0.8, 0, 0.6), kind="prismatic"),
+        link("wrist", 12.0, (0.1, 0.03, -0.02), 0.3),
+        joint("flange", "wrist", "tool", (0.2, 0, 0.05), kind="fixed"),
+        link("tool"),
+    )
+    (tmp_path / "robot.urdf").write_text(robot(*CROOKED[:-2], *slide))
+    (tmp_path / "arm.toml").write_text(SLIDING)
+    return {name: ROBOTS / name for name in SPRINGS} | {"oblique": tmp_path}
+
+
+def sprung(folder: Path, stiffness: float) -> Iterator[tuple[Arm, Sprung, np.ndarray, str]]:
+    """Yield an arm whose drives are springs with its plant, at 20 positions, with and without a payload."""
+    declared, referee, rng = load_arm(folder / "arm.toml"), Referee(folder), np.random.default_rng(4)
+    arm = driven(declared, stiffness)
     for number in range(20):
         payload = ["none", list(referee.toml["payload"])[-1]][number % 2]
         q = rng.uniform(arm.robot.lower, arm.robot.upper)
+        yield arm, Sprung(referee, arm.joint_names, payload, np.full(len(q), stiffness), {}), q, payload
+
+
+@pytest.mark.parametrize(("name", "stiffness"), EVERY.items())
+def test_frequencies_and_shapes_are_those_of_mujoco(name: str, stiffness: float, folders: dict[str, Path]) -> None:
+    sags = []
+    for arm, plant, q, payload in sprung(folders[name], stiffness):
         found = arm.modes(q, payload, count=4)
-        plant = Sprung(referee, arm.joint_names, payload, np.full(len(q), SPRINGS[name]), {})
         frequencies, shapes = plant.swings(q)
         shapes = shapes / np.linalg.norm(shapes[:, :3], axis=1)[:, None]
         np.testing.assert_allclose(found.frequencies, frequencies[:4], rtol=1e-6)
         signs = np.sign(np.einsum("mi,mi->m", found.shapes, shapes[:4]))
-        np.testing.assert_allclose(found.shapes * signs[:, None], shapes[:4], atol=1e-5 * np.abs(shapes[:4]).max())
+        np.testing.assert_allclose(found.shapes * signs[:, None], shapes[:4], atol=1e-6 * np.abs(shapes[:4]).max())
         sags.append(np.linalg.norm(arm.deflection(q, payload).displacement[:3]))
         assert not found.flags
     assert max(sags) > 0.005
+
+
+@pytest.mark.parametrize(("name", "stiffness"), EVERY.items())
+def test_frequencies_are_those_of_exudyn(name: str, stiffness: float, folders: dict[str, Path]) -> None:
+    pytest.importorskip("exudyn", reason="pip install 'armflex[bench]'")
+    for arm, plant, q, payload in sprung(folders[name], stiffness):
+        found = arm.modes(q, payload, count=4).frequencies
+        np.testing.assert_allclose(found, exudyn_frequencies(plant, q)[:4], rtol=1e-6)
 
 
 def test_a_mass_on_one_spring(tmp_path) -> None:

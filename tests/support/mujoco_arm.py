@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Sequence
+from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
@@ -27,9 +28,9 @@ def exp6(twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Referee:
-    """A bundled arm as MuJoCo knows it."""
+    """An arm as MuJoCo knows it: a bundled one by its name, or that of a folder."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str | Path) -> None:
         folder = ROBOTS / name
         self.toml = tomllib.loads((folder / "arm.toml").read_text())
         self.urdf = (folder / "robot.urdf").read_text()

@@ -110,6 +110,8 @@ class LinearLaw(Law):
         return wrench @ self.compliance.T
 
     def tangent(self, wrench: Array, row: Row) -> Array:
+        if wrench.ndim == 1:  # as nearly always; a broadcast takes longer than the whole answer
+            return self.compliance
         return np.broadcast_to(self.compliance, (*wrench.shape[:-1], 6, 6))
 
     def by_values(self, wrench: Array, row: Row) -> Array:

@@ -15,6 +15,7 @@ from armflex.readings import Position
 from armflex.show.report import cover, effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short
+from armflex.show.report.swing import swing
 from armflex.show.report.words import called, labelled, site_words, units_of, words
 from armflex.trace.findings import Trace
 from armflex.trace.projection import project
@@ -60,6 +61,7 @@ def account(trace: Trace) -> SimpleNamespace:
         hidden=_hidden(trace),
         detectable=figures.detectable(trace.smallest, accurate.stated, view.readings) if trace.smallest else "",
         outliers=_outliers(trace),
+        swing=swing(trace.arm, trace.state.measurements, trace.rows),
         flags=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
         unfinished=trace.unfinished,

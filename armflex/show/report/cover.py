@@ -25,6 +25,7 @@ from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Position, Readings
 from armflex.show.report.accuracy import Errors, scatter_rms
 from armflex.show.report.numbers import measure, millimetres, short, with_std
+from armflex.show.report.swing import swing
 from armflex.version import __version__
 
 Table = tuple[tuple[str, ...], ...]
@@ -251,6 +252,7 @@ def calibration_account(found: Calibration) -> SimpleNamespace:
             (kind.title, *(f"{short(size * SHOWN[kind.unit][1])} {SHOWN[kind.unit][0]}" for size in sizes))
             for kind, *sizes in found.by_kind
         ),
+        swing=swing(found.arm, measurements, rows),
         campaign=facts(found.arm, measurements, f"{len(rows)} of {len(measurements)} rows"),
         flags=[flag.text for flag in (*found.arm.flags, *measurements.flags, *found.flags)],
     )

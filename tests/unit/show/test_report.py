@@ -41,6 +41,7 @@ SECTIONS = (
     "not-told",
     "next",
     "campaign",
+    "swing",
     "points",
 )
 
@@ -102,7 +103,7 @@ def test_every_section_and_figure_is_there(page: str) -> None:
     outline = Outline(page)
     ids = {attributes.get("id") for tag, attributes in outline.tags if tag == "section"}
     assert ids == {*SECTIONS, "effect-1"}
-    assert sum(tag == "svg" for tag, _ in outline.tags) == 8
+    assert sum(tag == "svg" for tag, _ in outline.tags) == 9
 
 
 def test_the_cover_says_what_a_boss_and_a_metrologist_ask_for(page: str) -> None:
