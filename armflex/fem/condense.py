@@ -11,7 +11,8 @@ from scipy.sparse import linalg
 
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, OutOfMemoryError, listing
-from armflex.fem.matrices import Matrices, of_mesh
+from armflex.fem.cholesky import Factor
+from armflex.fem.matrices import MODAL, Matrices, of_mesh
 from armflex.fem.mesh import Mesh, check_connected, check_size
 from armflex.fem.part import MOST, Part
 from armflex.fem.surface import surface_of
@@ -66,13 +67,20 @@ def condense(
         found = of_mesh(mesh, lambda done, total: said("assembling elements", done, total))
     stiffness, body = found.stiffness, found.mass
     origins = np.array([mesh.points[sets[name]].mean(axis=0) for name in loaded])
-    reduced, entry = _interfaces(found, sets, fixed, loaded, origins, interface)
+    inside, reduced, entry = _interfaces(found, sets, fixed, loaded, origins, interface)
     rigid = found.rigid(origins[0])
     moved = body @ rigid
     stiffness, inner = (reduced.T @ stiffness @ reduced).tocsc(), (reduced.T @ body @ reduced).tocsc()
     pull = reduced.T @ moved
-    said("factorising the stiffness", 0, None)
-    solver = _factor(mesh, stiffness)
+    nodes = found.freedoms[inside, 0]
+    places = np.full((stiffness.shape[0], 3), np.nan)
+    places[: len(nodes)] = np.where(nodes[:, None] == MODAL, np.nan, mesh.points[nodes])
+    try:
+        solver = Factor(stiffness, places, lambda done, total: said("factorising the stiffness", done, total))
+    except np.linalg.LinAlgError:
+        raise mesh.fail("is free to move: its stiffness is singular") from None
+    except MemoryError:
+        raise OutOfMemoryError(f"{mesh.path}: the stiffness of {len(mesh.points)} nodes has no room") from None
     loads = np.hstack([entry.toarray(), pull])
     moves = solver.solve(loads)
     size = 6 * len(loaded)
@@ -131,8 +139,9 @@ def condense(
 
 def _interfaces(
     found: Matrices, sets: dict[str, np.ndarray], fixed: str, loaded: tuple[str, ...], origins: Array, interface: str
-) -> tuple[Any, Any]:
-    """Return the (N, n) map from the unknowns to all freedoms, and the (n, 6 m) loads on them per interface's load."""
+) -> tuple[np.ndarray, Any, Any]:
+    """Return the freedoms that are unknowns, the (N, n) map from these and those of rigid interfaces to all, and the
+    (n, 6 m) loads on them per interface's load."""
     count, places = len(found.freedoms), {name: found.at(rows) for name, rows in sets.items()}
     bodies = [found.rigid(origin)[places[name]] for name, origin in zip(loaded, origins, strict=True)]
     for name, body in zip(loaded, bodies, strict=True):
@@ -149,21 +158,9 @@ def _interfaces(
         entry = sparse.csc_array(
             (np.ones(size), (reduced.shape[1] + np.arange(size), range(size))), (reduced.shape[1] + size, size)
         )
-        return sparse.hstack([reduced, *moved], "csc"), entry
+        return free, sparse.hstack([reduced, *moved], "csc"), entry
     spread = sparse.block_diag([sparse.csc_array(body @ np.linalg.inv(body.T @ body)) for body in bodies], "csc")
-    return reduced, reduced.T @ sparse.hstack(own, "csc") @ spread
-
-
-def _factor(mesh: Mesh, stiffness: Any) -> Any:
-    """Return a solver; the matrix is symmetric and positive, so that nothing is pivoted and fill stays low."""
-    try:
-        return linalg.splu(
-            stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        )
-    except RuntimeError:
-        raise mesh.fail("is free to move: its stiffness is singular") from None
-    except MemoryError:
-        raise OutOfMemoryError(f"{mesh.path}: the stiffness of {len(mesh.points)} nodes has no room") from None
+    return free, reduced, reduced.T @ sparse.hstack(own, "csc") @ spread
 
 
 def _frequencies(stiffness: Any, mass: Any, solver: Any) -> Array:
