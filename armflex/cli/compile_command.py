@@ -6,7 +6,7 @@ import click
 
 from armflex.cli import options
 from armflex.cli.terminal import doing, say
-from armflex.mechanics.many_rows import kernel
+from armflex.mechanics.many_rows import kernel, loop_kernel
 
 
 @click.command(cls=options.Command)
@@ -17,5 +17,6 @@ def command() -> None:
     """
     doing("compiling")
     kernel()
+    loop_kernel()
     options.conclude(lambda: {"compiled": True}, ())
     say("The engine is compiled, and its code is kept.")

@@ -59,7 +59,7 @@ class Chain:
 def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Chain:
     """Return the chain of a model with flexures at some of Pinocchio's joints; its other free-flyers do not move."""
     model, numbers = flex.model, {joint: i for i, joint in enumerate(flexure_joints)}
-    joints = {int(place): i for i, place in enumerate(flex.v_index)}
+    joints = {int(place): i for i, place in enumerate([*flex.v_index, *flex.free_v])}
     elements, kinds = np.zeros((model.njoints + 1, 20)), np.full((4, model.njoints), -1, dtype=np.int64)
     for k in range(model.njoints):
         placement, body, kind, place, axis = model.jointPlacements[k], model.inertias[k], RIGID, -1, np.zeros(3)
@@ -74,7 +74,7 @@ def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Chain:
         elements[k, :19] = *placement.rotation.ravel(), *placement.translation, *axis, body.mass, *body.lever
     tip = model.frames[flex.tip].placement
     elements[-1, :15] = *tip.rotation.ravel(), *tip.translation, *model.gravity.linear
-    elements[-1, 15] = model.njoints - 1
+    elements[-1, 15] = model.frames[flex.tip].parentJoint
     for number, k in enumerate(flexure_joints):
         kinds[3, number], elements[number, 19] = k, sum(body.mass for body in model.inertias.tolist()[k:])
     kinds[2, : len(numbers)] = np.argsort(np.asarray(flexure_joints, dtype=int))

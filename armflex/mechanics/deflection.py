@@ -25,6 +25,7 @@ from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium, load_factor, tangent_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Structure
+from armflex.mechanics.loop_rows import solver_of
 from armflex.mechanics.many_rows import (
     AT_ONCE,
     COMPILED,
@@ -37,6 +38,7 @@ from armflex.mechanics.many_rows import (
     displaced_from,
     flexed,
     kernel_pays,
+    loop_kernel_pays,
     rigid_tips,
     rotations,
     tips_of,
@@ -854,7 +856,8 @@ def _answer(
             left[some] = ~solver.proven(row, laws, into, solver.bound, fine)
             if not isinstance(some, slice):
                 found.displacement[some], found.twists[some] = into.displacement, into.twists
-    for i in np.flatnonzero(left).tolist():
+
+    def alone(i: int) -> None:
         with naming(f"row {first + i}"):
             checked, flags = arm.check_position(case.q[i], asked.enforce_limits)
             loaded = arm.loaded(payloads[0 if len(payloads) == 1 else i])
@@ -863,6 +866,18 @@ def _answer(
         found.load_factor[i] = one.solved.load_factor
         if not here:
             found.wrenches[i] = one.wrenches
+
+    if arm.robot.linkage and exact and not case.moves and loop_kernel_pays(count):
+        for loaded, rows in by_payload(arm, payloads, count):
+            part = case.some(rows)
+            row = loaded.row(part.q, part.covariates)
+            rested = solver_of(loaded, part.wrenches).rest(part.q, row, lambda i, rows=rows: alone(int(rows[i])))
+            some = rows[rested.fine]
+            for into, values in zip(found, (rested.displacement, rested.loads, rested.twists), strict=False):
+                into[some] = values[rested.fine]
+        left[:] = False
+    for i in np.flatnonzero(left).tolist():
+        alone(i)
     return found
 
 

@@ -26,6 +26,8 @@ from armflex.errors import (
 )
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loop_rows import solver_of
+from armflex.mechanics.many_rows import loop_kernel_pays
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, integrate
 
@@ -155,6 +157,11 @@ def _of_mechanism(
     check_method(method)
     if method in ("fixed_point", "first_order"):
         raise UnsupportedError(f"method {method!r} is not for an arm with loops or passive joints: ask for 'exact'")
+    if not case.moves and loop_kernel_pays(1):
+        solver, q = solver_of(loaded, case.wrenches), case.q[None]
+        found = solver.rest(q, loaded.row(q, case.covariates))
+        if found.fine[0]:
+            return Equilibrium(loaded, case, *solver.in_model(case.q, found), "fixed_point", ())
     rest = mechanics.rest(case, loaded.row(case.q, case.covariates))
     factor = _lasting(rest.tangent)
     if not allow_large:

@@ -374,9 +374,9 @@ class LoadedArm:
 
     @cached_property
     def flexure_joints(self) -> tuple[int, ...]:
-        """Pinocchio joints of the flexures, in order."""
+        """Pinocchio joints of the flexures, in order; those at closures have none."""
         starts = {joint.idx_v: joint.id for joint in self.flex.model.joints if joint.nv == 6}
-        return tuple(starts[place] for place in self.flex.flexure_v[::6].tolist())
+        return tuple(starts[place] for place in self.flex.flexure_v[::6].tolist() if place in starts)
 
     @cached_property
     def chain(self) -> Chain:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import cache, cached_property
 from types import ModuleType
@@ -61,6 +61,9 @@ _loading = threading.RLock()
 
 _loaded: list[ModuleType] = []
 
+_loops: list[ModuleType] = []
+"""The engine of arms with loops: who has none need not compile it."""
+
 _rows = [0]
 
 
@@ -71,13 +74,22 @@ def kernel() -> ModuleType:
     Where its code is not kept yet, a line of the log says that it is compiled; without a handler that is on
     stderr.
     """
-    if not _loaded:
+    return _compiled(_loaded, _imported)
+
+
+def loop_kernel() -> ModuleType:
+    """Return the same of arms with loops."""
+    return _compiled(_loops, _imported_loops)
+
+
+def _compiled(loaded: list[ModuleType], imported: Callable[[], ModuleType]) -> ModuleType:
+    if not loaded:
         with _loading:
-            if not _loaded:
-                compiled = _imported()
+            if not loaded:
+                compiled = imported()
                 compiled.compile_everything()
-                _loaded.append(compiled)
-    return _loaded[0]
+                loaded.append(compiled)
+    return loaded[0]
 
 
 def kernel_pays(rows: int) -> bool:
@@ -86,13 +98,22 @@ def kernel_pays(rows: int) -> bool:
     Where it is never loaded the time that it would have saved is less than what it takes to begin, and where it is
     loaded late no more was lost than that.
     """
-    if _loaded:
+    return _pays(rows, _loaded, _imported)
+
+
+def loop_kernel_pays(rows: int) -> bool:
+    """Return the same of arms with loops."""
+    return _pays(rows, _loops, _imported_loops)
+
+
+def _pays(rows: int, loaded: list[ModuleType], imported: Callable[[], ModuleType]) -> bool:
+    if loaded:
         return True
     with _loading:
         _rows[0] += rows
         if _rows[0] < LOADED_AFTER:
             return False
-        return bool(_loaded) or _rows[0] >= COMPILED_AFTER or _imported().is_kept()
+        return bool(loaded) or _rows[0] >= COMPILED_AFTER or imported().is_kept()
 
 
 @cache
@@ -107,7 +128,7 @@ def _imported() -> ModuleType:
 
         def on_start(self, event: event.Event) -> None:
             dispatcher = (event.data or {}).get("dispatcher")
-            if not self.told and getattr(dispatcher, "__module__", "") == compiled.__name__:
+            if not self.told and getattr(dispatcher, "__module__", "").startswith("armflex.mechanics"):
                 self.told = True
                 logging.getLogger(__name__).warning(COMPILING)
 
@@ -115,6 +136,15 @@ def _imported() -> ModuleType:
             """Nothing is said of its end: an answer follows."""
 
     event.register("numba:compile", Said())
+    return compiled
+
+
+@cache
+def _imported_loops() -> ModuleType:
+    _imported()
+
+    from armflex.mechanics import loop_kernel as compiled
+
     return compiled
 
 
@@ -151,8 +181,8 @@ class Pushes:
     """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), sited: bool = False) -> None:
-        if not loaded.arm.chain:  # whoever may ask for them answers by Pinocchio instead
-            raise UnsupportedError("compiled code knows no springs and no loops")
+        if not (loaded.arm.chain or loaded.arm.robot.linkage):  # whoever may ask for them answers by Pinocchio instead
+            raise UnsupportedError("compiled code knows no springs without loops")
         self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
         self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._chain = loaded.sited_chain if sited else loaded.chain

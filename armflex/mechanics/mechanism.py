@@ -28,6 +28,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -84,14 +85,14 @@ class Closing:
     """
 
     def __init__(self, robot: Robot, flex: FlexModel, ties: Ties, corrections: Corrections) -> None:
-        self._robot, self._flex, self._ties, self._linkage = robot, flex, ties, robot.linkage
+        self._robot, self._flex, self.ties, self._linkage = robot, flex, ties, robot.linkage
         self._driven, count = len(flex.q_index), len(ties.rows)
         cylinders = self._linkage.cylinders
         self.lengths = slice(
             count - len(self._linkage.followers) - len(cylinders), count - len(self._linkage.followers)
         )
-        self._offsets = np.array([corrections.joint_offset.get(one.name, 0.0) for one in cylinders])
-        self._last: tuple[Array, Array] | None = None
+        self.offsets = np.array([corrections.joint_offset.get(one.name, 0.0) for one in cylinders])
+        self.last: tuple[Array, Array] | None = None
 
     def configuration(self, q: Array, free: Array) -> Array:
         """Return the model's configuration with drives at (nq,) and the others at (p,) positions."""
@@ -101,8 +102,8 @@ class Closing:
 
     def gaps(self, q: Array, configuration: Array) -> tuple[Array, Array]:
         """Return (m,) gaps and (m, nv) their change per body motion."""
-        gaps, ways = self._ties.place(configuration)
-        gaps[self.lengths] -= q[self._driven :] + self._offsets
+        gaps, ways = self.ties.place(configuration)
+        gaps[self.lengths] -= q[self._driven :] + self.offsets
         return gaps, ways
 
     def closed(self, q: Array) -> Array:
@@ -111,17 +112,17 @@ class Closing:
         Raises:
             ClosureError: A loop does not close, or the joints could be anywhere.
         """
-        if self._last is not None and np.array_equal(self._last[0], q):
-            return self._last[1]
-        free = self._first(q) if self._last is None else self._followed(*self._last, q)
+        if self.last is not None and np.array_equal(self.last[0], q):
+            return self.last[1]
+        free = self._first(q) if self.last is None else self._followed(*self.last, q)
         if free is None:
             raise self._open(q)
         gaps, ways = self.gaps(q, self.configuration(q, free))
         if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
-            raise gaping(self._ties, gaps, "cannot close")
+            raise gaping(self.ties, gaps, "cannot close")
         if (loose := self._loose(gaps, ways, SINGULAR)) is not None:
             raise loose
-        self._last = q.copy(), free
+        self.last = q.copy(), free
         return free
 
     def _first(self, q: Array) -> Array | None:
@@ -129,8 +130,8 @@ class Closing:
         given = {name: at for name, at in self._linkage.free.items() if at is not None}
         start = np.array([given.get(name, 0.0) for name in self._linkage.free])
         home = self._robot.home.copy()
-        lengths = self._ties.place(self.configuration(home, start))[0][self.lengths]
-        home[self._driven :] = lengths - self._offsets
+        lengths = self.ties.place(self.configuration(home, start))[0][self.lengths]
+        home[self._driven :] = lengths - self.offsets
         found = []
         settled = self._newton(home, start, jumps=True)
         if settled is not None:
@@ -179,13 +180,13 @@ class Closing:
     def _open(self, q: Array) -> ClosureError:
         """Return what is said of drives that the loops do not let come so far."""
         given = np.array([at or 0.0 for at in self._linkage.free.values()])
-        free = self.nearest(q, given if self._last is None else self._last[1])
+        free = self.nearest(q, given if self.last is None else self.last[1])
         gaps, ways = self.gaps(q, self.configuration(q, free))
         if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
-            return gaping(self._ties, gaps, "cannot close")
+            return gaping(self.ties, gaps, "cannot close")
         if (loose := self._loose(gaps, ways, NEARLY)) is not None:
             return loose
-        name = self._ties.apart(int(np.abs(gaps).argmax()))[0]
+        name = self.ties.apart(int(np.abs(gaps).argmax()))[0]
         text = f"loop {name!r} closes here, but the way here leads through a singular pose, where its branches meet"
         return ClosureError(f"{text}: give q0 of its passive joints near the first row", name, 0.0)
 
@@ -196,7 +197,7 @@ class Closing:
         if held.shape[1] <= len(sizes) and not sizes[-1:] < least * sizes[:1]:
             return None
         joint = int(np.abs(motions[-1]).argmax())
-        name, _ = self._ties.apart(int(np.abs(held[:, joint]).argmax()))
+        name, _ = self.ties.apart(int(np.abs(held[:, joint]).argmax()))
         text = f"loop {name!r} is singular here: it does not hold passive joint {list(self._linkage.free)[joint]!r}"
         return ClosureError(f"{text}, which could be anywhere", name, float(np.abs(gaps).max(initial=0.0)))
 
@@ -290,26 +291,27 @@ class Mechanism(Mechanics):
         self.stack, self.tied = stack, self.ties
         nominal = Ties(rigid.model, self._rigid_data, robot.linkage)
         self.nominal = Closing(robot, rigid, nominal, Corrections())
-        self._true = Closing(robot, flex, self.tied, corrections)
-        self._rigid = self._true if corrections.move else self.nominal
+        self.true = Closing(robot, flex, self.tied, corrections)
+        self.closing = self.true if corrections.move else self.nominal
         places = flex.flexure_v
         self._of_tree_places = np.flatnonzero(places < self.model.nv)
         self.given = places[self._of_tree_places]
         self.flexures = np.ix_(self.given, self.given)
+        self.solver: tuple[tuple[Any, ...], Any] | None = None  # of `loop_rows`, which keeps it here
         self._same: Array | None = None
         self._yielding: tuple[Array, Array] | None = None
 
     def closed(self, q: Array) -> Array:
         """Return (p,) positions of the joints without a drive, the arm as calibrated, nothing giving [rad or m]."""
-        return self._rigid.closed(q)
+        return self.closing.closed(q)
 
     def rigid_configuration(self, q: Array) -> Array:
         """See `Mechanics`; the loops are closed."""
-        return self._true.configuration(q, self.closed(q))
+        return self.true.configuration(q, self.closed(q))
 
     def configuration(self, q: Array, free: Array) -> Array:
         """Return the configuration with drives at (nq,), the others at (p,) positions and every flexure at zero."""
-        return self._true.configuration(q, free)
+        return self.true.configuration(q, free)
 
     def flexed(self, rigid: Array, motion: Array) -> Array:
         """See `Mechanics`; the joints without a drive move, too."""
@@ -333,7 +335,7 @@ class Mechanism(Mechanics):
         for _ in range(MOST):
             configuration = self.flexed(rigid, motion)
             tree = load(configuration)
-            gaps, ways = self._true.gaps(case.q, configuration)
+            gaps, ways = self.true.gaps(case.q, configuration)
             torque = np.concatenate([tree + ways.T @ forces, -ties.rows.T @ forces])
             law = self.laws.motion(torque)
             left = np.concatenate(
@@ -421,7 +423,7 @@ class Mechanism(Mechanics):
 
     def _idle(self, case: LoadCase, rigid: Array, row: Row) -> Array:
         """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to."""
-        gaps, ways = self._true.gaps(case.q, rigid)
+        gaps, ways = self.true.gaps(case.q, rigid)
         yields, soft = self._ways_to_give(row)
         reached = np.concatenate([ways[:, self.flex.free_v], ways[:, self.given].dot(yields), soft], axis=1)
         sizes, left = np.linalg.eigh(reached.dot(reached.T))  # squares of the singular values, the least first
@@ -455,7 +457,7 @@ class Mechanism(Mechanics):
         """
         given, free, nv = self.given, self.flex.free_v, self.model.nv
         idle = self.idle(case, row) if idle is None else idle
-        _, ways = self._true.gaps(case.q, configuration)
+        _, ways = self.true.gaps(case.q, configuration)
         self.tied.sprung()
         bodily = self._bodily(motion)
         matrix, _, scale, turned = self._matrix(configuration, bodily, torque, ways, case, row, idle)
@@ -473,12 +475,12 @@ class Mechanism(Mechanics):
         by_law[np.ix_(moved, own)] = inverse[:, :t]
         closed = np.flatnonzero(self.flex.flexure_v >= nv)
         by_law[:, closed] = by_gap @ self.tied.rows[:, self.flex.flexure_v[closed] - nv]
-        return Linear(by_law, by_load, by_gap, ways, turned, bodily, self.tied.rows, self._true.lengths)
+        return Linear(by_law, by_load, by_gap, ways, turned, bodily, self.tied.rows, self.true.lengths)
 
     def tangent(self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row) -> Array:
         """Return what its loads make of the mechanism without them, see `Rest`; arguments as of `linear`."""
         idle = self.idle(case, row)
-        _, ways = self._true.gaps(case.q, configuration)
+        _, ways = self.true.gaps(case.q, configuration)
         self.tied.sprung()
         matrix, base, *_ = self._matrix(configuration, self._bodily(motion), torque, ways, case, row, idle)
         return np.array(np.linalg.solve(base, matrix), dtype=float)
@@ -490,7 +492,7 @@ class Mechanism(Mechanics):
 
     def lengths(self, configuration: Array) -> Array:
         """Return (n_cylinders,) lengths between the pins [m]."""
-        return self.tied.place(configuration)[0][self._true.lengths]
+        return self.tied.place(configuration)[0][self.true.lengths]
 
     def displacement(self, configuration: Array, q: Array) -> Array:
         """See `Mechanics`; the rigid mechanism is closed."""
@@ -511,7 +513,7 @@ class Mechanism(Mechanics):
         """See `Mechanics`; of a cylinder its tension along x."""
         assert torque is not None
         forces, slots = self._forces(configuration, (*case.wrenches, *self.pulls)), -torque[self.model.nv :]
-        self._true.gaps(case.q, configuration)
+        self.true.gaps(case.q, configuration)
         self.tied.sprung()
         self.tied.push(slots, forces)
         zero = np.zeros(self.model.nv)

@@ -147,10 +147,8 @@ def build_model(
     if payload is not None:
         model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
     closures, free = robot.linkage.closures, robot.linkage.free
-    joints, freed = (
-        [model.joints[model.getJointId(joint.name)] for joint in robot.jointed if (joint.name in free) is wanted]
-        for wanted in (False, True)
-    )
+    driven = (joint.name for joint in robot.jointed if joint.name not in free)
+    joints, freed = ([model.joints[model.getJointId(name)] for name in names] for names in (driven, free))
     starts = [
         model.nv + 6 * closures.index(site.joint)
         if site.joint in closures

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from armflex.mechanics.deflection import deflect
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.loop_rows import LoopSolver
 from armflex.mechanics.many_rows import COMPILED, ROUNDS, SETTLED, RowSolver, kernel, turned
 from armflex.mechanics.pinocchio_model import LoadCase, build_model
 from armflex.rows.wrench import Wrench, check_rows
@@ -49,9 +52,11 @@ class Prepared:
         check_rows(wrenches, None)
         loaded.flags_under(wrenches, moves=False)  # raises where a link is not the arm's
         self._loaded, self._method, self._enforced, self._wrenches = loaded, method, enforce_limits, tuple(wrenches)
-        joints, flexures = len(loaded.arm.joint_names), len(loaded.flexure_joints)
+        joints, flexures = len(loaded.arm.joint_names), len(loaded.arm.sites)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
-        self._compiled = method in COMPILED and loaded.arm.chain
+        self._known: Mapping[str, Any] = {}
+        loops = bool(loaded.arm.robot.linkage) and method == "exact"
+        self._compiled = loops or (method in COMPILED and loaded.arm.chain)
         self._free = [self._workspace()] if self._compiled else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
@@ -77,11 +82,13 @@ class Prepared:
             finally:
                 free.append(quick)
             if found is not None:
-                self._answer = found
+                self._answer, self._known = found, covariates
                 return found[2]
         return self._ask(q, covariates)
 
     def _workspace(self) -> Quick:
+        if self._loaded.arm.robot.linkage:
+            return _quick_loops(self._loaded, self._wrenches)
         return _quick(self._loaded, self._method == "exact", self._wrenches)
 
     @property
@@ -92,6 +99,9 @@ class Prepared:
     @property
     def wrenches(self) -> Array:
         """(n_flexures, 6) loads on the flexures at the last answer, local axes [N, Nm]."""
+        if self._loaded.arm.robot.linkage:
+            case = LoadCase(self._answer[0], wrenches=self._wrenches, covariates=self._known)
+            return deflect(self._loaded, case, (), self._method).wrenches
         mechanics, flexed = self._loaded.mechanics, self._method != "first_order"
         motion = np.zeros(mechanics.model.nv)
         motion[mechanics.flex.flexure_v] = flexed * self._answer[1].ravel()
@@ -111,7 +121,7 @@ class Prepared:
         case = LoadCase(checked, wrenches=self._wrenches, covariates=known)
         found = deflect(self._loaded, case, flags, self._method)
         displacement = found.displacement.copy()
-        self._answer = (checked, found.twists.copy(), displacement)
+        self._answer, self._known = (checked, found.twists.copy(), displacement), known
         return displacement
 
 
@@ -194,6 +204,26 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
     solve(numbers, counts, exact, middle, empty(size), empty(6))  # compiled now, not in the loop
     quick = plainly if proven and not stack.rows_differ and settled else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
+
+
+def _quick_loops(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
+    """Return the question to the compiled engine of arms with loops; each has a workspace of its own."""
+    loaded = replace(loaded, _local=threading.local())
+    solver, (lower, upper), shape = (
+        LoopSolver(loaded, wrenches),
+        np.array(loaded.arm.bounds),
+        (len(loaded.arm.joint_names),),
+    )
+
+    def quick(q: Array, covariates: dict[str, float]) -> Answer | None:
+        if q.shape != shape or q.dtype != FLOAT or not (q >= lower).all() or not (q <= upper).all():
+            return None
+        known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
+        here = q.copy()
+        found = solver.rest(here[None], loaded.row(here[None], known))
+        return (here, found.twists[0], found.displacement[0]) if found.fine[0] else None
+
+    return quick
 
 
 def _from_nominal(loaded: LoadedArm, quick: Quick) -> Quick:

@@ -60,7 +60,7 @@ class Pin:
     def __init__(self, loop: Loop, ends: tuple[Carried, Carried]) -> None:
         self.name, self.ends, self.axis, self.fixed = loop.name, ends, loop.axis, loop.kind == "fixed"
         first, second = ends
-        self._first, self._second, self._skew = first.axes, second.axes @ loop.turn_to, skew(loop.axis)
+        self.turns, self._skew = (first.axes, second.axes @ loop.turn_to), skew(loop.axis)
         across = np.linalg.svd(loop.axis[None])[2][1:]
         along = across if loop.kind == "cylindrical" else np.eye(3)
         about = {"spherical": np.zeros((0, 3)), "fixed": np.eye(3)}.get(loop.kind, across)
@@ -70,8 +70,8 @@ class Pin:
     def place(self) -> tuple[Array, Array]:
         """Return (6,) gaps [m, rad] and (6, 6) how they change with the motion of the second end against the first."""
         first, second = self.ends
-        self._here, axes = second.here, first.turn @ self._first
-        self._axes, turned = axes, axes.T @ (second.turn @ self._second)
+        self._here, axes = second.here, first.turn @ self.turns[0]
+        self._axes, turned = axes, axes.T @ (second.turn @ self.turns[1])
         gap, way, back = np.empty(6), np.zeros((6, 6)), axes.T
         gap[:3] = back.dot(self._here - first.here)
         if self.fixed:
@@ -137,6 +137,8 @@ class Ties:
         names: Of the closures: loops, cylinders, followers.
         rows: (m, 6 K) what is closed of the closures' slots, orthonormal.
         springs: The springs, in order.
+        loops, cylinders, sprung_rods: Where they are.
+        gears: Places of a follower and its master in a configuration, factor, offset.
     """
 
     def __init__(
@@ -157,14 +159,13 @@ class Ties:
 
         self.loops = [Pin(loop, ends(loop)) for loop in linkage.loops]
         self.cylinders = [Rod(f"cylinder {one.name!r}", ends(one)) for one in linkage.cylinders]
-        self._springs = [Rod(f"spring {one.name!r}", ends(one)) for one in self.springs]
-        self._geared, self._offsets = np.zeros((len(linkage.followers), model.nv)), []
-        self._gears: list[tuple[int, int, float]] = []
+        self.sprung_rods = [Rod(f"spring {one.name!r}", ends(one)) for one in self.springs]
+        self._geared = np.zeros((len(linkage.followers), model.nv))
+        self.gears: list[tuple[int, int, float, float]] = []
         for row, (name, (master, factor, offset)) in zip(self._geared, linkage.followers.items(), strict=True):
             own, other = (model.joints[model.getJointId(one)] for one in (name, master))
             row[own.idx_v], row[other.idx_v] = 1.0, -factor
-            self._gears.append((own.idx_q, other.idx_q, factor))
-            self._offsets.append(offset)
+            self.gears.append((own.idx_q, other.idx_q, factor, offset))
         self.rows = np.zeros(
             (sum(len(one.rows) for one in self.loops) + len(self.names) - len(self.loops), 6 * len(self.names))
         )
@@ -179,7 +180,7 @@ class Ties:
         owner = [joint.id for joint in list(model.joints)[1:] for _ in range(joint.nv)]
         # Which velocities carry the column of which: those of a joint carry each other.
         self._before = np.array([[b in list(carriers[a]) for b in owner] for a in owner], dtype=float)
-        rods = (*self.loops, *self.cylinders, *self._springs)
+        rods = (*self.loops, *self.cylinders, *self.sprung_rods)
         self._signs = [one.ends[1].moved - one.ends[0].moved for one in rods]
 
     def place(self, configuration: Array) -> tuple[Array, Array]:
@@ -198,7 +199,7 @@ class Ties:
             gaps[count], way = one.place()
             ways[count] = way @ (jacobian * sign)
             count += 1
-        for (own, master, factor), offset, row in zip(self._gears, self._offsets, self._geared, strict=True):
+        for (own, master, factor, offset), row in zip(self.gears, self._geared, strict=True):
             gaps[count] = configuration[own] - factor * configuration[master] - offset
             ways[count] = row
             count += 1
@@ -211,7 +212,7 @@ class Ties:
         """
         states, torque, jacobian = np.empty((len(self.springs), 2)), np.zeros(self.model.nv), self.data.J
         signs = self._signs[len(self.loops) + len(self.cylinders) :]
-        for state, spring, rod, sign in zip(states, self.springs, self._springs, signs, strict=True):
+        for state, spring, rod, sign in zip(states, self.springs, self.sprung_rods, signs, strict=True):
             length, way = rod.place()
             state[:] = length, spring.law.tension(length)
             torque += sign * (state[1] * (way @ jacobian))
@@ -225,7 +226,7 @@ class Ties:
         jacobian, total = self.data.J, np.zeros((self.model.nv, self.model.nv))
         parts = [(one, one.shift(forces[6 * k : 6 * k + 6])) for k, one in enumerate(self.loops)]
         parts += [(one, one.shift(forces[6 * k])) for k, one in enumerate(self.cylinders, len(self.loops))]
-        for spring, rod in zip(self.springs, self._springs, strict=True):
+        for spring, rod in zip(self.springs, self.sprung_rods, strict=True):
             parts.append((rod, rod.shift(spring.law.tension(rod.length), spring.law.rate(rod.length))))
         for (one, shift), sign in zip(parts, self._signs, strict=True):
             force, moment = skew(shift.wrench[:3]), skew(shift.wrench[3:])
@@ -263,7 +264,7 @@ class Ties:
         """Add what (6 K,) forces in closures, and springs, do to forces on Pinocchio's joints, in their axes."""
         pulls = [(one, one.shift(forces[6 * k : 6 * k + 6]).wrench) for k, one in enumerate(self.loops)]
         pulls += [(one, one.shift(forces[6 * k]).wrench) for k, one in enumerate(self.cylinders, len(self.loops))]
-        for spring, rod in zip(self.springs, self._springs, strict=True):
+        for spring, rod in zip(self.springs, self.sprung_rods, strict=True):
             pulls.append((rod, rod.shift(spring.law.tension(rod.length)).wrench))
         for one, wrench in pulls:
             for end, side in zip(one.ends, (1.0, -1.0), strict=True):

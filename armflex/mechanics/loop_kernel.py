@@ -1,0 +1,1015 @@
+"""The compiled engine of arms with loops: where they close and rest, row after row, and a proof that they stay.
+
+It is `Mechanism` in numbers. Everything is written in the base's axes about its origin: a joint or a flexure moves all
+that it carries by spatial twists, a closure gaps by `W (V2 - V1)` of the twists of its ends, and its forces f put the
+wrench W'f on its first end and minus that on the second. With t, p and f as there, C the laws' tangent, A = W J and
+loads h on the flexures, every round solves the mechanism without the geometric stiffness of what loads it,
+
+    | -(A_t C A_t' + D)   A_p | | df |     | gap + A_t (law(h) - t) |
+    |       A_p'           0  | | dp | = - |    torque about p      |,      t = law(h) - C A_t' df,
+
+a matrix of closures and passive joints alone, and of the place where the loops are closed. What is left shrinks by the
+share of that stiffness with each round. What does not is left to `Mechanism`, as is all that needs to be said.
+
+**It stays** where the Hessian of its energy is positive along the motions that its loops allow. With y the coordinates
+of laws R y, R R' = C, the loads add `Z' G Z` to the unit matrix, Z the motions per y, projected by the matrix above.
+With F the load on all that element k carries, V its twists, s those of its own freedom,
+
+    Z' G Z = - sum_k (V x s) . F - sum_bodies V . dw + sum_ties (V2 - V1) . dh
+
+w what acts on a body and h the wrench of a tie as they move with them. Its norm below 1 is a proof.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.mechanics.certificate import SHARE
+from armflex.mechanics.chain import FLEXURE, RIGID, SLIDES, TURNS
+from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
+from armflex.mechanics.kernel import _action, _compose, _exponential, called
+from armflex.mechanics.laws import LawStack
+from armflex.mechanics.mechanism import ALIGNED, ASSEMBLED, CLOSED, LONGEST, MOST, ROUNDED
+from armflex.mechanics.spring import SHORTEST
+from armflex.storage import kept_code
+from armflex.storage.kept_code import kept
+
+AXIS, FIXED, ROD, GEAR, COIL, GAS = range(6)
+"""Kinds of ties: pins with an axis, pins that are fixed, cylinders, followers, and springs by their law."""
+
+NEAR_SINGULAR = 1e-8
+"""Squared share of the closures' singular values below which `Mechanism` looks at them."""
+
+
+class Tree(NamedTuple):
+    """Numbers of a mechanism with its payload: T ties, first m rows of closures and then springs.
+
+    Attributes:
+        elements, kinds: As of `Chain`, passive joints numbered after the drives, cylinders among them.
+        parents: (k,) the element before each, which has a lower number.
+        carried: (T, k) 1 where an element moves the second end alone, -1 the first alone.
+        ties: (T, 32) points on both ends (6), axis (3), turns of both ends' axes (18), and at 27: offset of a length;
+            factor and offset of a gear; stiffness, length and preload; thrust, length and exponent of gas.
+        joins: (T, 6) kind, elements of both ends (of a gear the joints), rows from and to, number of the length in q.
+        rows: (m, 6) what each row closes of its closure's slots.
+        flexures: (n,) element of each, or minus 1 and minus the number of its closure.
+    """
+
+    elements: Array
+    kinds: np.ndarray
+    parents: np.ndarray
+    carried: Array
+    ties: Array
+    joins: np.ndarray
+    rows: Array
+    flexures: np.ndarray
+
+
+class Here(NamedTuple):
+    """Where a mechanism is, and what it is worked out with.
+
+    turn, origin, axes: of every element, and the spatial twist per motion of its joint. own: of a flexure's twists.
+    gaps, ways: (m) and (T, 6, 6) of the closures, of springs the first row. by_free, by_flex: (m, p), (m, n, 6) change
+    of the gaps. loads: (k, 6) on all that an element carries. law, twists, load: (n, 6). torque: (k,).
+    """
+
+    turn: Array
+    origin: Array
+    axes: Array
+    own: Array
+    gaps: Array
+    ways: Array
+    by_free: Array
+    by_flex: Array
+    loads: Array
+    law: Array
+    twists: Array
+    load: Array
+    torque: Array
+    states: Array
+    forces: Array
+    matrix: Array
+    order: np.ndarray
+    right: Array
+    roots: Array
+    ranks: np.ndarray
+
+
+@called
+def _memory(tree, free):
+    k, n, m, t = len(tree.parents), len(tree.flexures), len(tree.rows), len(tree.joins)
+    return Here(
+        np.empty((k, 3, 3)),
+        np.empty((k, 3)),
+        np.zeros((k, 6)),
+        np.empty((n, 6, 6)),
+        np.empty(m),
+        np.zeros((t, 6, 6)),
+        np.zeros((m, free)),
+        np.zeros((m, n, 6)),
+        np.empty((k, 6)),
+        np.zeros((n, 6)),
+        np.zeros((n, 6)),
+        np.zeros((n, 6)),
+        np.zeros(k),
+        np.zeros((t, 4)),
+        np.zeros(m),
+        np.empty((m + free, m + free)),
+        np.empty(m + free, dtype=np.int64),
+        np.empty(m + free),
+        np.zeros((n, 6, 6)),
+        np.zeros(n, dtype=np.int64),
+    )
+
+
+@called
+def _place(tree, q, free, flexed, here):
+    """Fill `turn`, `origin`, `axes` and `own`; flexures are at rest unless it is `flexed`."""
+    elements, kinds, turn, origin = tree.elements, tree.kinds, here.turn, here.origin
+    frame, moved, before, at, driven = np.empty(12), np.zeros(6), np.empty((3, 3)), np.empty(3), len(q)
+    for i in range(3):
+        origin[0, i] = 0.0
+        for j in range(3):
+            turn[0, i, j] = 1.0 if i == j else 0.0
+    for k in range(1, len(tree.parents)):
+        kind, own, back = kinds[0, k] & 3, kinds[1, k], tree.parents[k]
+        moves = kind in (TURNS, SLIDES)
+        if not moves and not (kind == FLEXURE and flexed):
+            _compose(turn[back], origin[back], elements[k], turn[k], origin[k])
+        else:
+            _compose(turn[back], origin[back], elements[k], before, at)
+            if kind == FLEXURE:
+                _exponential(here.twists[own], frame)
+            else:
+                value = q[own] if own < driven else free[own - driven]
+                for i in range(3):
+                    along = value * elements[k, 12 + i]
+                    moved[i], moved[3 + i] = (along, 0.0) if kind == SLIDES else (0.0, along)
+                _exponential(moved, frame)
+            _compose(before, at, frame, turn[k], origin[k])
+        if moves:
+            axis, o, spatial = elements[k], origin[k], here.axes[k]
+            x = turn[k, 0, 0] * axis[12] + turn[k, 0, 1] * axis[13] + turn[k, 0, 2] * axis[14]
+            y = turn[k, 1, 0] * axis[12] + turn[k, 1, 1] * axis[13] + turn[k, 1, 2] * axis[14]
+            z = turn[k, 2, 0] * axis[12] + turn[k, 2, 1] * axis[13] + turn[k, 2, 2] * axis[14]
+            if kind == TURNS:
+                spatial[0], spatial[1], spatial[2] = o[1] * z - o[2] * y, o[2] * x - o[0] * z, o[0] * y - o[1] * x
+                spatial[3], spatial[4], spatial[5] = x, y, z
+            else:
+                spatial[0], spatial[1], spatial[2] = x, y, z
+        elif kind == FLEXURE:
+            _action(turn[k], origin[k], here.own[own])
+
+
+@called
+def _point(here, k, point, found):
+    for i in range(3):
+        found[i] = here.origin[k, i]
+        for j in range(3):
+            found[i] += here.turn[k, i, j] * point[j]
+
+
+@called
+def _cross(a, b, found):
+    found[0] = a[1] * b[2] - a[2] * b[1]
+    found[1] = a[2] * b[0] - a[0] * b[2]
+    found[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@called
+def _join(tree, q, free, here):
+    """Fill `gaps`, `ways`, and the lengths and directions of rods; return whether all of these have one."""
+    one, two, gap, way, slots = np.empty(3), np.empty(3), np.empty(6), np.empty((6, 6)), np.empty((6, 6))
+    for t in range(len(tree.joins)):
+        kind, e1, e2, start, end, number = tree.joins[t]
+        tie = tree.ties[t]
+        if kind == GEAR:
+            own, master = _position(tree, q, free, e1), _position(tree, q, free, e2)
+            here.gaps[start] = own - tie[27] * master - tie[28]
+            continue
+        _point(here, e1, tie[:3], one)
+        _point(here, e2, tie[3:6], two)
+        if kind >= ROD:
+            state = here.states[t]
+            state[0] = math.sqrt((two[0] - one[0]) ** 2 + (two[1] - one[1]) ** 2 + (two[2] - one[2]) ** 2)
+            if not state[0] > SHORTEST:
+                return False
+            for i in range(3):
+                state[1 + i] = here.ways[t, 0, i] = (two[i] - one[i]) / state[0]
+            _cross(two, state[1:], here.ways[t, 0, 3:])
+            if kind == ROD:
+                here.gaps[start] = state[0] - q[number] - tie[27]
+            continue
+        _pin(tree, here, t, one, two, gap, way, slots)
+        for r in range(start, end):
+            here.gaps[r] = 0.0
+            for a in range(6):
+                here.gaps[r] += tree.rows[r, a] * gap[a]
+                value = 0.0
+                for b in range(6):
+                    value += tree.rows[r, b] * way[b, a]
+                here.ways[t, r - start, a] = value
+    return True
+
+
+@called
+def _position(tree, q, free, k):
+    own = tree.kinds[1, k]
+    return q[own] if own < len(q) else free[own - len(q)]
+
+
+@called
+def _pin(tree, here, t, one, two, gap, way, turning):
+    """Fill the six gaps of a pin and their change by the motion of its second end; see `ties.Pin`.
+
+    `turning` has the axes in its rows, then the change of the angles by a turn in those axes.
+    """
+    tie, first, second = tree.ties[t], here.turn[tree.joins[t, 1]], here.turn[tree.joins[t, 2]]
+    axes, other, turned = turning[:3, :3], np.empty((3, 3)), np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            axes[j, i] = first[i, 0] * tie[9 + j] + first[i, 1] * tie[12 + j] + first[i, 2] * tie[15 + j]
+            other[i, j] = second[i, 0] * tie[18 + j] + second[i, 1] * tie[21 + j] + second[i, 2] * tie[24 + j]
+    for i in range(3):
+        gap[i] = 0.0
+        for j in range(3):
+            gap[i] += axes[i, j] * (two[j] - one[j])
+            turned[i, j] = axes[i, 0] * other[0, j] + axes[i, 1] * other[1, j] + axes[i, 2] * other[2, j]
+    change = turning[3:, 3:]
+    if tree.joins[t, 0] == FIXED:
+        _logarithm(turned, gap[3:])
+        x, y, z = gap[3], gap[4], gap[5]
+        s = x * x + y * y + z * z
+        c = 1 / 12 + s * (1 / 720 + s / 30240)
+        if s > 1e-2:
+            angle = math.sqrt(s)
+            c = (1.0 - 0.5 * angle * math.sin(angle) / (1.0 - math.cos(angle))) / s
+        change[0, 0], change[0, 1], change[0, 2] = 1.0 + c * (x * x - s), c * x * y + 0.5 * z, c * x * z - 0.5 * y
+        change[1, 0], change[1, 1], change[1, 2] = c * x * y - 0.5 * z, 1.0 + c * (y * y - s), c * y * z + 0.5 * x
+        change[2, 0], change[2, 1], change[2, 2] = c * x * z + 0.5 * y, c * y * z - 0.5 * x, 1.0 + c * (z * z - s)
+    else:
+        axis, there = tie[6:9], np.empty(3)
+        for i in range(3):
+            there[i] = turned[i, 0] * axis[0] + turned[i, 1] * axis[1] + turned[i, 2] * axis[2]
+        _cross(axis, there, gap[3:])
+        along = axis[0] * there[0] + axis[1] * there[1] + axis[2] * there[2]
+        for i in range(3):
+            for j in range(3):
+                change[i, j] = (along if i == j else 0.0) - there[i] * axis[j]
+    for i in range(3):
+        for j in range(3):
+            way[i, j], way[3 + i, j] = axes[i, j], 0.0
+            way[3 + i, 3 + j] = change[i, 0] * axes[0, j] + change[i, 1] * axes[1, j] + change[i, 2] * axes[2, j]
+        _cross(two, axes[i], way[i, 3:])
+
+
+@called
+def _logarithm(turn, found):
+    """Fill the rotation vector of a rotation by less than a half turn."""
+    x, y, z = 0.5 * (turn[2, 1] - turn[1, 2]), 0.5 * (turn[0, 2] - turn[2, 0]), 0.5 * (turn[1, 0] - turn[0, 1])
+    sine = math.sqrt(x * x + y * y + z * z)
+    factor = 1.0
+    if sine > 1e-8:
+        factor = math.atan2(sine, 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0)) / sine
+    found[0], found[1], found[2] = factor * x, factor * y, factor * z
+
+
+@called
+def _reach(tree, q, here, flexed):
+    """Fill `by_free`, and where it is `flexed` `by_flex`."""
+    kinds, driven = tree.kinds, len(q)
+    for t in range(len(tree.joins)):
+        kind, e1, e2, start, end, _ = tree.joins[t]
+        for r in range(start, end):
+            if kind == GEAR:
+                own, master = kinds[1, e1] - driven, kinds[1, e2] - driven
+                here.by_free[r, own] = 1.0
+                if master >= 0:
+                    here.by_free[r, master] = -tree.ties[t, 27]
+                continue
+            way = here.ways[t, r - start]
+            for k in range(1, len(tree.parents)):
+                sign, kind_of, own = tree.carried[t, k], kinds[0, k] & 3, kinds[1, k]
+                if sign == 0.0:
+                    continue
+                if kind_of == FLEXURE and flexed:
+                    for a in range(6):
+                        value = 0.0
+                        for b in range(6):
+                            value += way[b] * here.own[own, b, a]
+                        here.by_flex[r, own, a] = sign * value
+                elif kind_of != FLEXURE and own >= driven:
+                    value = 0.0
+                    for b in range(6):
+                        value += way[b] * here.axes[k, b]
+                    here.by_free[r, own - driven] = sign * value
+
+
+@called
+def _close(tree, q, free, here):
+    """Move (p,) passive joints to where the loops close; return whether `Mechanism` would say the same."""
+    m, p = here.by_free.shape
+    normal, step, before = here.matrix, here.right, 2.0 * LONGEST
+    for _ in range(MOST):
+        _place(tree, q, free, False, here)
+        if not _join(tree, q, free, here):
+            return False
+        _reach(tree, q, here, False)
+        for a in range(p):
+            step[a] = 0.0
+            for r in range(m):
+                step[a] += here.by_free[r, a] * here.gaps[r]
+            for b in range(a + 1):
+                normal[a, b] = 0.0
+                for r in range(m):
+                    normal[a, b] += here.by_free[r, a] * here.by_free[r, b]
+        total = 0.0
+        for a in range(p):
+            total += normal[a, a]
+        if not _factored(normal, p):
+            return False
+        _solved_by(normal, p, step)
+        size = 0.0
+        for a in range(p):
+            size = max(size, abs(step[a]))
+        if not size < np.inf:
+            return False
+        shrinks = size <= 0.5 * before
+        ends = size <= CLOSED or (size <= ROUNDED and not shrinks)
+        if not (ends or shrinks):
+            return False
+        for a in range(p):
+            free[a] -= step[a] * (1.0 if ends else min(1.0, LONGEST / size))
+        before = size
+        if ends:
+            largest = 0.0
+            for r in range(m):
+                largest = max(largest, abs(here.gaps[r]))
+            return largest <= ASSEMBLED and _least(normal, p) > NEAR_SINGULAR * total
+    return False
+
+
+@called
+def _factored(matrix, n):
+    """Put the Cholesky factor of a positive matrix into its lower triangle; return whether it is one."""
+    for a in range(n):
+        for b in range(a + 1):
+            value = matrix[a, b]
+            for c in range(b):
+                value -= matrix[a, c] * matrix[b, c]
+            if a == b:
+                if not value > 0.0:
+                    return False
+                matrix[a, a] = math.sqrt(value)
+            else:
+                matrix[a, b] = value / matrix[b, b]
+    return True
+
+
+@called
+def _solved_by(factor, n, right):
+    for a in range(n):
+        for b in range(a):
+            right[a] -= factor[a, b] * right[b]
+        right[a] /= factor[a, a]
+    for a in range(n - 1, -1, -1):
+        for b in range(a + 1, n):
+            right[a] -= factor[b, a] * right[b]
+        right[a] /= factor[a, a]
+
+
+@called
+def _least(factor, n):
+    """Return a bound below the least eigenvalue of a matrix with a Cholesky factor: one over its inverse's trace."""
+    trace, column = 0.0, np.empty(n)
+    for c in range(n):
+        for a in range(c, n):
+            value = 1.0 if a == c else 0.0
+            for b in range(c, a):
+                value -= factor[a, b] * column[b]
+            column[a] = value / factor[a, a]
+            trace += column[a] ** 2
+    return 1.0 / max(trace, 1e-300)
+
+
+@called
+def _idle(here, compliance, idle):
+    """Fill the (m, m) projector on what nothing answers to, unless that of the row before holds; see `Mechanism`.
+
+    Returns whether the gaps are closed there.
+    """
+    m, p = here.by_free.shape
+    reached, column, total = np.zeros((m, m)), np.empty(m), 0.0
+    worst = 0.0
+    for j in range(p + 6 * len(here.ranks)):
+        i, c = divmod(j - p, 6)
+        if j >= p and c >= here.ranks[i]:
+            continue
+        for r in range(m):
+            if j < p:
+                column[r] = here.by_free[r, j]
+            else:
+                value = 0.0
+                for a in range(6):
+                    value += here.by_flex[r, i, a] * here.roots[i, a, c]
+                column[r] = value
+        size = 0.0
+        for a in range(6 if j >= p else 0):
+            size += here.roots[i, a, c] ** 2
+        scale = 1.0 / math.sqrt(size) if j >= p else 1.0
+        for r in range(m):
+            column[r] *= scale
+        for r in range(m):
+            left = 0.0
+            for s in range(m):
+                left += idle[r, s] * column[s]
+            worst = max(worst, abs(left))
+            for s in range(r + 1):
+                reached[r, s] += column[r] * column[s]
+                reached[s, r] = reached[r, s]
+    for r in range(m):
+        total += reached[r, r]
+    trial = reached + total * idle
+    if not (_factored(trial, m) and _least(trial, m) > 10.0 * ALIGNED**2 * total and worst <= 1e-13 * math.sqrt(total)):
+        sizes, left = np.linalg.eigh(reached)
+        idle[:] = 0.0
+        for c in range(m):
+            if sizes[c] <= ALIGNED**2 * sizes[m - 1]:
+                for r in range(m):
+                    for s in range(m):
+                        idle[r, s] += left[r, c] * left[s, c]
+    for r in range(m):
+        left = 0.0
+        for s in range(m):
+            left += idle[r, s] * here.gaps[s]
+        if not abs(left) <= ALIGNED:
+            return False
+    return True
+
+
+@called
+def _root(compliance, roots, ranks):
+    """Fill (n, 6, 6) matrices R with R R' = C in their first columns, by pivoted Cholesky, and how many there are."""
+    left, largest = np.empty((6, 6)), 0.0
+    for i in range(len(compliance)):
+        for a in range(6):
+            largest = max(largest, compliance[i, a, a])
+    for i in range(len(compliance)):
+        left[:] = compliance[i]
+        ranks[i] = 0
+        roots[i] = 0.0
+        for c in range(6):
+            best = 0
+            for a in range(6):
+                best = a if left[a, a] > left[best, best] else best
+            if not left[best, best] > 1e-14 * largest:
+                break
+            size = math.sqrt(left[best, best])
+            for a in range(6):
+                roots[i, a, c] = left[a, best] / size
+            for a in range(6):
+                for b in range(6):
+                    left[a, b] -= roots[i, a, c] * roots[i, b, c]
+            ranks[i] = c + 1
+    return largest
+
+
+@called
+def _factor(matrix, order):
+    """Factor a square matrix in place with row pivots; return whether it is regular."""
+    n = len(order)
+    for c in range(n):
+        best = c
+        for a in range(c + 1, n):
+            if abs(matrix[a, c]) > abs(matrix[best, c]):
+                best = a
+        order[c] = best
+        if not abs(matrix[best, c]) > 0.0:
+            return False
+        if best != c:
+            for b in range(n):
+                matrix[c, b], matrix[best, b] = matrix[best, b], matrix[c, b]
+        for a in range(c + 1, n):
+            if matrix[a, c] != 0.0:
+                matrix[a, c] /= matrix[c, c]
+                for b in range(c + 1, n):
+                    matrix[a, b] -= matrix[a, c] * matrix[c, b]
+    return True
+
+
+@called
+def _solve(matrix, order, right):
+    n = len(order)
+    for a in range(n):
+        best = order[a]
+        right[a], right[best] = right[best], right[a]
+    for a in range(n):
+        for b in range(a):
+            right[a] -= matrix[a, b] * right[b]
+    for a in range(n - 1, -1, -1):
+        for b in range(a + 1, n):
+            right[a] -= matrix[a, b] * right[b]
+        right[a] /= matrix[a, a]
+
+
+@called
+def _assemble(tree, here, compliance, idle, scale):
+    """Fill and factor `matrix`, rows of torques and forces times `scale`; return whether it is regular."""
+    m, p = here.by_free.shape
+    matrix, given = here.matrix, np.empty(6)
+    for r in range(m):
+        for s in range(m):
+            matrix[r, s] = -idle[r, s] / scale
+        for a in range(p):
+            matrix[r, m + a] = matrix[m + a, r] = here.by_free[r, a]
+    for a in range(p):
+        for b in range(p):
+            matrix[m + a, m + b] = 0.0
+    for i in range(len(compliance)):
+        for r in range(m):
+            own = here.by_flex[r, i]
+            for a in range(6):
+                given[a] = 0.0
+                for b in range(6):
+                    given[a] += compliance[i, a, b] * own[b]
+            for s in range(r + 1):
+                other, value = here.by_flex[s, i], 0.0
+                for a in range(6):
+                    value += given[a] * other[a]
+                matrix[r, s] -= value / scale
+                if s < r:
+                    matrix[s, r] = matrix[r, s]
+    return _factor(matrix, here.order)
+
+
+@called
+def _weigh(tree, here, links, wrenches):
+    """From where it is and `forces`, fill `loads`, `load` and `torque`."""
+    elements, loads, count, forces = tree.elements, here.loads, len(tree.parents), here.forces
+    gx, gy, gz = elements[count, 12], elements[count, 13], elements[count, 14]
+    point, push, wrench = np.empty(3), np.empty(6), np.empty(6)
+    for k in range(count):
+        mass, load = elements[k, 15], loads[k]
+        _point(here, k, elements[k, 16:19], point)
+        load[0], load[1], load[2] = mass * gx, mass * gy, mass * gz
+        load[3] = point[1] * load[2] - point[2] * load[1]
+        load[4] = point[2] * load[0] - point[0] * load[2]
+        load[5] = point[0] * load[1] - point[1] * load[0]
+        here.torque[k] = 0.0
+    for j in range(len(links)):
+        k = links[j, 0]
+        _pushed(here, links, wrenches, j, point, push)
+        _cross(point, push[:3], wrench[3:])
+        for i in range(3):
+            loads[k, i] += push[i]
+            loads[k, 3 + i] += push[3 + i] + wrench[3 + i]
+    for t in range(len(tree.joins)):
+        kind, e1, e2, start, end, _ = tree.joins[t]
+        if kind == GEAR:
+            here.torque[e1] += forces[start]
+            here.torque[e2] -= tree.ties[t, 27] * forces[start]
+            continue
+        tension = _tension(tree.ties[t], kind, here.states[t, 0])
+        for a in range(6):
+            wrench[a] = tension * here.ways[t, 0, a] if kind >= COIL else 0.0
+            for r in range(start, end):
+                wrench[a] += forces[r] * here.ways[t, r - start, a]
+            loads[e1, a] += wrench[a]
+            loads[e2, a] -= wrench[a]
+    for k in range(count - 1, 0, -1):
+        kind = tree.kinds[0, k] & 3
+        for a in range(6):
+            loads[tree.parents[k], a] += loads[k, a]
+            here.torque[k] -= here.axes[k, a] * loads[k, a]
+        if kind == FLEXURE:
+            own, load = here.own[tree.kinds[1, k]], here.load[tree.kinds[1, k]]
+            for a in range(6):
+                load[a] = 0.0
+                for b in range(6):
+                    load[a] += own[b, a] * loads[k, b]
+    for i in range(len(tree.flexures)):
+        if tree.flexures[i] < 0:
+            t = -1 - tree.flexures[i]
+            for a in range(6):
+                here.load[i, a] = 0.0
+                for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+                    here.load[i, a] += forces[r] * tree.rows[r, a]
+
+
+@called
+def _pushed(here, links, wrenches, j, point, push):
+    """Fill where a wrench acts and the (6,) wrench there, base axes."""
+    k, wrench = links[j, 0], wrenches[j]
+    _point(here, k, wrench[:3], point)
+    for i in range(3):
+        push[i], push[3 + i] = wrench[3 + i], wrench[6 + i]
+    if links[j, 2]:
+        for i in range(3):
+            push[i] = push[3 + i] = 0.0
+            for a in range(3):
+                push[i] += here.turn[k, i, a] * wrench[3 + a]
+                push[3 + i] += here.turn[k, i, a] * wrench[6 + a]
+
+
+@called
+def _tension(tie, kind, length):
+    if kind == COIL:
+        return tie[29] + tie[27] * (length - tie[28])
+    return -tie[27] * (tie[28] / length) ** tie[29] if kind == GAS else 0.0
+
+
+@called
+def _deform(compliance, offset, load, law):
+    for i in range(len(law)):
+        for a in range(6):
+            value = offset[i, a]
+            for b in range(6):
+                value += compliance[i, a, b] * load[i, b]
+            law[i, a] = value
+
+
+@called
+def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
+    """From where the loops are closed, move to rest; return whether `Mechanism` would say the same."""
+    m, p = here.by_free.shape
+    law, twists, right = here.law, here.twists, here.right
+    largest = max(_root(compliance, here.roots, here.ranks), 1e-9)
+    here.forces[:] = 0.0
+    twists[:] = 0.0
+    before = np.inf
+    for count in range(STEPS):
+        _place(tree, q, free, True, here)
+        if not _join(tree, q, free, here):
+            return False
+        if count < 2:  # then they are known well enough
+            _reach(tree, q, here, True)
+            for i in range(len(tree.flexures)):
+                if tree.flexures[i] < 0:
+                    t = -1 - tree.flexures[i]
+                    for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+                        for a in range(6):
+                            here.by_flex[r, i, a] = -tree.rows[r, a]
+            if count == 0 and not _idle(here, compliance, idle):
+                return False
+            if not _assemble(tree, here, compliance, idle, largest):
+                return False
+        _weigh(tree, here, links, wrenches)
+        _deform(compliance, offset, here.load, law)
+        for r in range(m):
+            value = 0.0
+            for i in range(len(law)):
+                closes = tree.flexures[i] < 0
+                for a in range(6):
+                    value += here.by_flex[r, i, a] * (law[i, a] if closes else law[i, a] - twists[i, a])
+            right[r] = -here.gaps[r] - value
+            for s in range(m):
+                right[r] += idle[r, s] * here.forces[s]
+        for k in range(1, len(tree.parents)):
+            kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k] - len(q)
+            if kind in (TURNS, SLIDES) and own >= 0:
+                right[m + own] = -largest * here.torque[k]
+        _solve(here.matrix, here.order, right)
+        size = square = 0.0
+        for r in range(m):
+            right[r] /= largest
+            here.forces[r] += right[r]
+        for a in range(p):
+            free[a] += right[m + a]
+            size += right[m + a] ** 2
+        for i in range(len(law)):
+            for a in range(6):
+                value = 0.0
+                for r in range(m):
+                    value += here.by_flex[r, i, a] * right[r]
+                here.load[i, a] = -value
+            for a in range(6):
+                value = law[i, a]
+                for b in range(6):
+                    value += compliance[i, a, b] * here.load[i, b]
+                if tree.flexures[i] >= 0:
+                    size += (value - twists[i, a]) ** 2
+                    square += value**2
+                twists[i, a] = value
+        if not size < np.inf or (count > 1 and not size < SLOWEST * before and size > CONVERGED):
+            return False
+        if count > 1 and size <= CONVERGED and size * size <= NEXT * before:
+            _place(tree, q, free, True, here)
+            _join(tree, q, free, here)
+            _weigh(tree, here, links, wrenches)
+            _deform(compliance, offset, here.load, law)
+            for i in range(len(law)):
+                if tree.flexures[i] < 0:
+                    twists[i] = law[i]
+            return square < SMALL and _aligned(tree, here)
+        before = size
+    return False
+
+
+@called
+def _aligned(tree, here):
+    for r in range(len(tree.rows)):
+        left = here.gaps[r]
+        for i in range(len(tree.flexures)):
+            if tree.flexures[i] < 0:
+                for a in range(6):
+                    left += here.by_flex[r, i, a] * here.law[i, a]
+        if not abs(left) <= ALIGNED:
+            return False
+    return True
+
+
+@called
+def _distance(tree, here, links, wrenches, scale, driven):
+    """Return the Frobenius norm of Z' G Z; see the head of this module."""
+    m, p = here.by_free.shape
+    n, count, total = len(tree.flexures), len(tree.parents), 0
+    for i in range(n):
+        total += here.ranks[i]
+    motion, step, right = np.zeros((count, total, 6)), np.zeros((count, total, 6)), here.right
+    gap, number, twist = np.zeros((m, total)), 0, np.empty((n, 6))
+    for i in range(n):
+        for c in range(here.ranks[i]):
+            for r in range(m):
+                for a in range(6):
+                    gap[r, number] += here.by_flex[r, i, a] * here.roots[i, a, c]
+            number += 1
+    for b in range(total):
+        for r in range(m):
+            right[r] = -gap[r, b]
+        for a in range(p):
+            right[m + a] = 0.0
+        _solve(here.matrix, here.order, right)
+        twist[:] = 0.0
+        number = 0
+        for i in range(n):
+            for c in range(here.ranks[i]):
+                y = 1.0 if number == b else 0.0
+                for r in range(m):
+                    y -= gap[r, number] * right[r] / scale
+                for a in range(6):
+                    twist[i, a] += here.roots[i, a, c] * y
+                number += 1
+        for k in range(1, count):
+            kind, own, back = tree.kinds[0, k] & 3, tree.kinds[1, k], tree.parents[k]
+            for a in range(6):
+                value = 0.0
+                if kind == FLEXURE:
+                    for j in range(6):
+                        value += here.own[own, a, j] * twist[own, j]
+                elif kind in (TURNS, SLIDES) and own >= driven:
+                    value = here.axes[k, a] * right[m + own - driven]
+                step[k, b, a] = value
+                motion[k, b, a] = motion[back, b, a] + value
+    hessian = np.zeros((total, total))
+    _add_turned(tree, here, motion, step, hessian)
+    _add_shifted(tree, here, links, wrenches, motion, hessian)
+    _add_tied(tree, here, motion, hessian)
+    square = 0.0
+    for a in range(total):
+        for b in range(total):
+            square += hessian[a, b] ** 2
+    return math.sqrt(square)
+
+
+@called
+def _add_turned(tree, here, motion, step, hessian):
+    """Add minus (V_b x s_a) . F of every element."""
+    total, turned = len(hessian), np.empty(6)
+    for k in range(1, len(tree.parents)):
+        kind, load = tree.kinds[0, k] & 3, here.loads[k]
+        if kind > SLIDES:
+            continue
+        for b in range(total):
+            _coadjoint(motion[k, b], load, turned)
+            for a in range(total):
+                value = 0.0
+                for i in range(6):
+                    value += step[k, a, i] * turned[i]
+                hessian[a, b] += value
+
+
+@called
+def _coadjoint(twist, load, found):
+    """Fill the change of a wrench (6,) that moves along with a twist: minus what pairs as (twist x s) . wrench."""
+    v, w, f, m = twist[:3], twist[3:], load[:3], load[3:]
+    found[0], found[1], found[2] = w[1] * f[2] - w[2] * f[1], w[2] * f[0] - w[0] * f[2], w[0] * f[1] - w[1] * f[0]
+    found[3] = w[1] * m[2] - w[2] * m[1] + v[1] * f[2] - v[2] * f[1]
+    found[4] = w[2] * m[0] - w[0] * m[2] + v[2] * f[0] - v[0] * f[2]
+    found[5] = w[0] * m[1] - w[1] * m[0] + v[0] * f[1] - v[1] * f[0]
+
+
+@called
+def _add_shifted(tree, here, links, wrenches, motion, hessian):
+    """Add minus V_a . dw_b of the weights of bodies and of wrenches on links."""
+    count, total = len(tree.parents), len(hessian)
+    point, push, change, wrench = np.empty(3), np.empty(6), np.empty((total, 6)), np.empty(6)
+    for j in range(-count, len(links)):
+        k = links[j, 0] if j >= 0 else j + count
+        follows = False
+        if j >= 0:
+            _pushed(here, links, wrenches, j, point, push)
+            follows = links[j, 2] > 0
+        else:
+            mass = tree.elements[k, 15]
+            if mass == 0.0:
+                continue
+            _point(here, k, tree.elements[k, 16:19], point)
+            for i in range(3):
+                push[i], push[3 + i] = mass * tree.elements[count, 12 + i], 0.0
+        _cross(point, push[:3], wrench[3:])
+        for i in range(3):
+            wrench[i] = push[i]
+            wrench[3 + i] += push[3 + i]
+        for b in range(total):
+            if follows:
+                _coadjoint(motion[k, b], wrench, change[b])
+                continue
+            v, w = motion[k, b, :3], motion[k, b, 3:]
+            x = v[0] + w[1] * point[2] - w[2] * point[1]
+            y = v[1] + w[2] * point[0] - w[0] * point[2]
+            z = v[2] + w[0] * point[1] - w[1] * point[0]
+            change[b, 0] = change[b, 1] = change[b, 2] = 0.0
+            change[b, 3] = y * push[2] - z * push[1]
+            change[b, 4] = z * push[0] - x * push[2]
+            change[b, 5] = x * push[1] - y * push[0]
+        for a in range(total):
+            for b in range(total):
+                value = 0.0
+                for i in range(6):
+                    value += motion[k, a, i] * change[b, i]
+                hessian[a, b] -= value
+
+
+@called
+def _add_tied(tree, here, motion, hessian):
+    """Add (V2_a - V1_a) . dh_b of every tie; see `ties.Pin.shift` and `ties.Rod.shift`."""
+    total, change, slots, gap, way = len(hessian), np.empty(6), np.empty(6), np.empty(6), np.empty((6, 6))
+    one, two, first, second = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    pull, moment, turning, parts = np.empty(3), np.empty(3), np.zeros((3, 3)), np.empty((6, 6))
+    for t in range(len(tree.joins)):
+        kind, e1, e2, start, end, _ = tree.joins[t]
+        if kind == GEAR:
+            continue
+        tie, along, length = tree.ties[t], here.states[t, 1:], here.states[t, 0]
+        _point(here, e1, tie[:3], one)
+        _point(here, e2, tie[3:6], two)
+        rod = kind >= ROD
+        if rod:
+            tension = here.forces[start] if kind == ROD else _tension(tie, kind, length)
+            rate = tie[27] if kind == COIL else -tie[29] * tension / length if kind == GAS else 0.0
+            across = tension / length
+            for i in range(3):
+                pull[i] = tension * along[i]
+        else:
+            _pin(tree, here, t, one, two, gap, way, parts)
+            for a in range(6):
+                slots[a] = 0.0
+                for r in range(start, end):
+                    slots[a] += here.forces[r] * tree.rows[r, a]
+            _pin_turning(tie, kind, slots, parts, pull, moment, turning)
+        for b in range(total):
+            v1, w1, v2, w2 = motion[e1, b, :3], motion[e1, b, 3:], motion[e2, b, :3], motion[e2, b, 3:]
+            _cross(w2, two, second)
+            for i in range(3):
+                second[i] += v2[i]
+            if rod:
+                _cross(w1, one, first)
+                stretch = 0.0
+                for i in range(3):
+                    first[i] = second[i] - v1[i] - first[i]
+                    stretch += first[i] * along[i]
+                for i in range(3):
+                    change[i] = across * (first[i] - stretch * along[i]) + rate * stretch * along[i]
+            else:
+                _cross(w1, pull, change[:3])
+            _cross(two, change[:3], change[3:])
+            _cross(second, pull, first)
+            for i in range(3):
+                change[3 + i] += first[i]
+            if not rod:
+                _cross(w1, moment, first)
+                for i in range(3):
+                    change[3 + i] += first[i]
+                    for j in range(3):
+                        change[3 + i] += turning[i, j] * (w2[j] - w1[j])
+            for a in range(total):
+                value = 0.0
+                for i in range(6):
+                    value += (motion[e2, a, i] - motion[e1, a, i]) * change[i]
+                hessian[a, b] += value
+
+
+@called
+def _pin_turning(tie, kind, slots, parts, pull, moment, turning):
+    """Fill force and moment of a pin, base axes, and how the moment changes with a turn of its second end."""
+    axes, change, local, axis = parts[:3, :3], parts[3:, 3:], np.zeros((3, 3)), tie[6:9]
+    half, there, turned = 0.5 * (change[0, 0] + change[1, 1] + change[2, 2]), np.empty(3), np.empty((3, 3))
+    for j in range(3):
+        there[j] = half * axis[j] - change[j, 0] * axis[0] - change[j, 1] * axis[1] - change[j, 2] * axis[2]
+    for j in range(3):
+        if kind == FIXED:
+            _cross(slots[3:], change[:, j], turned[j])
+            for i in range(3):
+                local[i, j] = -0.5 * turned[j, i]
+        else:  # of what is turned the axis moves: along e_j by there x e_j, the other way
+            for i in range(3):
+                turned[i, j] = slots[3 + i] * axis[j] - axis[i] * slots[3 + j]
+    if kind != FIXED:
+        for i in range(3):  # minus `turned` times the cross product with `there`
+            local[i, 0] = -(turned[i, 1] * there[2] - turned[i, 2] * there[1])
+            local[i, 1] = -(turned[i, 2] * there[0] - turned[i, 0] * there[2])
+            local[i, 2] = -(turned[i, 0] * there[1] - turned[i, 1] * there[0])
+    for i in range(3):
+        pull[i] = moment[i] = 0.0
+        for j in range(3):
+            pull[i] += axes[j, i] * slots[j]
+            turning[i, j] = 0.0
+            for k in range(3):
+                moment[i] += axes[j, i] * change[k, j] * slots[3 + k]
+                for n in range(3):
+                    turning[i, j] += axes[k, i] * local[k, n] * axes[n, j]
+
+
+@called
+def _tip(tree, here, turn, origin):
+    end = tree.elements[len(tree.parents)]
+    _compose(here.turn[int(end[15])], here.origin[int(end[15])], end, turn, origin)
+
+
+@kept
+@called
+def rest_rows(
+    tree, compliance, offset, links, wrenches, q, settled, first, free, idle,
+    closed, tips, flexed, twists, loads, forces, torques, displacement, distance,
+):  # fmt: skip
+    """Close the loops, and unless they are not to be `settled` come to rest, in (N, nq) rows from `first` on.
+
+    Each starts from the (p,) `free` that the row before left. Returns the number of the row that `Mechanism` must be
+    asked about, N where there is none; `closed` is filled there, too, where the loops do close.
+
+    Args:
+        tree, links, wrenches: See `Tree` and `Pushes`.
+        compliance, offset: (1 or N, n, 6, 6) and (1 or N, n, 6) of the laws.
+        q, settled, first, free: See above.
+        idle: (m, m) projector on gaps that nothing answers to, of the row before; zero where it is not known.
+        closed, tips: (N, p) passive joints and (N, 4, 4) of the tip where nothing gives.
+        flexed, twists, loads, forces, torques: (N, p), (N, n, 6), (N, n, 6), (N, m), (N, k) where it rests.
+        displacement: (N, 6) of the tip from there.
+        distance: (N,) by which the loads change its stiffness, see the head of this module.
+    """
+    here = _memory(tree, len(free))
+    turn, moved, at, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    for row in range(first, len(q)):
+        if not _close(tree, q[row], free, here):
+            return row
+        closed[row] = free
+        _place(tree, q[row], free, False, here)
+        _tip(tree, here, turn, at)
+        tips[row] = 0.0
+        tips[row, 3, 3] = 1.0
+        tips[row, :3, :3], tips[row, :3, 3] = turn, at
+        if not settled:
+            continue
+        own = min(row, len(compliance) - 1)
+        pushed = wrenches[min(row, len(wrenches) - 1)]
+        flexed[row] = free
+        if not _settle(tree, compliance[own], offset[own], links, pushed, q[row], flexed[row], idle, here):
+            return row
+        twists[row], loads[row], forces[row], torques[row] = here.twists, here.load, here.forces, here.torque
+        _tip(tree, here, moved, here.origin[0])
+        for i in range(3):
+            displacement[row, i] = here.origin[0, i] - at[i]
+            for j in range(3):
+                turned[i, j] = moved[i, 0] * turn[j, 0] + moved[i, 1] * turn[j, 1] + moved[i, 2] * turn[j, 2]
+        _logarithm(turned, displacement[row, 3:])
+        here.origin[0] = 0.0
+        scale = 1e-9
+        for i in range(len(here.ranks)):
+            for a in range(6):
+                scale = max(scale, compliance[own, i, a, a])
+        distance[row] = _distance(tree, here, links, pushed, scale, q.shape[1])
+        if not distance[row] <= SHARE:
+            return row
+    return len(q)
+
+
+def compile_everything() -> None:
+    """Compile what is not yet kept, by asking about no rows."""
+    none = np.zeros((0, 6))
+    tree = Tree(
+        np.zeros((2, 20)), np.full((4, 1), RIGID), np.zeros(1, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 32)),
+        np.zeros((0, 6), dtype=np.int64), none, np.zeros(0, dtype=np.int64),
+    )  # fmt: skip
+    laws, plain = LawStack((), ()).numbers, np.zeros((0, 0))
+    loads, pushed = np.zeros((0, 0, 6)), (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)))
+    arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, plain, none, np.zeros(0)
+    rest_rows(tree, laws.compliance, laws.offset, *pushed, plain, True, 0, np.zeros(0), plain, *arrays)
+
+
+def is_kept() -> bool:
+    """Return whether nothing has to be compiled."""
+    return kept_code.is_kept(rest_rows)

@@ -1,0 +1,203 @@
+"""Where an arm with loops rests in many rows, or in one of a control loop: compiled code, with `Mechanism` beside it.
+
+Rows follow each other, since each closes its loops from where the one before did. What compiled code does not answer
+`Mechanism` is asked in its turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import ClosureError
+from armflex.laws import Row
+from armflex.mechanics.chain import chain_of
+from armflex.mechanics.laws import RowLaws
+from armflex.mechanics.loaded import LoadedArm
+from armflex.mechanics.many_rows import NOT_PUSHED, Pushes, displaced_from, loop_kernel
+from armflex.mechanics.mechanism import Closing, Mechanism
+from armflex.mechanics.pinocchio_model import FlexModel
+from armflex.mechanics.spring import CoilSpring, GasSpring
+from armflex.mechanics.ties import Pin, Ties
+from armflex.rows.wrench import Wrench, same_objects
+
+
+class Rested(NamedTuple):
+    """Arrays of N rows; see `loop_kernel.rest_rows`. `fine` is (N,) of those that were answered and proven to stay."""
+
+    closed: Array
+    tips: Array
+    flexed: Array
+    twists: Array
+    loads: Array
+    forces: Array
+    torques: Array
+    displacement: Array
+    distance: Array
+    fine: np.ndarray
+
+
+def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
+    """Return a mechanism as `loop_kernel.Tree`; flexures at closures have no element."""
+    compiled, model = loop_kernel(), flex.model
+    carriers = {joint.idx_v: joint.id for joint in list(model.joints)[1:] if joint.nv == 6}
+    starts = flex.flexure_v[::6].tolist()
+    chain = chain_of(flex, [carriers[start] for start in starts if start < model.nv])
+    kinds, in_tree = chain.kinds.copy(), [i for i, start in enumerate(starts) if start < model.nv]
+    flexures = np.array([-1 - (start - model.nv) // 6 for start in starts], dtype=np.int64)
+    for i in in_tree:
+        flexures[i] = carriers[starts[i]]
+        kinds[1, flexures[i]] = i
+    # Cylinders are drives, too, and stand before passive joints among the positions.
+    driven, cylinders = len(flex.q_index), len(ties.cylinders)
+    kinds[1, (kinds[0] & 3 > 0) & (kinds[1] >= driven)] += cylinders
+    everything, rows, at = (*ties.loops, *ties.cylinders), [], 0
+    count = len(ties.names) + len(ties.springs)
+    numbers, joins, carried = (
+        np.zeros((count, 32)),
+        np.zeros((count, 6), dtype=np.int64),
+        np.zeros((count, model.njoints)),
+    )
+    ends = {**dict(enumerate(everything)), **dict(enumerate(ties.sprung_rods, len(ties.names)))}
+    for t, one in ends.items():
+        for side, end in zip((-1.0, 1.0), one.ends, strict=True):
+            numbers[t, 0 if side < 0 else 3 :][:3] = end.point
+            carried[t, list(model.supports[end.joint])] += side
+        joins[t, 1:3] = [end.joint for end in one.ends]
+    for t, one in enumerate(everything):
+        if isinstance(one, Pin):
+            joins[t, 0] = compiled.FIXED if one.fixed else compiled.AXIS
+            numbers[t, 6:9], numbers[t, 9:27] = one.axis, np.concatenate([turn.ravel() for turn in one.turns])
+            rows.append(one.rows)
+        else:
+            joins[t, 0], joins[t, 5] = compiled.ROD, driven + t - len(ties.loops)
+            numbers[t, 27] = closing.offsets[t - len(ties.loops)]
+            rows.append(np.eye(6)[:1])
+    carrier = {joint.idx_q: joint.id for joint in list(model.joints)[1:]}
+    for t, (own, master, factor, offset) in enumerate(ties.gears, len(everything)):
+        joins[t, :3], numbers[t, 27:29] = (compiled.GEAR, carrier[own], carrier[master]), (factor, offset)
+        rows.append(np.eye(6)[:1])
+    for t, part in enumerate(rows):
+        joins[t, 3:5] = at, at + len(part)
+        at += len(part)
+    for t, spring in enumerate(ties.springs, len(ties.names)):
+        law = spring.law
+        if isinstance(law, CoilSpring):
+            joins[t, 0], numbers[t, 27:30] = compiled.COIL, (law.stiffness, law.length, law.preload)
+        else:
+            assert isinstance(law, GasSpring)
+            joins[t, 0], numbers[t, 27:30] = compiled.GAS, (law.pressure * law.area, law.length, law.exponent)
+    parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
+    closes = np.concatenate([*rows, np.zeros((0, 6))])
+    return compiled.Tree(chain.elements, kinds, parents, carried, numbers, joins, closes, flexures)
+
+
+class LoopSolver:
+    """One thread's compiled mechanism under some loads."""
+
+    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
+        mechanics = loaded.mechanics
+        assert isinstance(mechanics, Mechanism)
+        self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
+        self._tree, self._nominal = tree_of(mechanics.flex, mechanics.tied, mechanics.true), None
+        if loaded.arm.corrections.move:
+            self._nominal = tree_of(loaded.rigid, mechanics.nominal.ties, mechanics.nominal)
+        self._idle, self._ask = np.zeros((len(self._tree.rows),) * 2), loop_kernel().rest_rows
+        self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), len(self._idle), len(self._tree.parents)
+        self._differs = loaded.arm.stack.rows_differ
+        joints = [(joint.id, joint.idx_v) for joint in list(mechanics.model.joints)[1:] if joint.nv == 1]
+        self._joints, self._joints_v = np.array(joints).reshape(-1, 2).T
+
+    def rest(self, q: Array, row: Row, alone: Callable[[int], None] | None = None) -> Rested:
+        """Return where the mechanism rests in some rows.
+
+        Args:
+            q: (N, nq) positions of the drives.
+            row: What its laws may know there.
+            alone: Asked about each row that is not answered, in its turn; where it is not given no row after it is.
+        """
+        laws, pushes, mechanics = self._laws, self._pushes, self._mechanics
+        if self._differs:
+            laws.know(row)
+        plain = not (laws.curved or laws.bent or pushes.posed)
+        loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
+        known, found = (laws.compliance, laws.offset, pushes.links, loads, q), _room(len(q), self._sizes)
+        nominal = _room(0 if self._nominal is None else len(q), (*self._sizes[:1], 0, 0, 0))
+
+        def by_itself(i: int) -> None:
+            if alone is not None:
+                if nominal.fine[i : i + 1].any():
+                    mechanics.nominal.last = q[i].copy(), nominal.closed[i].copy()
+                alone(i)
+
+        def nominally(i: int) -> None:
+            with suppress(ClosureError):  # the row will say so, asked by itself
+                nominal.tips[i] = mechanics.rigid_tip_pose(q[i]).homogeneous
+                nominal.closed[i], nominal.fine[i] = mechanics.nominal.closed(q[i]), True
+
+        if self._nominal is not None:
+            self._follow(self._nominal, mechanics.nominal, (*known, False), nominal, True, nominally)
+        self._follow(self._tree, mechanics.closing, (*known, True), found, plain, by_itself, alone is None)
+        if self._nominal is not None:
+            found.fine[:] &= nominal.fine
+            found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
+        return found
+
+    def in_model(self, q: Array, found: Rested) -> tuple[Array, Array, Array]:
+        """Return rigid configuration, motion and torque of the first row, at (nq,) positions; see `mechanism.Rest`."""
+        mechanics, flex = self._mechanics, self._mechanics.flex
+        motion, torque = np.zeros((2, flex.size))
+        torque[mechanics.model.nv :] = -found.forces[0].dot(mechanics.tied.rows)
+        torque[self._joints_v] = found.torques[0, self._joints]
+        torque[flex.flexure_v] = -found.loads[0].ravel()
+        motion[flex.flexure_v] = found.twists[0].ravel()
+        motion[flex.free_v] = found.flexed[0] - found.closed[0]
+        return mechanics.configuration(q, found.closed[0]), motion, torque
+
+    def _follow(
+        self,
+        tree: Any,
+        closing: Closing,
+        known: tuple,
+        into: Rested,
+        plain: bool,
+        ask: Callable[[int], None],
+        ends: bool = False,
+    ) -> None:
+        """Go through the rows, each from where the one before it closed; `ask` about those that are not answered."""
+        q, at, free = known[4], 0, np.empty(self._sizes[0])
+        while at < len(q):
+            done = at
+            if closing.last is None:
+                with suppress(ClosureError):
+                    closing.closed(q[at])
+            if plain and closing.last is not None:
+                free[:] = closing.last[1]
+                done = self._ask(tree, *known, at, free, self._idle, *into[:-1])
+            if done > at:
+                into.fine[at:done] = True
+                closing.last = q[done - 1].copy(), into.closed[done - 1].copy()
+            if done < len(q):
+                ask(done)
+                if ends:
+                    break
+            at = done + 1
+
+
+def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
+    """Return this thread's solver under some loads; that of those that were asked about last is kept."""
+    mechanics = loaded.mechanics
+    assert isinstance(mechanics, Mechanism)
+    if mechanics.solver is None or not same_objects(mechanics.solver[0], wrenches):
+        mechanics.solver = wrenches, LoopSolver(loaded, wrenches)
+    return mechanics.solver[1]
+
+
+def _room(count: int, sizes: tuple[int, int, int, int]) -> Rested:
+    p, n, m, k = sizes
+    shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (k,), (6,), ())
+    return Rested(*(np.empty((count, *shape)) for shape in shapes), fine=np.zeros(count, dtype=bool))

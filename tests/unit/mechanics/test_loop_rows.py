@@ -1,0 +1,150 @@
+"""Arms with loops, compiled: the answers, branches and errors are those of `Mechanism`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.machines import CRANE, MACHINES, PARALLELOGRAM, UNEVEN, Hinge, Machine, poses
+
+import armflex
+from armflex import Arm, Wrench
+from armflex.errors import ClosureError
+from armflex.mechanics import many_rows
+from armflex.mechanics.mechanism import Mechanism
+from armflex.robot import Corrections
+
+FULL = "[[2e-8,1e-9,0,0,2e-9,0],[1e-9,3e-8,0,1e-9,0,0],[0,0,1e-8,0,0,3e-9],[0,1e-9,0,5e-7,0,0],[2e-9,0,0,0,4e-7,1e-8],"
+FULL += "[0,0,3e-9,0,1e-8,6e-7]]"
+SPHERICAL = 'kind = "spherical"\ncompliance = [2e-8, 1e-8, 3e-8, 0, 0, 0]'
+MIMIC = '<mimic joint="lower" multiplier="-2" offset="0.1"/>'
+GAS = '[spring.strut]\nlink = "column"\nat = [0, 0, 0]\nto = "arm"\nat_to = [0.3, 0.1, 0.4]\n'
+GAS += "pressure = 4e5\narea = 2e-3\nlength0 = 0.6\nexponent = 1.3\n"
+LOADS = (
+    Wrench("tool", np.array([300.0, -200.0, 90.0]), np.array([20.0, 5.0, -8.0]), axes="frame"),
+    Wrench("fore", np.array([-50.0, 70.0, 400.0])),
+)
+
+
+def declared(machine: Machine, folder: Path, **changes: str) -> Arm:
+    """Return a machine whose arm.toml has some lines, by what they begin with, in place of its own."""
+    machine.load(folder)
+    file, found = folder / "arm.toml", []
+    for line in file.read_text().splitlines():
+        key = line.split(" ")[0]
+        found += [changes.get(key, line)] if key != "axis" or "kind" not in changes else []
+    file.write_text("\n".join([*found, changes.get("more", "")]))
+    return armflex.load_arm(file)
+
+
+def followed(folder: Path) -> Arm:
+    """A joint that a belt ties to a drive, and another that has a loop."""
+    declared(PARALLELOGRAM, folder, kind=SPHERICAL)
+    urdf, file = folder / "robot.urdf", folder / "arm.toml"
+    head, tail = urdf.read_text().split('<joint name="elbow"')
+    urdf.write_text(f'{head}<joint name="elbow"{tail.replace("</joint>", MIMIC + "</joint>", 1)}')
+    file.write_text(file.read_text().replace("[joint.elbow]", "[joint.crank]"))
+    return armflex.load_arm(file)
+
+
+def misplaced(arm: Arm) -> Arm:
+    """The same with what a calibration corrects: zeros, frames and pins."""
+    frames = {name: np.full(6, 1e-3 * (i + 1)) for i, name in enumerate(arm.robot.frames[:3])}
+    return replace(arm, corrections=Corrections(joint_offset={arm.joint_names[-1]: 2e-3}, geometry=frames))
+
+
+EYED = replace(
+    PARALLELOGRAM,
+    hinges={**PARALLELOGRAM.hinges, "pin": Hinge("fore", "eye", (-0.4, 0.0, 0.0), (0.0, 1.0, 0.0), passive=True)},
+    bodies={**PARALLELOGRAM.bodies, "eye": (2.0, (0.0, 0.0, 0.1))},
+    loops={"tail": ("rod", (0.0, 0.0, 1.1), "eye", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))},
+)
+"""The parallelogram whose last pin is a joint, to which its rod is welded."""
+CASES: dict[str, tuple[Callable[[Path], Arm], str | None]] = {
+    **{name: ((lambda folder, name=name: MACHINES[name].load(folder)), name) for name in MACHINES},
+    "full": (lambda f: declared(UNEVEN, f, compliance=f"compliance = {FULL}", kind=SPHERICAL), "uneven"),
+    "moved": (lambda f: misplaced(declared(UNEVEN, f, compliance=f"compliance = {FULL}", kind=SPHERICAL)), "uneven"),
+    "moved crane": (lambda f: misplaced(CRANE.load(f)), "crane"),
+    "cylindrical": (
+        lambda f: declared(UNEVEN, f, kind=f'kind = "cylindrical"\naxis = [0, 1, 0]\ncompliance = {FULL}'), "uneven"),
+    "fixed": (lambda f: declared(EYED, f, kind=f'kind = "fixed"\ncompliance = {FULL}'), "parallelogram"),
+    "gas": (lambda f: declared(PARALLELOGRAM, f, more=GAS), "parallelogram"),
+    "followed": (followed, None),
+}  # fmt: skip
+
+
+@pytest.fixture
+def cold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(many_rows, "LOADED_AFTER", 10**9)
+    monkeypatch.setattr(many_rows, "_loops", [])
+
+
+def compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(many_rows, "LOADED_AFTER", 0)
+    monkeypatch.setattr(many_rows, "COMPILED_AFTER", 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold: None, monkeypatch) -> None:
+    make, machine = CASES[name]
+    arm = make(tmp_path)
+    q = poses(machine, 6) if machine else np.random.default_rng(1).uniform(-0.2, 0.2, (6, len(arm.joint_names)))
+    loads = tuple(one for one in LOADS if one.frame in arm.link_names)
+    few, alone = arm.deflection(q, wrenches=loads), [arm.deflection(row, wrenches=loads) for row in q]
+    assert not many_rows._loops
+    compiled(monkeypatch)
+    fresh = replace(arm)  # nothing of what was asked before
+    asked, rest = [], Mechanism.rest
+    monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
+    many, prepared = fresh.deflection(q, wrenches=loads), fresh.prepared(wrenches=loads)
+    assert many_rows._loops and len(asked) <= 3  # poses of the parallelograms are far from each other
+    np.testing.assert_allclose(many.displacement, few.displacement, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(many.twists, few.twists, rtol=0, atol=1e-12)
+    size = np.abs(few.wrenches).max()
+    np.testing.assert_allclose(many.wrenches, few.wrenches, rtol=0, atol=1e-9 * size)
+    for row, expected in zip(q, alone, strict=True):
+        found = fresh.deflection(row, wrenches=loads)
+        np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(prepared(row), expected.displacement, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(prepared.wrenches, expected.wrenches, rtol=0, atol=1e-9 * size)
+        np.testing.assert_allclose(found.pose, expected.pose, rtol=0, atol=1e-12)
+        assert found.passive == pytest.approx(expected.passive, abs=1e-12)
+        for one in ("loop_loads", "cylinder_states"):
+            for told, other in zip(getattr(found, one).values(), getattr(expected, one).values(), strict=True):
+                np.testing.assert_allclose(told, other, rtol=0, atol=1e-9 * max(size, np.abs(other).max()))
+        np.testing.assert_allclose(found.drive_loads, expected.drive_loads, rtol=0, atol=1e-9 * size)
+        assert [flag.code for flag in found.flags] == [flag.code for flag in expected.flags]
+        assert found.load_factor == pytest.approx(expected.load_factor, rel=1e-6)
+
+
+def test_rows_that_compiled_code_does_not_answer_are_asked_in_their_turn(tmp_path: Path, monkeypatch) -> None:
+    arm = CRANE.load(tmp_path)
+    compiled(monkeypatch)
+    q = np.tile(poses("crane")[0], (3, 1))
+    q[1, 1:] = (1.55, 1.9)  # longer than boom and jib are ever apart
+    with pytest.raises(ClosureError, match=r"row 1: loop 'fold' cannot close here"):
+        arm.deflection(q)
+    with pytest.raises(ClosureError, match=r"loop 'fold' cannot close here"):
+        arm.prepared()(q[1])
+
+
+def test_the_branch_is_that_of_the_row_before(tmp_path: Path, cold: None, monkeypatch) -> None:
+    """A four-bar whose rod is on its other side: every row goes on from there, far ones by smaller steps."""
+    machine = replace(PARALLELOGRAM, loops={"tail": ("rod", (0.0, 0.0, 0.9), "fore", (-0.5, 0.0, 0.0), (0, 1, 0))})
+    machine.load(tmp_path)
+    file = tmp_path / "arm.toml"
+    text = file.read_text().replace("[joint.elbow]\npassive = true", "[joint.elbow]\npassive = true\nq0 = 2.5")
+    # In another order than the robot has its joints.
+    text = text.replace("[joint.foot]\npassive = true", "")
+    file.write_text("[joint.foot]\npassive = true\nq0 = 1.0\n\n" + text)
+    q = np.array([[0.0, 0.0, 0.0], [0.0, 0.3, -0.2], [0.0, -0.2, 0.3], [0.0, 0.1, 0.1]])
+    arm = armflex.load_arm(file)
+    expected = arm.deflection(q)
+    assert arm.deflection(q[0]).passive["elbow"] > 1.5
+    compiled(monkeypatch)
+    found = armflex.load_arm(file).deflection(q)
+    np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
