@@ -46,7 +46,7 @@ FORMATS = {
     "shaper": Format("shaper", options=("traj", "name", "slower", "covariates", "unnamed"), needs=("traj", "output")),
     **{
         name: Format("programs", options=(*PATH, "name", "axes"), needs=("traj", "output"), function=name)
-        for name in ("urscript", "krl", "rapid")
+        for name in ("urscript", "krl", "rapid", "ls", "val3")
     },
     "jointtrajectory": Format("programs", options=PATH, needs=("traj", "output"), function="jointtrajectory"),
 }
@@ -56,10 +56,11 @@ FORMATS = {
 @options.arm
 @click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True,
               help="sheet: what is typed into a controller; yaml: calibrations for ROS; c: C99 without dependencies; "
-                   "shaper: C99 with the impulses that calm the path of --traj; the last four: that path.")  # fmt: skip
+                   "shaper: C99 with the impulses that calm the path of --traj; the last six: that path "
+                   "(ls: FANUC, val3: Staubli).")  # fmt: skip
 @click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
-@click.option("--name", help="c, shaper: what every name in the file begins with [default: arm, shaper]; urscript, "
-                             "krl, rapid: name of the program [default: armflex_path].")  # fmt: skip
+@click.option("--name", help="c, shaper: what every name in the file begins with [default: arm, shaper]; of a "
+                             "program: its name [default: armflex_path].")  # fmt: skip
 @click.option("--flavour", type=options.Choice(["ur_calibration", "robot_calibration"]), help="yaml: who reads it.")
 @click.option("--over", metavar="ROWS.csv", type=options.InputPath,
               help="Rows over which the omitted error is computed [default: the joints' limits].")  # fmt: skip
@@ -68,7 +69,7 @@ FORMATS = {
               help="shaper: how many times as long a motion may take [default: 1.3].")  # fmt: skip
 @click.option("--compensate", is_flag=True, default=None, help="Write the path on which the loaded tip is where the "
                                                                "rigid one would be.")  # fmt: skip
-@click.option("--axes", metavar="A1=J2,E1=rail", help="urscript, krl, rapid: which joint is which axis of the "
+@click.option("--axes", metavar="A1=J2,E1=rail", help="Of a program: which joint is which axis of the "
               "controller, each joint once [default: in their order, sliding ones on external axes].")  # fmt: skip
 @options.loads
 @options.force_table

@@ -23,7 +23,7 @@ from armflex.trajectory import Trajectory, read_trajectory
 from armflex.version import __version__
 
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
-"""What all three languages take as a name; KRL has the shortest."""
+"""What all languages take as a name; KRL has the shortest."""
 
 WORDS = """abs and any axis bool bas char const continue decl def default deffct defdat do else elseif end enddat endfct
     endfor endfunc endif endloop endmodule endproc endswitch endwhile enum error exit ext external false fdat for frame
@@ -55,9 +55,13 @@ class Language:
         called: Its name in messages.
         robot, external: Its axes: of the arm, which turn, and beside it, which turn or slide.
         comment: What a comment begins with.
-        opening, closing: Lines around the moves, with `{name}` for the program's and `{axes}` where these are listed.
-        move: A line from every axis' position by name, the time that the way takes [s], None for the first, and the
-            blend [m].
+        opening, closing: Lines around the moves, with `{name}` for the program's (`{NAME}` in capitals), and `{axes}`
+            where these are listed.
+        move: The lines of a row, from its number, every axis' position by name, the time that the way takes [s], None
+            for the first, and the blend [m].
+        place: The lines of a row where positions stand after all moves, from its number and every axis' position;
+            after the first of the closing lines.
+        finish: What is done to all lines in the end.
         radians: Whether turning axes are in rad, else in deg; sliding ones are in mm.
         lost: What it cannot hold, or does at rows, as it is said, from the program's name, how many ways have times and
             rows blends.
@@ -69,17 +73,19 @@ class Language:
     comment: str
     opening: tuple[str, ...]
     closing: tuple[str, ...]
-    move: Callable[[Mapping[str, str], float | None, float], str]
+    move: Callable[[int, Mapping[str, str], float | None, float], str]
     radians: bool = False
     lost: Callable[[str, int, int], tuple[str, ...]] = _stops
+    place: Callable[[int, Mapping[str, str]], str] | None = None
+    finish: Callable[[list[str]], list[str]] = list
 
 
-def _urscript_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
+def _urscript_move(row: int, at: Mapping[str, str], time: float | None, blend: float) -> str:
     timed = "" if time is None else f", t={_decimal(time, 6)}"
     return f"  movej([{', '.join(at.values())}]{timed}" + (f", r={_decimal(blend, 6)})" if blend else ")")
 
 
-def _krl_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
+def _krl_move(row: int, at: Mapping[str, str], time: float | None, blend: float) -> str:
     return f"PTP {{E6AXIS: {', '.join(f'{axis} {value}' for axis, value in at.items() if value)}}}"
 
 
@@ -92,7 +98,7 @@ def _krl_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
     return (*told, text)
 
 
-def _rapid_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
+def _rapid_move(row: int, at: Mapping[str, str], time: float | None, blend: float) -> str:
     robot = ",".join(at[axis] or "0" for axis in RAPID_AXES)
     external = ",".join(at[axis] or UNCONNECTED for axis in RAPID_EXTERNAL)
     speed = "v100" if time is None else f"v100\\T:={_decimal(time, 6)}"
@@ -100,6 +106,63 @@ def _rapid_move(at: Mapping[str, str], time: float | None, blend: float) -> str:
     return f"    MoveAbsJ [[{robot}],[{external}]]\\NoEOffs,{speed},{zone},tool0;"
 
 
+def _ls_move(row: int, at: Mapping[str, str], time: float | None, blend: float) -> str:
+    paced = "10%" if time is None else f"{max(round(1e3 * time), 1)}msec"
+    if time is not None and time > MOST_MS:
+        paced = f"{time:.1f}sec"
+    return f":J P[{row + 1}] {paced} FINE"
+
+
+def _ls_place(row: int, at: Mapping[str, str]) -> str:
+    """Return a position as joint angles: what a robot has not is at 0."""
+    units = [(axis, at[axis] or "0", "deg" if axis in LS_AXES else "mm") for axis in at if at[axis] or axis in LS_AXES]
+    held = ",\n".join(f"\t{axis}= {value} {unit}" for axis, value, unit in units)
+    return f"P[{row + 1}]{{\n   GP1:\n\tUF : 0, UT : 1,\n{held}\n}};"
+
+
+def _ls_finish(lines: list[str]) -> list[str]:
+    """Number the lines of a program; a remark is a line of its own, before the move, of at most 32 letters."""
+    done: list[str] = []
+    count = 0
+    for line in lines:
+        if not line.startswith(":"):
+            done.append(line)
+            continue
+        move, _, remark = line.partition("!")
+        words = remark.strip().replace(";", ",")
+        parts = [f":  !{words[i : i + REMARK]}" for i in range(0, len(words), REMARK)]
+        for part in [*parts, *([move.rstrip()] if move.startswith(":J") else [])]:
+            count += 1
+            done.append(f"{count:4d}{part} ;")
+    return done
+
+
+def _ls_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
+    told = ("Most FANUC controllers count J3 from the level, a URDF counts it from link 2: J3 is as this arm has it.",)
+    return (
+        (*told, f"TP has blends in per cent: {blends} blends of the path are not in the program.") if blends else told
+    )
+
+
+def _val3_move(row: int, at: Mapping[str, str], time: float | None, blend: float) -> str:
+    kind = f"joint\n  mDesc.leave={_decimal(1e3 * blend, 6)}\n  mDesc.reach=mDesc.leave" if blend else "off"
+    held = ",".join(value or "0" for value in at.values())
+    return f"  mDesc.blend={kind}\n  jPoint={{{held}}}\n  movej(jPoint,flange,mDesc)"
+
+
+def _val3_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
+    told = (f"VAL3 wants the file to be named as the program is: {name}.pgx.",)
+    text = f"VAL3's movej takes per cent of its own maxima: {times} times between rows are not in the program."
+    return (*told, text) if times else told
+
+
+MOST_MS = 32.0
+"""Longest time that TP takes in milliseconds [s]; above, in tenths of a second."""
+
+REMARK = 32
+"""Letters of a remark in TP."""
+
+LS_AXES = tuple(f"J{i}" for i in range(1, 7))
 RAPID_AXES, RAPID_EXTERNAL = tuple(f"rax_{i}" for i in range(1, 7)), tuple(f"eax_{letter}" for letter in "abcdef")
 
 LANGUAGES = {
@@ -135,6 +198,41 @@ LANGUAGES = {
         ("MODULE {name}_module", "{axes}", "  PROC {name}()"),
         ("  ENDPROC", "ENDMODULE"),
         _rapid_move,
+    ),
+    # TP as ASCII: J moves with times in ms, positions after them, a remark has at most 32 letters.
+    "ls": Language(
+        "TP",
+        LS_AXES,
+        tuple(f"E{i}" for i in range(1, 4)),
+        ":  !",
+        ("/PROG  {NAME}", "/ATTR", "DEFAULT_GROUP = 1,*,*,*,*;", "/MN", "{axes}"),
+        ("/POS", "/END"),
+        _ls_move,
+        lost=_ls_lost,
+        place=_ls_place,
+        finish=_ls_finish,
+    ),
+    # A program of an application, its point and motion descriptor local to it.
+    "val3": Language(
+        "VAL3",
+        tuple(f"j{i}" for i in range(1, 7)),
+        (),
+        "  //",
+        (
+            '<?xml version="1.0" encoding="utf-8"?>',
+            '<Programs xmlns="http://www.staubli.com/robotics/VAL3/Program/2"'
+            ' xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance">',
+            '<Program name="{name}" access="public">',
+            "<Locals>",
+            '<Local name="jPoint" type="jointRx" xsi:type="array" size="1" />',
+            '<Local name="mDesc" type="mdesc" xsi:type="array" size="1" />',
+            "</Locals>",
+            "<Code><![CDATA[begin",
+            "{axes}",
+        ),
+        ("  waitEndMove()", "end]]></Code>", "</Program>", "</Programs>"),
+        _val3_move,
+        lost=_val3_lost,
     ),
 }
 
@@ -175,21 +273,22 @@ def program(
     comments = [f"{language.comment} {line}" for line in head]
     comments += [f"{language.comment} {_described(language, axis)} [{units[i][0]}]: {_comment(arm.joint_names[i])}"
                 for axis, i in placed.items()]  # fmt: skip
-    lines: list[str] = []
+    lines, places = list[str](), list[str]()
     for line in language.opening:
-        lines += comments if line == "{axes}" else [line.format(name=name)]
+        lines += comments if line == "{axes}" else [line.format(name=name, NAME=name.upper())]
     blends = _blends(path)
     for i, (q, blend) in enumerate(zip(path.q, blends, strict=True)):
         at = dict.fromkeys((*language.robot, *language.external), "")
         at |= {axis: _decimal(q[j] * units[j][1], 12 if language.radians else 9) for axis, j in placed.items()}
         time = float(path.time[i] - path.time[i - 1]) if i else None
-        mark = language.comment.strip()
-        lines.append(language.move(at, time, blend) + _via(path, i, mark))
+        lines.append(language.move(i, at, time, blend) + _via(path, i, language.comment.split()[-1]))
+        places += [language.place(i, at)] if language.place else []
     lost = language.lost(name, len(path) - 1, sum(map(bool, blends)))
-    return Exported("\n".join([*lines, *language.closing, ""]), (*told, *lost), flags=flags)
+    ended = language.finish([*lines, language.closing[0], *places, *language.closing[1:], ""])
+    return Exported("\n".join(ended), (*told, *lost), flags=flags)
 
 
-urscript, krl, rapid = (partial(program, language) for language in LANGUAGES.values())
+urscript, krl, rapid, ls, val3 = (partial(program, language) for language in LANGUAGES.values())
 
 
 def jointtrajectory(arm: Arm, traj: Path, **asked: Any) -> Exported:
@@ -282,7 +381,7 @@ def _axes(arm: Arm, language: Language, text: str) -> dict[str, int]:
     """Return the place in q of every axis that has a joint, the arm's first."""
     slides, every = [joint.kind == "prismatic" for joint in arm.robot.moving], (*language.robot, *language.external)
     if not language.external:
-        require_six_turning(arm, "URScript's movej")
+        require_six_turning(arm, f"{language.called}'s movej")
     found: dict[str, int] = {}
     if text:
         for part in text.split(","):
@@ -338,7 +437,7 @@ def _decimal(value: float, digits: int) -> str:
 
 def _comment(text: str) -> str:
     """Return a text that ends no comment in any of the languages and has letters that all controllers read."""
-    return printable(text).encode("ascii", "backslashreplace").decode()
+    return printable(text).encode("ascii", "backslashreplace").decode().replace("]]>", "]] >")
 
 
 def _via(path: Trajectory, i: int, mark: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -144,4 +145,52 @@ def rapid_moves(text: str) -> list[tuple[list[float], list[float], float | None,
                 [float(x) for x in radii[1:].split(",")] if radii else None,
             )
         )
+    return moves
+
+
+def ls_moves(text: str) -> list[tuple[dict[str, float], float | None]]:
+    """Return axes by name [deg, mm] and time [s] of every J move of a TP program, None at a share of speed."""
+    head, rest = text.split("\n/MN\n")
+    assert re.match(r"/PROG  [A-Z]\w*\n/ATTR\n", head) and text.endswith("/END\n")
+    body, held = rest.removesuffix("/END\n").split("/POS\n")
+    places = {}
+    for number, axes in re.findall(r"P\[(\d+)\]\{\n   GP1:\n\tUF : 0, UT : 1,\n([^}]*)\n\};\n", held):
+        pairs = re.findall(rf"(J[1-6]|E[1-3])= ({NUMBER}) (deg|mm)", axes)
+        assert axes.count("=") == len(pairs)
+        places[int(number)] = {axis: float(x) for axis, x, _ in pairs}
+        assert all((axis[0] == "J") <= (unit == "deg") for axis, _, unit in pairs)
+    moves = []
+    for count, line in enumerate(body.splitlines(), 1):
+        if re.fullmatch(rf"{count:4d}:  ![^;]{{0,32}} ;", line):
+            continue
+        match = re.fullmatch(rf"{count:4d}:J P\[(\d+)\] (?:10%|(\d+)msec|({NUMBER})sec) FINE ;", line)
+        assert match, line
+        number, thousandths, seconds = match.groups()
+        time = 1e-3 * float(thousandths) if thousandths else float(seconds) if seconds else None
+        moves.append((places[int(number)], time))
+    assert len(moves) == len(places)
+    return moves
+
+
+def val3_moves(text: str) -> list[tuple[list[float], float | None]]:
+    """Return axes [deg] and blend [mm] of every movej of a VAL3 program, None where it stops."""
+    space = "{http://www.staubli.com/robotics/VAL3/Program/2}"
+    (program,) = ElementTree.fromstring(text.encode())
+    assert [one.get("name") for one in program.iter(f"{space}Local")] == ["jPoint", "mDesc"]
+    code = [line.split("//")[0].strip() for line in program.find(f"{space}Code").text.splitlines()]
+    assert code[0] == "begin" and code[-2:] == ["waitEndMove()", "end"]
+    moves: list[tuple[list[float], float | None]] = []
+    at, blend = [], None
+    for line in filter(None, code[1:-2]):
+        if line == "movej(jPoint,flange,mDesc)":
+            moves.append((at, blend))
+        elif match := re.fullmatch(r"jPoint=\{(.*)\}", line):
+            at = [float(x) for x in match[1].split(",")]
+            assert len(at) == 6
+        elif match := re.fullmatch(rf"mDesc\.leave=({NUMBER})", line):
+            blend = float(match[1])
+        elif line == "mDesc.blend=off":
+            blend = None
+        else:
+            assert line in ("mDesc.blend=joint", "mDesc.reach=mDesc.leave"), line
     return moves

@@ -1,4 +1,4 @@
-"""`export --to urscript, krl, rapid, jointtrajectory`: the path that is read back is the one that was given."""
+"""`export --to` a program or a message: the path that is read back is the one that was given."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from support.arms import bundled
 from support.campaign_files import write_columns
 from support.command_line import fine, run_here
-from support.exported import krl_moves, rapid_moves, urscript_moves
+from support.exported import krl_moves, ls_moves, rapid_moves, urscript_moves, val3_moves
 from support.small_arms import ROBOTS, arm_of, joint, link
 
 from armflex import Arm, Trajectory, Wrench, compensate, read_trajectory, write_trajectory
@@ -24,7 +24,7 @@ from armflex.errors import InputError, JointLimitError, TableError, UnreachableE
 from armflex.export import programs
 from armflex.version import __version__
 
-LANGUAGES = ("urscript", "krl", "rapid", "jointtrajectory")
+LANGUAGES = ("urscript", "krl", "rapid", "ls", "val3", "jointtrajectory")
 NAMES = tuple(f"J{i}" for i in range(1, 7))
 
 
@@ -49,10 +49,14 @@ def positions_of(language: str, text: str, arm: Arm) -> np.ndarray:
     if language == "jointtrajectory":
         assert message(text)["joint_names"] == list(arm.joint_names)
         return np.array([point["positions"] for point in message(text)["points"]])
-    if language == "krl":
-        for axes in krl_moves(text):
+    if language == "val3":
+        return np.radians([axes for axes, _ in val3_moves(text)])
+    if language in ("krl", "ls"):
+        for axes in krl_moves(text) if language == "krl" else [axes for axes, _ in ls_moves(text)]:
+            own, count = ("A", 6) if language == "krl" else ("J", int((~slides).sum()))
             turning, sliding = (
-                [axes[f"{letter}{i}"] for i in range(1, 7) if f"{letter}{i}" in axes] for letter in "AE"
+                [axes[f"{letter}{i}"] for i in range(1, most + 1) if f"{letter}{i}" in axes]
+                for letter, most in ((own, count), ("E", 6))
             )
             out.append((turning, sliding))
     else:
@@ -74,7 +78,7 @@ def test_any_path_comes_back(tmp_path_factory: pytest.TempPathFactory, rows: lis
         np.testing.assert_allclose(positions_of(language, text, arm), q, rtol=0.0, atol=2e-11)
 
 
-@pytest.mark.parametrize("language", ["krl", "rapid", "jointtrajectory"])
+@pytest.mark.parametrize("language", ["krl", "rapid", "ls", "jointtrajectory"])
 def test_sliding_axes_are_external_ones_in_millimetres(language: str, tmp_path: Path) -> None:
     arm = bundled("tarm_like")
     file = ROBOTS / "tarm_like" / "trajectory.csv"
@@ -101,6 +105,10 @@ def test_times_and_blends_are_those_of_the_path(tmp_path: Path) -> None:
         (0.5, None),
         (0.75, None),
     ]
+    taught = programs.ls(arm, file)
+    assert [time for _, time in ls_moves(taught.text)] == [None, 0.5, 0.75] and "1 blends" in taught.told[-1]
+    staubli = programs.val3(arm, file)
+    assert [blend for _, blend in val3_moves(staubli.text)] == [10.0, None, None] and "2 times" in staubli.told[-1]
     points = message(programs.jointtrajectory(arm, file).text)["points"]
     assert [point["time_from_start"] for point in points] == [
         {"sec": 0, "nanosec": 0},
@@ -202,10 +210,17 @@ def test_names_are_text(language: str, tmp_path: Path) -> None:
         assert text.isascii() and r"a\nEND" in text
 
 
+def test_long_times_are_in_seconds_in_tp(tmp_path: Path) -> None:
+    file = tmp_path / "path.csv"
+    times = {"time": [0.0, 40.04, 40.0401]} | {f"q_{name}": [0.0, 0.1, 0.2] for name in NAMES}
+    write_columns(file, times)
+    assert [time for _, time in ls_moves(programs.ls(bundled("heavy_six"), file).text)] == [None, 40.0, 0.001]
+
+
 @pytest.mark.parametrize("name", ["", "1a", "a b", "end", "PROC", "x" * 25, "a-b", "é", "a\n"])
 def test_names_of_programs_that_are_none(name: str, tmp_path: Path) -> None:
     file = path_file(tmp_path, NAMES, np.zeros((1, 6)))
-    for language in ("urscript", "krl", "rapid"):
+    for language in LANGUAGES[:-1]:
         with pytest.raises(InputError, match="--name"):
             getattr(programs, language)(bundled("heavy_six"), file, name=name)
 
