@@ -2,8 +2,8 @@
 
     python compose.py FOLDER
 
-Both rings follow the law that was learned on the upper one alone, from forces to shifts of its node; fork arms are
-beams, ended by stiff ones where the solids of the whole end in one body. The drive at the lower ring is linear.
+Both rings follow one law, learned on a ring alone (table A4_ring), and nodes translate and turn; fork arms are meshes.
+The upper ring has no drive: it turns freely.
 """
 
 from __future__ import annotations
@@ -12,32 +12,31 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 import armflex
-from armflex.laws.joint.beam import Beam, Section
-from armflex.laws.joint.linear import LinearLaw
+from armflex.laws.joint.beam import MeshedBeam
 from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import NOWHERE
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from boom.structures import BEARINGS, REACH, SPAN
-
-ARM = Section(E=2.1e11, G=8.1e10, A=0.06, Iy=2e-4, Iz=4.5e-4, J=4.7e-4)
-STIFF = Section(E=2.1e13, G=8.1e12, A=0.06, Iy=2e-3, Iz=2e-3, J=2e-3)
+from boom.structures import REACH, SPAN
+from boom.tables import solved
 
 
 def composed(folder: Path) -> StructuralLaw:
-    """Return A4 of two rings, two arms and a drive."""
-    ring = armflex.load_law(folder / "A4_upper.safetensors").law
-    turns = LinearLaw(np.diag([0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / BEARINGS["A4"].stiffness]))
-    nodes = {"1": (0.0, 0.0, SPAN), "2": (0.0, 0.0, -SPAN), "3": (REACH, 0.0, 0.0)}
-    nodes |= {"over": (REACH, 0.0, SPAN), "under": (REACH, 0.0, -SPAN)}
-    up = np.array([0.0, 1.0, 0.0])
-    beams = [Beam("1", "over", ARM, np.array([0.0, 0.0, 1.0])), Beam("2", "under", ARM, np.array([0.0, 0.0, 1.0]))]
-    beams += [Beam("over", "3", STIFF, up), Beam("under", "3", STIFF, up)]
-    held = (SubJoint("1", ring, (0, 1, 2)), SubJoint("2", ring, (0, 1, 2)), SubJoint("2", turns, (5,)))
-    return StructuralLaw({name: np.array(place) for name, place in nodes.items()}, "3", held, tuple(beams))
+    """Return A4 of two rings and two arms."""
+    ring = armflex.load_law(folder / "A4_ring.safetensors").law
+    unit = 100.0  # N and Nm: small enough for the arm to be linear
+    arm = solved("A4_arm", unit * np.eye(6)).twists.T / unit  # at the origin of its ring
+    nodes, beams = {"3": np.array([REACH, 0.0, 0.0])}, []
+    for name, z in (("1", SPAN), ("2", -SPAN)):
+        nodes[name] = np.array([0.0, 0.0, z])
+        there = pin.SE3(np.eye(3), nodes[name] - nodes["3"]).action
+        beams.append(MeshedBeam(name, "3", there @ (0.5 * (arm + arm.T)) @ there.T))
+    held = (SubJoint("1", ring, (0, 1, 2, 3, 4)), SubJoint("2", ring))
+    return StructuralLaw(nodes, "3", held, tuple(beams))
 
 
 def main(folder: Path) -> np.ndarray:

@@ -4,6 +4,7 @@
 
 reads the tables in FOLDER, and writes beside them NAME.safetensors (what learned.toml names), M1.toml's numbers and
 errors.csv: training, held-out and new-load errors of the parametric model, the network and the Bayesian network.
+Held out are a fifth of the rows after another.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ from pathlib import Path
 import numpy as np
 
 import armflex
+from armflex.bench.cross_validation import hold_out, random_folds
 from armflex.bench.fitted import predicted, stated_std
 from armflex.bench.learners import Options, learner
 from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData
 
-NAMES = ("M1", "A1", "A2", "A3", "A4", "A5", "A6", "A4_upper", "A4_lower")
-NEURONS = 10
+NAMES = ("M1", "A1", "A2", "A3", "A4", "A5", "A6", "A4_ring")
+NEURONS, FOLDS = 10, 5
 MODELS = {
     "parametric": ("linear", Options(structure="diagonal")),
     "full linear": ("linear", Options()),
@@ -46,9 +48,12 @@ def main(folder: Path, names: tuple[str, ...] = NAMES) -> None:
         for model, (kind, options) in MODELS.items():
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                fitted = learner(kind, options)(data.loads, data.deflections, 0)
-            for part, rows in (("training", data), ("new", new)):
-                rms = errors(fitted.law, rows)
+                fit = learner(kind, options)
+                fitted = fit(data.loads, data.deflections, 0)
+                held = hold_out(fit, data, random_folds(len(data), FOLDS, 0)).rms / data.factors
+            each = {"training": errors(fitted.law, data), "held out": held, "new": errors(fitted.law, new)}
+            for part, rms in each.items():
+                rows = new if part == "new" else data
                 lines.append(f"{name},{model},{len(rows)},{part}," + ",".join(f"{x:.4g}" for x in rms))
             if model == "Bayesian ANN":
                 about = {
@@ -64,8 +69,28 @@ def main(folder: Path, names: tuple[str, ...] = NAMES) -> None:
                     f"{name},{model},{len(new)},share of new inside 95 %,"
                     + ",".join(f"{x:.3f}" for x in inside.mean(axis=0))
                 )
-        print("\n".join(lines[-10:]), flush=True)
-    (folder / f"errors{'' if names == NAMES else '_' + names[0]}.csv").write_text("\n".join(lines) + "\n")
+    file = folder / f"errors{'' if names == NAMES else '_' + names[0]}.csv"
+    file.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(table(file))
+
+
+def table(file: Path) -> str:
+    """Return errors.csv as the page's table: norms of three components in um / urad."""
+    found = {}
+    for line in file.read_text(encoding="utf-8").splitlines()[1:]:
+        name, model, _, error, *values = line.split(",")
+        found[name, model, error] = np.array(values, float)
+
+    def norms(*key: str) -> str:
+        return " / ".join(f"{1e3 * np.linalg.norm(part):.3g}" for part in found[key].reshape(2, 3))
+
+    lines = []
+    for name in dict.fromkeys(key[0] for key in found):
+        cells = [name, norms(name, "the data's own RMS", "new")]
+        cells += ["; ".join(norms(name, model, error) for error in ("training", "held out", "new")) for model in MODELS]
+        inside = found[name, "Bayesian ANN", "share of new inside 95 %"].mean()
+        lines.append(f"| {' | '.join(cells)}; {100.0 * inside:.0f} % |")
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -149,7 +149,7 @@ BEARINGS = {
     "A1": Bearing("z", 0.45, 0.40, 3.0e10, 8e6, 3e4),
     "A2": Bearing("y", 0.30, 0.60, 4.0e10, 1.2e7, 1.2e5),
     "A3": Bearing("z", 0.30, 0.60, 2.5e10, 6e6, 3e4),
-    "A4": Bearing("z", 0.22, 0.20, 2.5e10, 4e6, 2e4),
+    "A4": Bearing("z", 0.22, 0.20, 2.5e10, 1.494785e6, 1.222614e4),
     "A5": Bearing("z", 0.20, 0.44, 1.0e10, 2e6, 1e4),
     "A6": Bearing("x", 0.15, 0.24, 0.8e10, 1e6, 5e3),
 }
@@ -157,7 +157,7 @@ BEARINGS = {
 
 
 def bearing(model: Model, sizes: Bearing, name: str, centre: float = 0.0, driven: bool = True) -> tuple[Ring, Ring]:
-    """Add a housing and a shaft with their rollers and drive; return both."""
+    """Add a housing and a shaft about z with their rollers and drive; return both."""
     gap, step = 0.25 * sizes.height, 0.25 * sizes.height
     levels = centre + step * np.arange(-2, 3)
     wall = 0.35 * sizes.radius
@@ -173,9 +173,7 @@ def bearing(model: Model, sizes: Bearing, name: str, centre: float = 0.0, driven
     if driven:
         along = [(shaft.at(i, 1, 2), housing.at(i + side, 0, 2)) for i in range(SECTORS) for side in (-1, 1)]
         ends = np.array([[model.points[a - 1], model.points[b - 1]] for a, b in along])
-        lever = np.linalg.norm(
-            np.cross(ends[0, 0], (ends[0, 1] - ends[0, 0]) / np.linalg.norm(ends[0, 1] - ends[0, 0]))
-        )
+        lever = abs(np.cross(ends[0, 0], ends[0, 1] - ends[0, 0])[2]) / np.linalg.norm(ends[0, 1] - ends[0, 0])
         each = len(along) * lever
         model.hold(f"DRIVE_{name}", drive(sizes.stiffness / (each * lever), sizes.torque / each), along)
     return shaft, housing
@@ -204,34 +202,29 @@ SPAN, REACH = 0.25, 0.6
 
 
 def fork(path: Path, part: str) -> Path:
-    """Write A4: its "upper" or "lower" ring alone, or "whole" with the fork arms to the tip."""
+    """Write A4: one "ring" about the origin, one "arm" beside it with its weld, or the "whole" up to the tip.
+
+    What carries the ring is the face of its shaft that the arm is welded to. Of the arm that face is held.
+    """
     model, sizes = Model(), BEARINGS["A4"]
-    if part != "whole":
-        shaft, housing = bearing(
-            model,
-            sizes,
-            part.upper(),
-        )
-        model.sets = {"HELD": bolted(housing), "CARRIES": ends(shaft)}
-        return model.write(path, np.eye(3))
     held: list[int] = []
     tip: list[int] = []
-    for name, centre in (("UPPER", SPAN), ("LOWER", -SPAN)):
-        shaft, housing = bearing(model, sizes, name, centre, driven=name == "LOWER")
-        held += bolted(housing)
-        known: dict = {}
-        side = np.sign(centre)
-        z = np.array([centre - 0.1 * side, centre + 0.1 * side])
-        start = np.array([0.26, -0.15, min(z)])
-        model.box(start, np.array([REACH, 0.15, max(z)]), (3, 2, 1), known)
-        near = [node for key, node in known.items() if abs(key[0] - 0.26) < 1e-9]
-        tip += [node for key, node in known.items() if abs(key[0] - REACH) < 1e-9]
-        stiff = "\n".join(f"{f:.9e}, {e:.9e}" for f, e in ((-2e8, -1e-2), (0.0, 0.0), (2e8, 1e-2)))
+    for name, centre in {"whole": (("UPPER", SPAN), ("LOWER", -SPAN))}.get(part, ((part.upper(), 0.0),)):
+        shaft, housing = bearing(model, sizes, name, centre, driven=name in ("LOWER", "RING"))
         face = shaft.where(
             lambda sector, wall, level: (
                 level in (0, 4, 8) and wall == 2 and not SECTORS // 4 < sector < 7 * SECTORS // 4
             )
         )
+        held += [*shaft.known.values(), *housing.known.values()] if part == "arm" else bolted(housing)
+        if part == "ring":
+            tip = face
+            continue
+        known: dict = {}
+        model.box(np.array([0.26, -0.15, centre - 0.1]), np.array([REACH, 0.15, centre + 0.1]), (3, 2, 1), known)
+        near = [node for key, node in known.items() if abs(key[0] - 0.26) < 1e-9]
+        tip += [node for key, node in known.items() if abs(key[0] - REACH) < 1e-9]
+        stiff = "\n".join(f"{f:.9e}, {e:.9e}" for f, e in ((-2e8, -1e-2), (0.0, 0.0), (2e8, 1e-2)))
         model.hold(f"WELD_{name}", stiff, [(a, b) for a in face for b in near if a % 2 == b % 2])
     model.sets = {"HELD": held, "CARRIES": tip}
     return model.write(path, np.eye(3))

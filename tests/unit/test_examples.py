@@ -1,8 +1,10 @@
 """Every example runs and gives the number it is known for."""
 
 import importlib.util
+import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -126,6 +128,17 @@ def test_learned_boom():
     assert 0.90 <= found["covered"] <= 0.98
     assert found["explained"] == pytest.approx(1.0, abs=1e-3)  # the joints' shares are all of the band
     assert found["A3"] > found["M1"] > found["A4"]
+
+
+def test_a_joint_is_composed_of_learned_sub_joints(tmp_path, monkeypatch):
+    """A4 of two rings and two arms is near finite elements of the whole: a third of its shift, 4 % of its rotation."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    from boom import compose, learn
+
+    shutil.copytree(EXAMPLES / "boom" / "tables", tmp_path, dirs_exist_ok=True)
+    learn.main(tmp_path, ("A4_ring",))
+    apart = compose.main(tmp_path)
+    assert np.linalg.norm(apart[:3]) < 4.5e-3 and np.linalg.norm(apart[3:]) < 0.13
 
 
 def test_loops():
