@@ -69,7 +69,8 @@ class Part:
     Attributes:
         groups: (g,) which candidates, in this order.
         places: (K,) which columns of the bank.
-        shapes: (K, R) numbers.
+        shapes: (U, R) numbers, the same array for parts at several sites where no load is in them.
+        of: (K,) which of those each column has.
         answer: (R, d) whitened and weighted change of the readings per unit; None where rows are single readings and
             it is 1.
     """
@@ -77,31 +78,36 @@ class Part:
     groups: np.ndarray
     places: np.ndarray
     shapes: Array
+    of: np.ndarray
     answer: Array | None
 
     @property
-    def regressors(self) -> Array:
-        """(n, K) the columns themselves."""
-        if self.answer is None:
-            return self.shapes.T
-        return (self.answer[:, :, None] * self.shapes.T[:, None, :]).reshape(-1, len(self.places))
+    def rows(self) -> Array:
+        """(K, n) the columns themselves, one a row."""
+        shapes = self.shapes[self.of]
+        return shapes if self.answer is None else (shapes[:, :, None] * self.answer).reshape(len(self.of), -1)
 
     def products(self, others: Any) -> Array:
         """Return the (K, F) products of the columns with (F, n) others, an array or sparse rows."""
         if self.answer is None:
-            return (others @ self.shapes.T).T
+            return (others @ self.shapes.T).T[self.of]
         if not isinstance(others, np.ndarray):
             count, depth = self.answer.shape
             told = others.data * self.answer.ravel()[others.indices], others.indices // depth, others.indptr
-            return (type(others)(told, shape=(others.shape[0], count)) @ self.shapes.T).T
-        return self.shapes @ np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer).T
+            return (type(others)(told, shape=(others.shape[0], count)) @ self.shapes.T).T[self.of]
+        answered = np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer)
+        return (self.shapes @ answered.T)[self.of]
 
     def squares(self, some: np.ndarray) -> Array:
         """Return the (g, k, k) products among themselves of (g, k) of the columns."""
-        shapes = self.shapes[some]
+        shapes = self.shapes[self.of[some]]
         weighted = shapes if self.answer is None else shapes * (self.answer**2).sum(axis=1)
         return weighted @ shapes.transpose(0, 2, 1)
 
+
+Kind = tuple[Act, bool, bool, str, bytes]
+"""By which columns are made together: how a law acts, whether it changes the model and depends on the load; site, and
+the bytes of a direction."""
 
 Squares = Callable[[np.ndarray], Array]
 """Of (g, k) columns of a part the (g, k, k) products among themselves."""
@@ -136,23 +142,14 @@ class Bank:
         """Return the (n, k) columns of one candidate."""
         return candidate_regressors(self.candidates[index], self.fit, self.context)
 
-    @property
-    def regressors(self) -> Array:
-        """(n, K) all columns side by side; to go through `parts` takes less memory."""
-        regressors = np.empty((self.fit.residual.size, self.starts[-1]))
-        for part in self.parts:
-            regressors[:, part.places] = part.regressors
-        return regressors
-
-    def columns(self, places: np.ndarray) -> Array:
-        """Return the (n, k) columns at some places."""
-        found, where = np.empty((self.fit.residual.size, len(places))), np.full(self.starts[-1], -1)
+    def rows(self, places: np.ndarray) -> Array:
+        """Return (k, n) the columns at some places, one a row."""
+        found, where = np.empty((len(places), self.fit.residual.size)), np.full(self.starts[-1], -1)
         where[places] = np.arange(len(places))
         for part in self.parts:
             own = np.flatnonzero(where[part.places] >= 0)
             if len(own):
-                some = replace(part, places=part.places[own], shapes=part.shapes[own])
-                found[:, where[some.places]] = some.regressors
+                found[where[part.places[own]]] = replace(part, of=part.of[own]).rows
         return found
 
     @property
@@ -208,45 +205,58 @@ class Bank:
         An answer is whitened once for all of them, and a twist in one direction takes one number a row, not six.
         """
         view, held = self.fit.view, 0
-        shared: dict[tuple[str, tuple[str, ...], Values], Array] = {}
-        waiting: dict[tuple[Act, bool, str, bytes], list[tuple[int, Array]]] = {}
-        here: Any = None  # of the law and location before
-        of_load, before = False, (None, None)
+        shared, own = dict[tuple, Array](), dict[tuple, Array]()  # at every site; at one, whichever terms act
+        known: dict[tuple[int, ...], Array] = {}
+        waiting: dict[Kind, list[tuple[int, Array]]] = {}
+        here: Any = None  # of the law and place before
+        of_load, before = False, None
         for index, candidate in enumerate(self.candidates):
             if index % TOLD == 0:
                 self.tell("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
-            if before[0] is not law or before[1] is not location:  # they come in a row
-                here, of_load, before = self.context.here(location, view.arm), law.of_load(location), (law, location)
+            place = (law.name, location.site, location.axis, location.covariates, location.partner)
+            if before != place:  # they come in a row
+                here, of_load = self.context.here(location, view.arm), law.of_load(location)
+                before, own = place, {}
             direction = law.direction(here, inner)
             if direction is not None:
-                if of_load:
-                    found = law.shapes(location, inner, view, self.context)
-                else:  # the same at every site
-                    key = (law.name, location.covariates, inner)
-                    found = shared.get(key)
-                    if found is None:
-                        found = shared[key] = law.shapes(location, inner, view, self.context)
-                found = found if len(location.terms) == len(found) else found[list(location.terms)]
+                store, key = own if of_load else shared, (law.name, location.covariates, inner)
+                found = store.get(key)
+                if found is None:
+                    found = store[key] = np.ascontiguousarray(law.shapes(location, inner, view, self.context))
+                    held += found.size
             else:
                 found = law.features(location, inner, view, self.context)
+                # Sums round by where a bank is cut: a law that changes the model counts by its columns.
+                held += view.sigma.size * len(location.terms) if law.changes_model else found.size
             along = b"" if direction is None else direction.tobytes()
-            waiting.setdefault((law.act, law.changes_model, location.site, along), []).append((index, found))
-            # Sums round by where a bank is cut: a law that changes the model counts by its columns.
-            held += view.sigma.size * len(location.terms) if law.changes_model else found.size
+            waiting.setdefault((law.act, law.changes_model, of_load, location.site, along), []).append((index, found))
             if held > max(FLUSHED, TOGETHER * len(view.rows)):
-                yield from (self._part(along, some) for (*_, along), some in waiting.items())
+                yield from (self._part(key, some, known) for key, some in waiting.items())
                 waiting, held = {}, 0
-        yield from (self._part(along, some) for (*_, along), some in waiting.items())
+        yield from (self._part(key, some, known) for key, some in waiting.items())
 
-    def _part(self, direction: bytes, some: Sequence[tuple[int, Array]]) -> Part:
-        """Return the columns of candidates at one site from what each of them brings, by its number."""
+    def _part(self, kind: Kind, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> Part:
+        """Return the columns of candidates of a kind from what each of them brings, by its number.
+
+        `known` are shapes without loads that were put together before, by the arrays that they are of.
+        """
+        *_, of_load, _, direction = kind
         groups, brought = np.array([index for index, _ in some]), [found for _, found in some]
         first, view = self.candidates[groups[0]], self.fit.view
         places = np.concatenate([np.arange(*self.starts[i : i + 2].tolist()) for i in groups.tolist()])
         if direction:
             answer = view.to_twist(first.location.site) @ np.frombuffer(direction) * _scale(self.fit)
-            return Part(groups, places, np.concatenate(brought), answer)
+            unique = {id(found): found for found in brought}
+            ends = np.cumsum([0, *(len(found) for found in unique.values())]).tolist()
+            start = dict(zip(unique, ends, strict=False))
+            of = [start[id(found)] + np.array(self.candidates[i].location.terms) for i, found in some]
+            key = tuple(unique)
+            shapes = None if of_load else known.get(key)
+            if shapes is None:
+                shapes = np.concatenate(list(unique.values()))
+                known |= {} if of_load else {key: shapes}
+            return Part(groups, places, shapes, np.concatenate(of), answer)
         answer = view.per(first.law, first.location) * _scale(self.fit)[:, :, None]
         regressors = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
         if view.indirect:
@@ -255,7 +265,8 @@ class Bank:
             regressors = regressors + (np.concatenate(columns, axis=2) * _scale(self.fit)[:, :, None]).transpose(
                 0, 2, 1
             )
-        return Part(groups, places, regressors.transpose(1, 0, 2).reshape(len(places), -1), None)
+        regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1)
+        return Part(groups, places, regressors, np.arange(len(places)), None)
 
 
 def candidate_of(effect: Effect) -> Candidate:

@@ -98,20 +98,18 @@ class Hypothesis:
 def hypotheses(context: Context) -> list[Hypothesis]:
     """Return every law at every place of a campaign, and every free shape that is not only sought where it may be."""
     known = list(candidates_of((law for law in EVERY.values() if not law.sought), context))
-    spots: dict[str, set] = {}
-    terms: dict[tuple, set] = {}
-    values: dict[tuple, list[Values]] = {}
-    for one in known:
-        spot = _spot(one)
-        spots.setdefault(one.law.name, set()).add(spot)
+    spots = [_spot(one) for one in known]
+    places, terms, values = Counter(name for name, *_ in set(spots)), dict[tuple, set](), dict[tuple, list[Values]]()
+    for one, spot in zip(known, spots, strict=True):
         terms.setdefault(spot, set()).add(one.location.terms)
         values.setdefault((spot, one.location.terms), []).append(one.inner)
+    laws = {law.name: _of_law(law) for law in EVERY.values()}
     found = []
-    for one in known:
-        beside = values[_spot(one), one.location.terms]
-        prior = _of_law(one.law) - _share(one, len(spots[one.law.name]))
+    for one, spot in zip(known, spots, strict=True):
+        beside = values[spot, one.location.terms]
+        prior = laws[one.law.name] - _share(one, places[one.law.name])
         prior += float(np.log(RARE)) * _rare(one, beside, context)
-        found.append(Hypothesis((one,), prior - float(np.log(len(terms[_spot(one)]) * len(beside)))))
+        found.append(Hypothesis((one,), prior - float(np.log(len(terms[spot]) * len(beside)))))
     return found
 
 

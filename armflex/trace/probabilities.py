@@ -54,17 +54,18 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
 
     The last is of every hypothesis of the screen that competes, its number among those that do.
     """
-    refiner, found = Refiner(screen), dict[int, float]()
+    refiner, found, charges = Refiner(screen), dict[int, float](), dict[int, float]()
     for i in range(len(model) + 1):
         rest = tuple(one for j, one in enumerate(model) if j != i)
         for one in rivals(screen.beside(rest), refiner, within=COMPETING, most=AT_MOST):
-            odds = float(screen.beside(rest).odds[one.chosen.number].max())
-            found[one.chosen.number] = min(max(odds - one.odds, 0.0), found.get(one.chosen.number, np.inf))
+            number, odds = one.chosen.number, float(screen.beside(rest).odds[one.chosen.number].max())
+            if one.odds > found.get(number, -np.inf):  # of the size that it has where it competes most
+                found[number], charges[number] = one.odds, max(odds - one.odds, 0.0)
     beside = screen.beside(model)
     for one, amplitudes in zip(model, beside.amplitudes, strict=True):
-        found[one.number] = screen.charge(one.number, amplitudes)
-    numbers = {number: i for i, number in enumerate(found)}
-    return screen.dense(tuple(found), tuple(found.values())), tuple(numbers[one.number] for one in model), numbers
+        charges[one.number] = screen.charge(one.number, amplitudes)
+    numbers = {number: i for i, number in enumerate(charges)}
+    return screen.dense(tuple(charges), tuple(charges.values())), tuple(numbers[one.number] for one in model), numbers
 
 
 def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:

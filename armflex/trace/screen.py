@@ -24,7 +24,7 @@ from armflex.trace.selection import (
     batches_of,
     joined,
     prior_of,
-    taken,
+    reduced,
 )
 from armflex.trace.sensible import sensible, unusual
 
@@ -52,6 +52,24 @@ def unit_of(fit: Fit) -> float:
     """Return the square of a whitened column that moves the target by `MOVED`, RMS over the rows."""
     sigma = fit.view.sigma[:, fit.view.foremost]
     return len(fit.view.rows) * MOVED**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
+
+
+class Table:
+    """Rows of one length by a number of each, with room for more."""
+
+    def __init__(self, length: int) -> None:
+        self.place, self._rows = dict[int, int](), np.empty((0, length))
+
+    def add(self, numbers: np.ndarray, rows: Array) -> None:
+        first = len(self.place)
+        self.place |= zip(numbers.tolist(), range(first, first + len(numbers)), strict=True)
+        if len(self.place) > len(self._rows):
+            self._rows = np.concatenate([self._rows[:first], np.empty((len(self.place), self._rows.shape[1]))])
+        self._rows[first : len(self.place)] = rows
+
+    def of(self, numbers: np.ndarray) -> Array:
+        """Return the rows of some numbers."""
+        return self._rows[[self.place[number] for number in numbers.tolist()]]
 
 
 class Held:
@@ -132,8 +150,8 @@ class Screen(Evidence):
         further = Block(len(self.groups), (), np.empty(0), np.empty(0))
         self.blocks = [Block(0, batches, scores, prior_of(self.groups)), further]
         self._catalogue, self._narrowed = self.blocks[0], None
-        self._narrow_rows, self._narrow = dict[int, Array](), np.empty((0, 0))
-        self._held, self._place, self._rows = Held(projection), dict[int, int](), dict[int, Array]()
+        self._narrow_rows, self._narrow = Table(0), np.empty((0, 0))
+        self._held, self._place, self._rows = Held(projection), dict[int, int](), Table(self._first)
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
         self.refined: dict[tuple, set[frozenset]] = {}
@@ -142,7 +160,7 @@ class Screen(Evidence):
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
         self.scanned.clear()
         self._known.clear()
-        self._rows.clear()
+        self._rows = Table(self._first)
         self._narrowed = None
         self.bank.forget()
 
@@ -201,8 +219,7 @@ class Screen(Evidence):
             scores, logs = columns.T @ self.projection.residual, []
             for beside, own, own_seen in known:
                 across = (columns.T @ own - seen @ own_seen.T) @ beside.inverse.T
-                insides = taken(batches, [inside for *_, inside, _ in batches], across, -1.0)
-                logs.append(beside.odds_of(batches, insides, scores - across @ beside.pull, len(made)))
+                logs.append(beside.odds_of(batches, reduced(batches, across), scores - across @ beside.pull, len(made)))
             odds = np.array([one.prior for one, _ in made]) + np.max(logs, axis=(0, 2))
             best += zip(odds.tolist(), (one for one, _ in made), strict=True)
             best = sorted(best, key=lambda pair: -pair[0])[:most]
@@ -257,20 +274,17 @@ class Screen(Evidence):
     def gram(self, block: int, places: np.ndarray) -> Array:
         at = self._held_at(places)
         if block:
-            return self._held.gram[np.ix_(self._further, at)]
-        kept = self.blocks[0].kept
-        rows = self._rows if kept is None else self._narrow_rows
-        missing = [i for i, place in enumerate(places.tolist()) if place not in rows]
-        if missing:
-            some = at[missing]
-            if kept is None:
-                found = self.bank.products(self._held.cleared[some].T) / self.quiet
-                found -= self._seen @ self._held.seen[some].T
+            return self._held.gram[at].T[self._further]
+        rows = self._rows if self.blocks[0].kept is None else self._narrow_rows
+        missing = np.array([place for place in places.tolist() if place not in rows.place], dtype=int)
+        if len(missing):
+            held, some = self._held, self._held_at(missing)
+            if rows is self._rows:
+                found = self.bank.products(held.cleared[some].T) / self.quiet - self._seen @ held.seen[some].T
             else:
-                found = self._narrow.T @ self._held.cleared[some].T - self._seen[kept] @ self._held.seen[some].T
-            rows |= zip(places[missing].tolist(), np.ascontiguousarray(found.T), strict=True)
-        size = self._first if kept is None else len(kept)
-        return np.array([rows[place] for place in places.tolist()]).reshape(len(places), size).T
+                found = self._narrow @ held.cleared[some].T - self._seen[self.blocks[0].kept] @ held.seen[some].T
+            rows.add(missing, found.T)
+        return rows.of(places).T
 
     def narrow(self, some: bool) -> None:
         if not some:
@@ -280,8 +294,8 @@ class Screen(Evidence):
         if self._narrowed is None or not np.array_equal(numbers, self._narrowed[0]):
             block = self._catalogue.narrowed(numbers)
             assert block.kept is not None
-            self._narrowed, self._narrow_rows = (numbers, block), {}
-            self._narrow = self.bank.columns(block.kept) / self.quiet
+            self._narrowed, self._narrow_rows = (numbers, block), Table(len(block.kept))
+            self._narrow = self.bank.rows(block.kept) / self.quiet
         self.blocks[0] = self._narrowed[1]
 
     def scores_of(self, residuals: Array) -> Array:

@@ -31,7 +31,8 @@ ROUNDS = 12
 """Tolerance: fits of the arm with what was found at most."""
 
 AT_ONCE = 4
-"""Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing."""
+"""Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing;
+once there are as many, as many as there are."""
 
 FEW = 2
 """Tolerance: effects with which a random twist is compared at first; more may imitate one."""
@@ -171,7 +172,10 @@ def _begun(here: Standing) -> Standing:
 def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     """Return the state that no further model of its own linear problem improves."""
     for _ in range(ROUNDS):
-        after = _fitted(here, modelled(here)) or _fitted(here, modelled(here, 1))
+        model = modelled(here)
+        after = _fitted(here, model)
+        if after is None and spots(here.screen, model) != spots(here.screen, here.model):
+            after = _fitted(here, modelled(here, 1))
         if after is None:
             return here
         here = after
@@ -179,8 +183,9 @@ def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     return here
 
 
-def modelled(here: Standing, more: int = AT_ONCE) -> Model:
+def modelled(here: Standing, more: int = 0) -> Model:
     """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
+    more = more or max(AT_ONCE, len(here.model))
     return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + more, MOST))
 
 

@@ -22,7 +22,7 @@ from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, takewhile
 from typing import Self
 
 import numpy as np
@@ -221,8 +221,8 @@ class Evidence(ABC):
         return found
 
     @cached_property
-    def scanned(self) -> dict[tuple[int, bool], Beside]:
-        """The last model that all hypotheses of a block, or some, were scanned beside: others differ little from it."""
+    def scanned(self) -> dict[tuple[int, bool], tuple[list, Array]]:
+        """Of every block what it was last scanned beside, and how; see `Beside.across`."""
         return {}
 
     @abstractmethod
@@ -258,6 +258,7 @@ class Beside:
         evidence: The problem.
         model: What is in it.
         places, scale: (k,) numbers of its columns and their scales.
+        held: (k,) prior precisions of their scaled amplitudes.
         root: (k, k) Cholesky factor of Q.
         pull: (k,) root^-1 s_S.
         volume: log|D^1/2 Q D^1/2|.
@@ -269,16 +270,15 @@ class Beside:
         self.places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
         self.scale = np.concatenate([np.zeros(0), *(one.scale for one in some)])
         self._ends = np.cumsum([0, *(len(one.places) for one in some)]).tolist()
-        held = np.repeat([SCALES[one.scale] ** -2.0 for one in model], np.diff(self._ends))
+        self.held = np.repeat([SCALES[one.scale] ** -2.0 for one in model], np.diff(self._ends))
         own, scores = evidence.among(self.places)
-        own = own * self.scale * self.scale[:, None] + np.diag(held)
+        own = own * self.scale * self.scale[:, None] + np.diag(self.held)
         self.root = np.linalg.cholesky(0.5 * (own + own.T))
         self.inverse = np.linalg.inv(self.root)
         self.pull = self.inverse @ (scores * self.scale)
-        self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(held).sum())
+        self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
         self._reduced: dict[tuple[int, bool], tuple[Block, Reduced]] = {}
         self._odds: dict[tuple[int, bool], tuple[Block, Array]] = {}
-        self._crossed: dict[tuple[int, bool], tuple[Block, Array]] = {}
 
     @cached_property
     def left(self) -> float:
@@ -333,78 +333,33 @@ class Beside:
             self._odds[block.key] = block, odds
         return self._odds[block.key][1]
 
-    def _follow(self, block: Block) -> None:
-        last = self.evidence.scanned.get(block.key)
-        if last is not None and last is not self:
-            last._crossed.pop(block.key, None)
-        self.evidence.scanned[block.key] = self
-
-    def crossed(self, which: int) -> Array:
-        """Return the (K, k) products X'MX of a block's columns with the scaled ones of the model."""
-        block = self.evidence.blocks[which]
-        if block.key not in self._crossed or self._crossed[block.key][0] is not block:
-            self._crossed[block.key] = block, self.evidence.gram(which, self.places) * self.scale
-        return self._crossed[block.key][1]
-
     def across(self, which: int) -> Array:
-        """Return the same by the root's inverse transposed: squares of it are what the model takes of information."""
-        return self.crossed(which) @ self.inverse.T
+        """Return (K, k) products of a block's columns with the scaled ones of the model, by the root's inverse.
+
+        Squares of it are what the model takes of their information. Columns of what the last model begins with, too,
+        stand as they are: a climb adds at the end, and takes out one hypothesis after the other from there.
+        """
+        block, size = self.evidence.blocks[which], len(self.places)
+        own = [block, *zip(self.places.tolist(), self.held.tolist(), strict=True)]
+        last, found = self.evidence.scanned.get(block.key, ([], np.empty((0, 0))))
+        if len(found) != len(block.scores) or found.shape[1] < size:
+            last, found = [], np.empty((len(block.scores), size + size // 2))
+        first = max(sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(own, last, strict=False))) - 1, 0)
+        if first < size:
+            inverse = np.linalg.inv(self.root[first:, first:])
+            before = found[:, :first] @ (inverse @ self.root[first:, :first]).T
+            found[:, first:size] = self.evidence.gram(which, self.places[first:]) @ (inverse * self.scale[first:]).T
+            found[:, first:size] -= before
+        self.evidence.scanned[block.key] = own, found
+        return found[:, :size]
 
     def reduced(self, which: int) -> Reduced:
-        """Return what the model leaves of a block's information and scores.
-
-        That is what the last model left, in the directions that are gone more and in those that are new less: products
-        with the columns of a few hypotheses, not with those of all.
-        """
-        evidence = self.evidence
-        block = evidence.blocks[which]
-        if block.key in self._reduced and self._reduced[block.key][0] is block:
-            return self._reduced[block.key][1]
-        last = evidence.scanned.get(block.key)
-        insides, scores = [inside for *_, inside, _ in block.batches], block.scores
-        if not self.model:
-            found = insides, scores
-        elif last is None or last is self or not set(last.model) & set(self.model):
+        """Return what the model leaves of a block's information and scores."""
+        block = self.evidence.blocks[which]
+        if block.key not in self._reduced or self._reduced[block.key][0] is not block:
             across = self.across(which)
-            found = taken(block.batches, insides, across, -1.0), scores - across @ self.pull
-            self._follow(block)
-        else:
-            insides, scores = last.reduced(which)
-            gone = [i for i, one in enumerate(last.model) if one not in self.model]
-            kept = np.setdiff1d(np.arange(len(last.places)), lost := last.columns_of(gone))
-            if gone:
-                axes = last.inverse[:, lost]
-                axes = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
-                more = last.crossed(which) @ (last.inverse.T @ axes)
-                insides, scores = taken(block.batches, insides, more, 1.0), scores + more @ (axes.T @ last.pull)
-            new = [i for i, one in enumerate(self.model) if one not in last.model]
-            if new:
-                rest, own = evidence.beside(tuple(one for one in last.model if one in self.model)), self.columns_of(new)
-                places, scale = self.places[own], self.scale[own]
-                whole, score = evidence.among(np.concatenate([rest.places, places]))
-                count, scales = len(rest.places), np.concatenate([rest.scale, scale])
-                whole, score = whole * scales * scales[:, None], score * scales
-                across = rest.inverse @ whole[:count, count:]
-                held = np.repeat([SCALES[self.model[i].scale] ** -2.0 for i in new], [self.size(i) for i in new])
-                inverse = np.linalg.inv(np.linalg.cholesky(whole[count:, count:] + np.diag(held) - across.T @ across))
-                weights = np.zeros((len(last.places), len(own)))
-                weights[kept] = rest.inverse.T @ across
-                more = evidence.gram(which, places) * scale - last.crossed(which) @ weights
-                more, pull = more @ inverse.T, inverse @ (score[count:] - across.T @ rest.pull)
-                insides, scores = taken(block.batches, insides, more, -1.0), scores - more @ pull
-                self._follow(block)
-            found = insides, scores
-        self._reduced[block.key] = block, found
-        return found
-
-    def size(self, index: int) -> int:
-        """Return how many columns a hypothesis of the model has, by its place in it."""
-        return self._ends[index + 1] - self._ends[index]
-
-    def columns_of(self, some: Sequence[int]) -> np.ndarray:
-        """Return the places of the columns of some hypotheses of the model among all of its columns."""
-        none = np.zeros(0, dtype=int)
-        return np.concatenate([none, *(np.arange(self._ends[i], self._ends[i + 1]) for i in some)])
+            self._reduced[block.key] = block, (reduced(block.batches, across), block.scores - across @ self.pull)
+        return self._reduced[block.key][1]
 
     def odds_of(self, batches: Sequence[Batch], insides: Sequence[Array], scores: Array, most: int) -> Array:
         """Return the (H, T) log evidence that hypotheses add to the model at each scale; none where not in batches.
@@ -443,16 +398,15 @@ class Beside:
         return np.linalg.solve(own, scores[places[row]] * scales[row]) * scales[row]
 
 
-def taken(batches: Sequence[Batch], insides: Sequence[Array], across: Array, sign: float) -> list[Array]:
-    """Return (g, k, k) information of batches with that of (K, m) products with orthonormal directions added."""
-    found = []
-    for (_, places, scale, *_), inside in zip(batches, insides, strict=True):
+def reduced(batches: Sequence[Batch], across: Array) -> list[Array]:
+    """Return (g, k, k) information of batches beside a model; see `Beside.across`."""
+    found, squares = [], np.einsum("km,km->k", across, across)
+    for _, places, scale, inside, _ in batches:
         if places.shape[1] == 1:
-            squares = (across[places[:, 0]] ** 2).sum(axis=1) * scale[:, 0] ** 2
-            found.append(inside + sign * squares[:, None, None])
+            found.append(inside - (squares[places] * scale**2)[:, :, None])
         else:
             own = across[places] * scale[:, :, None]
-            found.append(inside + sign * (own @ own.transpose(0, 2, 1)))
+            found.append(inside - own @ own.transpose(0, 2, 1))
     return found
 
 
@@ -588,13 +542,14 @@ def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:
     if len(model) < 2:
         return []
     beside = evidence.beside(model)
+    own = np.split(np.arange(len(beside.places)), np.cumsum([len(one) for one in beside.amplitudes[:-1]]))
 
     def worth(*gone: int) -> float:
-        axes = beside.inverse[:, beside.columns_of(gone)]
-        own, values = axes.T @ axes, axes.T @ beside.pull
-        left = beside.left + float(values @ np.linalg.solve(own, values))
+        axes = beside.inverse[:, np.concatenate([own[i] for i in gone])]
+        inside, values = axes.T @ axes, axes.T @ beside.pull
+        left = beside.left + float(values @ np.linalg.solve(inside, values))
         fall = log_likelihood(beside.left, evidence.count) - log_likelihood(left, evidence.count)
-        return float(fall + 0.5 * np.linalg.slogdet(own)[1])
+        return float(fall + 0.5 * np.linalg.slogdet(inside)[1])
 
     alone = [worth(i) for i in range(len(model))]
     shared = {pair: worth(*pair) - alone[pair[0]] - alone[pair[1]] for pair in combinations(range(len(model)), 2)}

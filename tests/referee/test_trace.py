@@ -113,7 +113,7 @@ def restationed(tmp_path_factory) -> State:
 
 def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
     fit, projection = before.fit, project(before.fit)
-    change = bank([backlash], fit, before.context).regressors[:, 0]
+    change = bank([backlash], fit, before.context).rows(np.zeros(1, int))[0]
     values, _ = least_squares(fit.regressors, fit.prior, change)
     np.testing.assert_allclose(projection.absorbed(change), values, rtol=1e-5, atol=1e-6 * np.abs(values).max())
 

@@ -34,9 +34,9 @@ DRESS_PACK = TwistLaw(
     name="dress_pack",
     words=Words("dress pack pull", "cables turn the joint as it moves", "C · k (q − q₀)"),
     instead="repeat a few poses with the dress pack untied",
-    plausible=Plausible(0.002, 0.005, "hoses pull with 10 to 200 Nm"),
+    plausible=Plausible(0.002, 0.005, "hoses pull with 10 to 200 Nm over the range of a joint"),
     places=lambda records: at_drives(records, "q_{joint}"),
-    amplitudes=(Amplitude("k", "{w}/{m}"),),
+    amplitudes=(Amplitude("k", "{w}/{m}", usual=200.0),),
     terms=_terms,
     basis=_basis,
 )
