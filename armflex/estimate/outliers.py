@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class Outlier:
     """What the fit excludes of a row: its place, its error [m, or `unit`], and what became of it.
 
     `instrument` is the sensor that read it, '' the instrument at the tip; `fellow`
-    is the row whose reading stands there, of two that are exchanged.
+    is the row, or in the same row the instrument, whose reading stands there, of two that are exchanged.
     """
 
     row: int
@@ -74,25 +75,36 @@ def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: 
     return lost & (lost.mean(axis=0) <= MOST)
 
 
-def exchanged(view: View, far: np.ndarray) -> dict[tuple[int, int], int]:
-    """Return by (row, instrument) the row whose reading stands there, where two readings stand in each other's row.
+def exchanged(view: View, far: np.ndarray) -> dict[tuple[int, int], tuple[int, int]]:
+    """Return by (row, instrument) where a reading belongs, for pairs that stand in each other's place.
+
+    That is another row of the same instrument, or another instrument of the same kind in the same row.
 
     Args:
         view: The campaign at a fit; rows are counted from 0.
         far: (M, G) readings that are far off.
     """
-    found: dict[tuple[int, int], int] = {}
-    for number, place in enumerate(view.readings.groups):
-        own = next(kind for kind, where in view.readings.placed if where.start == place.start)
-        values, left = own.values, view.residual[:, place.start : place.start + own.dimension]
-        sigma, limit = view.sigma[:, place.start : place.start + own.dimension], outlier_limit(own.dimension)
-        rest = np.linalg.norm(left[~far[:, number]] / sigma[~far[:, number]], axis=1)
-        limit *= max(float(np.median(rest)) if len(rest) else 1.0, 1.0)
-        for i in np.flatnonzero(far[:, number]).tolist():
-            for j in np.flatnonzero(far[:, number]).tolist():
-                crossed = (values[j] - values[i] + left[i]) / sigma[j], (values[i] - values[j] + left[j]) / sigma[i]
-                if i != j and max(np.linalg.norm(one) for one in crossed) < limit:
-                    found[i, number] = j
+    found: dict[tuple[int, int], tuple[int, int]] = {}
+    foremost = {place.start: kind for kind, place in view.readings.placed}
+    groups = [(foremost[one.start], slice(one.start, one.start + foremost[one.start].dimension))
+              for one in view.readings.groups]  # fmt: skip
+    limits = []
+    for number, (kind, place) in enumerate(groups):
+        near = ~far[:, number]
+        rest = np.linalg.norm(view.residual[near, place] / view.sigma[near, place], axis=1)
+        limits.append(outlier_limit(kind.dimension) * max(float(np.median(rest)) if len(rest) else 1.0, 1.0))
+    # In the order of rows and instruments, each pair once.
+    for (i, one), (j, other) in combinations(np.argwhere(far).tolist(), 2):
+        (kind, place), (second, elsewhere) = groups[one], groups[other]
+        if one != other and (i != j or type(kind) is not type(second)):
+            continue
+        apart = second.values[j] - kind.values[i]
+        crossed = (
+            np.linalg.norm((apart + view.residual[i, place]) / view.sigma[j, elsewhere]),
+            np.linalg.norm((view.residual[j, elsewhere] - apart) / view.sigma[i, place]),
+        )
+        if max(crossed) < min(limits[one], limits[other]):
+            found |= {(i, one): (j, other), (j, other): (i, one)}
     return found
 
 
@@ -105,7 +117,7 @@ def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: s
         measurements: The campaign.
         kind: What became of them.
     """
-    pairs, places = exchanged(view, far), measurements.places
+    pairs, places, named = exchanged(view, far), measurements.places, view.readings.names
     for number, group in enumerate(view.readings.groups):
         own = next(one for one, place in view.readings.placed if place.start == group.start)
         error: Array = np.linalg.norm(view.residual[:, group.start : group.start + own.dimension], axis=1)
@@ -113,8 +125,9 @@ def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: s
         for i in some[np.argsort(-error[some])].tolist():
             row, said, fellow = int(view.rows[i]), kind, ""
             if (i, number) in pairs:
-                other = int(view.rows[pairs[i, number]])
-                said = "exchanged"
-                fellow = f"line {places[other].line}" if places else f"row {other}"
+                (j, second), said = pairs[i, number], "exchanged"
+                there = int(view.rows[j])
+                fellow = f"line {places[there].line}" if places else f"row {there}"
+                fellow = fellow if j != i else named[second] or "x y z"
             place = places[row] if places else None
             yield Outlier(row, place, float(error[i]), said, own.name, own.unit, fellow)

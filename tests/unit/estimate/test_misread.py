@@ -145,6 +145,20 @@ def test_two_readings_in_each_others_row_are_called_exchanged() -> None:
     assert fellows == {row: f"line {rows.places[other].line}" for row, other in ((30, 100), (100, 30))}
 
 
+def test_two_targets_exchanged_in_one_row_are_called_so() -> None:
+    arm, rows = with_targets(*ur5())
+    first, second = (next(one for one in rows.readings.kinds if one.name == name) for name in ("smr1", "smr2"))
+    one, other = first.values.copy(), second.values.copy()
+    one[40], other[40] = second.values[40], first.values[40]
+    kinds = {"smr1": replace(first, values=one), "smr2": replace(second, values=other)}
+    readings = replace(rows.readings, kinds=tuple(kinds.get(kind.name, kind) for kind in rows.readings.kinds))
+    found = calibrate(arm, replace(rows, readings=readings))
+    assert {(each.row, each.kind, each.instrument, each.fellow) for each in found.outliers} == {
+        (40, "exchanged", "smr1", "smr2"),
+        (40, "exchanged", "smr2", "smr1"),
+    }
+
+
 def test_nothing_is_written_where_readings_scatter_a_hundred_times_as_stated(armflex: Run, tmp_path: Path) -> None:
     lines = (ROBOTS / "tarm_like" / "campaign.csv").read_text().splitlines()[:101]
     place = lines[0].split(",").index("sigma")
