@@ -59,6 +59,7 @@ from armflex.parameters import (
     of_motions,
     of_offsets,
     of_sensor,
+    of_springs,
     of_targets,
 )
 from armflex.readings.instrument import Instrument
@@ -118,6 +119,8 @@ class Prior:
         geometry: Every fixed transform of the chain [m and rad].
         mass: Mass of every link that moves, relative.
         payload_mass: Mass of every payload that a campaign carries, relative.
+        spring: Rate of every linear spring, pressure of every gas spring, relative.
+        spring_length: Free length of every linear spring [m].
         session_target: The target's place in the tip frame between sessions, in each of which it was mounted anew [m].
         session_translation: Instrument frame between sessions [m].
         session_rotation: Instrument frame between sessions [rad].
@@ -132,6 +135,8 @@ class Prior:
     geometry: float = 0.0
     mass: float = 0.0
     payload_mass: float = 0.0
+    spring: float = 0.0
+    spring_length: float = 0.0
     session_target: float = 0.0
     session_translation: float = 0.0
     session_rotation: float = 0.0
@@ -144,6 +149,7 @@ class Prior:
             ParameterKind.OFFSET: self.joint_offset,
             ParameterKind.GEOMETRY: self.geometry,
             ParameterKind.MASS: self.payload_mass if name.startswith(CARRIED) else self.mass,
+            ParameterKind.SPRING: self.spring_length if parameter.unit == "m" else self.spring,
             ParameterKind.COMPLIANCE: self.compliance,
         }
         return self.each.get(parameter.label, (0.0, stds.get(kind, 0.0)))
@@ -288,6 +294,9 @@ class Arm:
             return self.corrections.joint_offset.get(name, 0.0)
         if kind is ParameterKind.MASS:
             return self.masses.get(name, 0.0)
+        if kind is ParameterKind.SPRING:
+            values = [value for one in self.springs for value in one.law.found]
+            return dict(zip(of_springs(self.springs), values, strict=True)).get(parameter, 0.0)
         axis = TWIST_NAMES.index(str(parameter.name))
         values = (self.corrections.geometry if kind is ParameterKind.GEOMETRY else self.factors).get(name)
         return 0.0 if values is None else float(values[axis])
@@ -302,7 +311,7 @@ class Arm:
         known = [*FRAME, *of_motions(ParameterKind.SESSION, sessions), *MOUNTED, *TARGET, *of_offsets(self.robot)]
         known += of_targets(self.instrument.targets if self.instrument else ())
         known += of_motions(ParameterKind.GEOMETRY, self.robot.frames)
-        known += of_masses(self.weighing)
+        known += [*of_masses(self.weighing), *of_springs(self.springs)]
         known += [one for sensor in self.sensors.values() for one in of_sensor(sensor, sensor.found)]
         for flexure in self.flexures:
             known += of_compliance(flexure.name)
@@ -622,8 +631,8 @@ class Setup:
     def with_effect(self, effect: Effect) -> Setup:
         """Return the setup with one more effect in it, and with what the effect changes of the model."""
         arm = self.arm
-        model = effect.law.change(effect, Model(arm.robot, arm.corrections, arm.payloads, self.instrument))
-        parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads")}
+        model = effect.law.change(effect, Model(arm.robot, arm.corrections, arm.payloads, arm.springs, self.instrument))
+        parts = {name: getattr(model, name) for name in ("robot", "corrections", "payloads", "springs")}
         return Setup(replace(arm, effects=(*arm.effects, effect), **parts), model.instrument)
 
 

@@ -19,6 +19,7 @@ from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
 from armflex.linear_gaussian import depend_on
+from armflex.mechanics.spring import Spring
 from armflex.readings.sensor import Sensor
 from armflex.robot import Robot
 
@@ -35,6 +36,7 @@ class ParameterKind(StrEnum):
     OFFSET = "joint_offset"
     GEOMETRY = "geometry"
     MASS = "mass"
+    SPRING = "spring"
     COMPLIANCE = "compliance"
     LAW = "law"
     EFFECT = "effect"
@@ -146,6 +148,12 @@ CARRIED = "payload "
 def of_masses(names: Iterable[str]) -> tuple[ArmParameter, ...]:
     """Return the logarithmic factors on the masses of links, and of payloads that are named after `CARRIED`."""
     return tuple(ArmParameter(Group(ParameterKind.MASS, name)) for name in names)
+
+
+def of_springs(springs: Iterable[Spring]) -> tuple[ArmParameter, ...]:
+    """Return what calibration may find of springs; see `mechanics.spring`."""
+    pairs = [(Group(ParameterKind.SPRING, spring.name), one) for spring in springs for one in spring.law.parameters]
+    return tuple(ArmParameter(group, *one) for group, one in pairs)
 
 
 def of_compliance(flexure: str) -> tuple[ArmParameter, ...]:

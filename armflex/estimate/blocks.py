@@ -38,6 +38,7 @@ from armflex.parameters import (
     of_motions,
     of_offsets,
     of_sensor,
+    of_springs,
     of_targets,
 )
 from armflex.readings import Kind, Orientation, Position, Sensor, Touch
@@ -285,6 +286,29 @@ def mass_block(names: tuple[str, ...], std: ArrayLike = 0.0) -> Block:
     return RigidBlock(of_masses(names), np.broadcast_to(std, len(names)), changes, moved, logarithmic=True)
 
 
+def spring_block(setup: Setup, free: Sequence[ArmParameter], std: ArrayLike = 0.0) -> Block:
+    """Return the block of what is free of springs, with their standard deviations; see `mechanics.spring`."""
+    every = of_springs(setup.arm.springs)
+    places = [every.index(one) for one in free]
+
+    def changes(view: View) -> Array:
+        columns = [
+            view.to_tension(spring) * spring.law.by_found(view.length_of(spring)).T[:, None]
+            for spring in view.arm.springs
+        ]
+        return np.concatenate(columns, axis=2)[:, :, places]
+
+    def moved(setup: Setup, values: Array) -> Setup:
+        steps, after = np.zeros(len(every)), []
+        steps[places] = values
+        for spring in setup.arm.springs:
+            own, steps = np.split(steps, [len(spring.law.parameters)])
+            after.append(spring.moved(own))
+        return replace(setup, arm=replace(setup.arm, springs=tuple(after)))
+
+    return RigidBlock(tuple(free), np.broadcast_to(std, len(places)), changes, moved)
+
+
 def _corrected(setup: Setup, part: str, steps: dict[str, Any]) -> Setup:
     """Return the setup with steps by joint added to a part of the arm's corrections."""
     corrections = setup.arm.corrections
@@ -336,6 +360,10 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     stds = {name: std for name, std in stds.items() if std and (name in carried or not name.startswith(CARRIED))}
     if stds:
         blocks.append(mass_block(tuple(stds), np.array(list(stds.values()))))
+    springs = {one: prior.of(one)[1] for one in of_springs(arm.springs)}
+    if any(springs.values()):
+        freed = [one for one, std in springs.items() if std]
+        blocks.append(spring_block(setup, freed, np.array([springs[one] for one in freed])))
     if prior.compliance:
         row = anywhere(arm.robot)
         given = {flexure.name: flexure.law.freed(row) for flexure in arm.flexures if flexure.learn is None}
@@ -443,5 +471,8 @@ def _of_kind(kind: ParameterKind, parameters: list[ArmParameter], setup: Setup, 
         ParameterKind.OFFSET: lambda: offset_block(setup),
         ParameterKind.GEOMETRY: lambda: geometry_block(setup),
         ParameterKind.MASS: lambda: mass_block(tuple(name for name in names if name in arm.weighing)),
+        ParameterKind.SPRING: lambda: spring_block(
+            setup, [one for one in parameters if one in of_springs(arm.springs)]
+        ),
     }
     return [rigid[kind]()]

@@ -24,7 +24,13 @@ from armflex.conventions import Array
 from armflex.errors import InputError, listing
 from armflex.parameters import ArmParameter, ParameterKind
 
-SHARED = (ParameterKind.OFFSET, ParameterKind.GEOMETRY, ParameterKind.MASS, ParameterKind.COMPLIANCE)
+SHARED = (
+    ParameterKind.OFFSET,
+    ParameterKind.GEOMETRY,
+    ParameterKind.MASS,
+    ParameterKind.SPRING,
+    ParameterKind.COMPLIANCE,
+)
 """Kinds of parameters that sisters have in common."""
 
 FEWEST = 3

@@ -21,6 +21,7 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.modes import DAMPING, modes_of
 from armflex.mechanics.response import Response, respond
+from armflex.mechanics.spring import Spring
 from armflex.readings import Kind, Position, Postures, Readings
 from armflex.readings.instrument import twist_per_value
 from armflex.rows import Rows
@@ -188,6 +189,8 @@ class View:
             return self.to_twist(location.site)
         if law.act is Act.LOAD:
             return self.to_load(link_of(location.site, self.arm.robot))
+        if law.act is Act.TENSION:
+            return self.to_tension(next(one for one in self.arm.springs if one.name == location.site))
         if law.act is Act.GRAVITY:
             return self.by_gravity
         return self.by_session if law.act is Act.FRAME else self.by_scale[:, :, None]
@@ -252,7 +255,7 @@ class View:
             features: (M, k, n) what the law adds in the rows per unit, from which the step is chosen.
         """
         found = np.zeros((*self.residual.shape, features.shape[1]))
-        if not self.indirect or not (law.loaded or law.act is Act.LOAD):
+        if not self.indirect or not (law.loaded or law.act in (Act.LOAD, Act.TENSION)):
             return found
         read = Readings(len(self.rows), (Position.unread(len(self.rows)),))
         at_tip = replace(self, readings=read, residual=np.zeros((len(self.rows), 3)))
@@ -287,6 +290,26 @@ class View:
             index = self.line.link_names.index(link)
             self._to_load[link] = self.answer(lambda line: line.link_loads[:, index])
         return self._to_load[link]
+
+    def to_tension(self, spring: Spring) -> Array:
+        """Return (M, d, 1) changes of the readings per tension between the ends of a spring [N]."""
+        starts = [self._at(*end) for end in spring.ends]
+        way = starts[1] - starts[0]
+        pull, found = way / np.linalg.norm(way, axis=1, keepdims=True), np.zeros((*self.residual.shape, 1))
+        for (link, _), start, force in zip(spring.ends, starts, (pull, -pull), strict=True):
+            moment = np.cross(start - self.pose_of(link)[:, :3, 3], force)
+            found += self.to_load(link) @ np.concatenate([force, moment], axis=1)[:, :, None]
+        return found
+
+    def length_of(self, spring: Spring) -> Array:
+        """Return the (M,) distance of a spring's ends [m]."""
+        first, second = (self._at(*end) for end in spring.ends)
+        return np.linalg.norm(second - first, axis=1)
+
+    def _at(self, link: str, point: Array) -> Array:
+        """Return (M, 3) where a (3,) point of a link is, in the base [m]."""
+        pose = self.pose_of(link)
+        return pose[:, :3, :3] @ point + pose[:, :3, 3]
 
     @cached_property
     def _to_load(self) -> dict[str, Array]:

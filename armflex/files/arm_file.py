@@ -48,7 +48,7 @@ from armflex.files.linkage_table import read_linkage
 from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import read_spring
 from armflex.laws import read_law
-from armflex.laws.declared import law_name, read_drawing, soft
+from armflex.laws.declared import law_name, soft
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
@@ -58,7 +58,7 @@ from armflex.laws.joint.meshed import MeshedLaw
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Learning, read_learning
 from armflex.mechanics.loaded import Payload
-from armflex.parameters import ParameterKind, of_compliance, of_masses, of_motions, of_offsets
+from armflex.parameters import ParameterKind, of_compliance, of_masses, of_motions, of_offsets, of_springs
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
@@ -341,10 +341,10 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
         raise table.fail("joint", f"no joint {joint!r} {where}{hint} (known: {listing(places)})")
     if table.has("joint_stiffness"):
         table = _by_joint_stiffness(table, places[joint])
-    law, drawing = read_law(table, joint, _ranges(robot)), read_drawing(table)
+    law = read_law(table, joint, _ranges(robot))
     learn = read_learning(table, law_name(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
-    return Flexure(name, joint, law, learn=learn, drawing=drawing)
+    return Flexure(name, joint, law, learn=learn)
 
 
 def _by_joint_stiffness(table: Declaration, joint: Joint) -> Declaration:
@@ -404,8 +404,9 @@ def _check_each(table: Declaration, arm: Arm) -> None:
         one.label: one
         for one in (
             *of_offsets(arm.robot),
-            *of_motions(ParameterKind.GEOMETRY, arm.joint_names),
+            *of_motions(ParameterKind.GEOMETRY, arm.robot.frames),
             *of_masses(arm.weighing),
+            *of_springs(arm.springs),
             *(axis for name in arm.flexure_names for axis in of_compliance(name)),
         )
     }

@@ -40,6 +40,7 @@ from armflex.parameters import (
     of_masses,
     of_motions,
     of_offsets,
+    of_springs,
 )
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections
@@ -100,6 +101,9 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
     }
     if arm.masses:
         table["mass"] = dict(arm.masses)
+    springs = {one.name: list(one.law.found) for one in arm.springs if any(one.law.found)}
+    if springs:
+        table["spring"] = springs
     if instrument.targets:
         table["targets"] = {name: values.tolist() for name, values in instrument.targets.items()}
     if instrument.campaigns:
@@ -154,6 +158,14 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     for name, value in masses.items():
         if mass and abs(value) > LARGEST_LOGARITHM:
             raise mass.fail(name, f"the logarithm of a factor, none beyond {LARGEST_LOGARITHM:g}, got {value:g}")
+    springs = {one.name: one for one in arm.springs}
+    found = table.sub("spring") if table.has("spring") else None
+    for name in found.table if found else ():
+        assert found is not None
+        if name not in springs:
+            raise found.fail(name, f"the arm has no spring {name!r}{did_you_mean(name, springs)}")
+        springs[name] = springs[name].moved(found.numbers(name, (len(springs[name].law.parameters),)))
+    arm = replace(arm, springs=tuple(springs.values()))
     arm, flexures = arm.with_masses(masses) if masses else arm, []
     for flexure in arm.flexures:
         if flexure.name in factors:
@@ -224,6 +236,8 @@ def doubts(table: Declaration, arm: Arm) -> Iterator[Flag]:
         found.append(
             (of_masses([name]), [value], getattr(arm.prior, "payload_mass" if name.startswith(CARRIED) else "mass"))
         )
+    for one in of_springs(arm.springs):
+        found.append(((one,), [arm.found(one)], arm.prior.of(one)[1]))
     found.append((TARGET, tool.tolist(), arm.prior.tool))
     sizes = [
         (one.label, abs(value) / std) for some, own, std in found if std for one, value in zip(some, own, strict=True)

@@ -118,8 +118,8 @@ def locations_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Location]:
     """
     payloads = ("", *sorted(name for name in arm.payloads if name != "none")) if arm.payloads else ()
     columns = ("time", "hold", TEMPERATURE)
-    sessions = (session, f"{session}'")
-    return list(law.places(Records(arm.robot, columns, timed=True, payloads=payloads, sessions=sessions)))
+    known = {"payloads": payloads, "sessions": (session, f"{session}'"), "springs": tuple(o.name for o in arm.springs)}
+    return list(law.places(Records(arm.robot, columns, timed=True, **known)))
 
 
 def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> list[Location]:

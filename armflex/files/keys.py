@@ -231,6 +231,8 @@ KEYS: dict[str, dict[str, Key]] = {
         "geometry": Key("every fixed transform of the chain", "m and rad", "0: fixed"),
         "mass": Key("mass and moments of inertia of every moving link, relative", "1", "0: fixed"),
         "payload_mass": Key("those of every payload that the campaign carries, relative", "1", "0: fixed"),
+        "spring": Key("rate of every linear spring, pressure of every gas spring, relative", "1", "0: fixed"),
+        "spring_length": Key("free length of every linear spring", "m", "0: fixed"),
         "session_target": Key(
             "the target's place in the tip frame if it is remounted in each session", "m", "0: fixed"
         ),
@@ -267,6 +269,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "geometry": Key("correction of each fixed transform, by joint: shift and rotation vector", "m, rad"),
         "compliance": Key("logarithms of the factors on each axis' compliance, by flexure", "1"),
         "mass": Key("logarithms of the factors on masses and moments of inertia, by link or `payload NAME`", "1"),
+        "spring": Key("by which share the rate or pressure is higher, and how much longer it is, by spring", "1, m"),
         "sessions": Key("shift and rotation vector of the instrument's frame, by session", "m, rad"),
         "targets": Key("shift and rotation vector of the target on the tool, by session", "m, rad"),
         "campaigns": Key("names of campaigns that were fitted together; their frames are among those of sessions"),
@@ -284,6 +287,7 @@ KEYS: dict[str, dict[str, Key]] = {
     "calibration.joint_offset": {"NAME": Key("of this joint", "rad or m")},
     "calibration.geometry": {"NAME": Key("shift and rotation vector before this joint", "m, rad")},
     "calibration.mass": {"NAME": Key("of this link, or `payload NAME`", "1")},
+    "calibration.spring": {"NAME": Key("of this spring", "1, m")},
     "calibration.compliance": {"NAME": Key("of this flexure's six axes", "1")},
     "calibration.sessions": {"NAME": Key("of this session", "m, rad")},
     "calibration.targets": {"NAME": Key("of this session", "m, rad")},

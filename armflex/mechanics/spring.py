@@ -5,8 +5,10 @@ A spring pulls its two points together with a tension that depends on their dist
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import InputError
@@ -16,7 +18,20 @@ SHORTEST = 1e-9
 
 
 class TensionLaw(Protocol):
-    """A tension by length."""
+    """A tension by length.
+
+    Attributes:
+        parameters: Names and units of what calibration may find of it.
+        found: What it found, in this order; zero as declared.
+        strength: What is left of every tension, as a share: 0 of a spring that is broken.
+    """
+
+    @property
+    def parameters(self) -> tuple[tuple[str, str], ...]: ...
+    @property
+    def found(self) -> tuple[float, ...]: ...
+    @property
+    def strength(self) -> float: ...
 
     def tension(self, length: float) -> float:
         """Return what pulls the ends together [N]; below zero it pushes them apart."""
@@ -24,6 +39,10 @@ class TensionLaw(Protocol):
 
     def rate(self, length: float) -> float:
         """Return the change of the tension with the length [N/m]."""
+        ...
+
+    def by_found(self, length: Array) -> Array:
+        """Return the (k, N) change of (N,) tensions per unit of what may be found."""
         ...
 
 
@@ -35,19 +54,35 @@ class CoilSpring:
         stiffness: [N/m].
         preload: Tension at `length` [N].
         length: [m]; without a preload it is the free length.
+        found: By which share the rate is higher, and how much longer the spring is without load [m].
+        strength: See `TensionLaw`.
     """
 
     stiffness: float
     length: float
     preload: float = 0.0
+    found: tuple[float, ...] = (0.0, 0.0)
+    strength: float = 1.0
+    parameters = (("rate", "1"), ("length", "m"))
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """Stiffness [N/m], length [m] and preload [N] as they are: the tension is preload + stiffness (L - length)."""
+        return self.rate(0.0), self.length + self.found[1], self.strength * self.preload
 
     def tension(self, length: float) -> float:
         """See `TensionLaw`."""
-        return self.preload + self.stiffness * (length - self.length)
+        stiffness, at, preload = self.numbers
+        return preload + stiffness * (length - at)
 
     def rate(self, length: float) -> float:
         """See `TensionLaw`."""
-        return self.stiffness
+        return self.strength * self.stiffness * (1.0 + self.found[0])
+
+    def by_found(self, length: Array) -> Array:
+        """See `TensionLaw`."""
+        rate = self.strength * self.stiffness
+        return np.stack([rate * (length - self.length - self.found[1]), np.full_like(length, -self.rate(0.0))])
 
 
 @dataclass(frozen=True)
@@ -59,20 +94,35 @@ class GasSpring:
         area: [m^2].
         length: Of the column, taken as the distance of the ends [m].
         exponent: 1 where the gas keeps its temperature, 1.4 where it keeps its heat.
+        found: By which share the pressure is higher.
+        strength: See `TensionLaw`.
     """
 
     pressure: float
     area: float
     length: float
     exponent: float = 1.0
+    found: tuple[float, ...] = (0.0,)
+    strength: float = 1.0
+    parameters = (("pressure", "1"),)
+
+    @property
+    def numbers(self) -> tuple[float, float, float]:
+        """Thrust at the length [N], that [m] and the exponent, as they are."""
+        return self.strength * self.pressure * (1.0 + self.found[0]) * self.area, self.length, self.exponent
 
     def tension(self, length: float) -> float:
         """See `TensionLaw`."""
-        return -self.pressure * self.area * (self.length / length) ** self.exponent
+        thrust, at, exponent = self.numbers
+        return -thrust * (at / length) ** exponent
 
     def rate(self, length: float) -> float:
         """See `TensionLaw`."""
         return -self.exponent * self.tension(length) / length
+
+    def by_found(self, length: Array) -> Array:
+        """See `TensionLaw`."""
+        return (-self.strength * self.pressure * self.area * (self.length / length) ** self.exponent)[None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,3 +151,9 @@ class Spring:
     def ends(self) -> tuple[tuple[str, Array], tuple[str, Array]]:
         """Links and the points of them."""
         return (self.link, self.at), (self.to, self.at_to)
+
+    def moved(self, step: Array) -> Spring:
+        """Return the spring with what was found of it a step further; see `TensionLaw.found`."""
+        law: Any = self.law
+        found = tuple((np.array(law.found) + step).tolist())
+        return replace(self, law=replace(law, found=found))

@@ -67,7 +67,6 @@ def trace(
     from armflex.trace.asking import Ask
     from armflex.trace.run import trace as run
 
-    arm.check_tree("trace")
     if not 0 <= ask <= MOST_ASKED:
         raise InputError(f"ask is {ask}, expected 0 to {MOST_ASKED}")
     campaign = as_campaign(measurements, arm)

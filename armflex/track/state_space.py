@@ -25,6 +25,7 @@ from armflex.track.reading import Reading, as_row
 SIZES = {
     ParameterKind.COMPLIANCE: 0.2,
     ParameterKind.MASS: 0.05,
+    ParameterKind.SPRING: 0.02,
     ParameterKind.OFFSET: 1e-3,
     ParameterKind.GEOMETRY: 1e-4,
     ParameterKind.TOOL: 1e-3,

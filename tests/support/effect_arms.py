@@ -74,8 +74,12 @@ INNER = {"k": 5.0, "tau0": 300.0, "t0": 20.0, "radius": 100.0, "at": 10.0, "sinc
 INNER |= {"along": 1.0, "rest": 0.2, "reach": 0.3, "low": -2.0, "high": 2.0, "middle": 0.0, "centre": 0.2, "width": 0.5}
 INNER |= {"spare": 0.2, "out": 1.0, "hook": 0.7, "aside_x": 0.1, "aside_y": -0.1, "aside_z": 0.05}
 INNER |= {f"{name}_{axis}": value for name in ("anchor", "point") for axis, value in zip("xyz", (1, 2, 3), strict=True)}
-LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if not law.changes_model and name != "telescope"}
-"""Those that an arm on which nothing slides can have."""
+MECHANICAL = ("pin_play", "cylinder_leak", "weak_spring", "bent_rod")
+"""Effects of loops, cylinders and springs."""
+
+OTHERS = (*MECHANICAL, "telescope")
+LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if not law.changes_model and name not in OTHERS}
+"""Those that a chain on which nothing slides can have."""
 
 
 def millimetre(name: str) -> Arm:

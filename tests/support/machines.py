@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import armflex
 from support.small_arms import joint, link, robot, spaced, write
@@ -17,13 +18,17 @@ X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 @dataclass(frozen=True)
 class Hinge:
-    """A joint that turns about an axis of its child; without a drive where it is passive."""
+    """A joint that turns about an axis of its child; without a drive where it is passive.
+
+    Its frame is turned by a rotation vector, of which files say nothing.
+    """
 
     parent: str
     child: str
     place: Point
     axis: Point
     passive: bool = False
+    turned: Point = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -78,13 +83,19 @@ class Machine:
             lines.append(f'[flexure.{name}]\njoint = "{name}"\nmodel = "linear"\ncompliance = {compliance.tolist()}\n')
         return "\n".join(lines)
 
-    def mjcf(self, lengths: Mapping[str, float]) -> str:
-        """Return MuJoCo's model with cylinders at their lengths; what gives is a hinge with stiffness."""
+    def mjcf(self, lengths: Mapping[str, float], carried: float = 0.0) -> str:
+        """Return MuJoCo's model with cylinders at their lengths [m], and what its tool carries [kg].
+
+        What gives is a hinge with stiffness.
+        """
         points = {f"{name}/{i}": ends for name, *rest in self._joined() for i, ends in enumerate(rest)}
         points["tool"] = self.tool
         spots = {name: "" for name in ("base", *self.bodies)}
         for name, (body, at) in points.items():
             spots[body] += f'<site name="{name}" pos="{spaced(at)}"/>'
+        if carried:
+            own = f'<inertial mass="{carried}" pos="0 0 0" diaginertia="1 1 1"/>'
+            spots[self.tool[0]] += f'<body pos="{spaced(self.tool[1])}">{own}</body>'
 
         def body(name: str) -> str:
             text = spots[name]
@@ -97,7 +108,9 @@ class Machine:
                     axis, stiffness = self.gives[key]
                     turns += f'<joint name="{key}/gives" axis="{spaced(axis)}" stiffness="{stiffness!r}"/>'
                 own = f'<inertial mass="{mass}" pos="{spaced(com)}" diaginertia="1 1 1"/>'
-                text += f'<body name="{hinge.child}" pos="{spaced(hinge.place)}">{turns}{own}{body(hinge.child)}</body>'
+                turned = spaced(Rotation.from_rotvec(hinge.turned).as_quat()[[3, 0, 1, 2]])
+                place = f'pos="{spaced(hinge.place)}" quat="{turned}"'
+                text += f'<body name="{hinge.child}" {place}>{turns}{own}{body(hinge.child)}</body>'
             return text
 
         ties = "".join(f'<connect site1="{name}/0" site2="{name}/1"/>' for name in self.loops)
@@ -109,6 +122,8 @@ class Machine:
             for name, rate, free in pulls
         )
         option = '<compiler angle="radian" autolimits="false"/><option gravity="0 0 -9.81"/>'
+        # What gives turns about its hinge's axis: both together would have no inertia.
+        option += '<default><joint armature="1"/></default>'
         joined = f"<equality>{ties}</equality><tendon>{tendons}</tendon>"
         return f"<mujoco>{option}<worldbody>{body('base')}</worldbody>{joined}</mujoco>"
 
@@ -211,6 +226,13 @@ FIVE_BAR = Machine(
     tool=("platform", (1.5, 0.4, 0.6)),
 )
 """A tilting platform on a gimbal: two cranks move it through rods with balls at their ends."""
+
+LIFTED = replace(
+    UNEVEN,
+    hinges={**UNEVEN.hinges, "lower": replace(UNEVEN.hinges["lower"], passive=True)},
+    cylinders={"lift": ("column", (0.7, 0.0, 0.1), "arm", (0.1, 0.0, 0.6), 2e7, 0.6, 1.3)},
+)
+"""The same, its lower arm on a cylinder: with one of everything."""
 
 MACHINES = {"parallelogram": PARALLELOGRAM, "uneven": UNEVEN, "crane": CRANE, "five_bar": FIVE_BAR}
 

@@ -42,6 +42,10 @@ NAMED = (
     "link_geometry",
     "umbilical",
     "magnetic_pull",
+    "pin_play",
+    "cylinder_leak",
+    "weak_spring",
+    "bent_rod",
     "guide",
     "telescope",
 )

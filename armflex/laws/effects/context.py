@@ -12,7 +12,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.location import LINK, TOOL, Here, Location, resolve, site_names
+from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, path_to, resolve, site_names
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
 from armflex.rows.rows import LEVEL_OF, POSE
@@ -41,6 +41,7 @@ class Records:
         levels: Candidates that are entries of a text column: 1 where the column has it, else 0.
         payloads: Those that weigh.
         sessions: In their order.
+        springs: Their names.
     """
 
     robot: Robot
@@ -49,6 +50,7 @@ class Records:
     levels: tuple[str, ...] = ()
     payloads: tuple[str, ...] = ()
     sessions: tuple[str, ...] = ()
+    springs: tuple[str, ...] = ()
 
     @property
     def temperatures(self) -> tuple[str, ...]:
@@ -57,13 +59,24 @@ class Records:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Moving joints of the chain."""
+        """Joints with a drive, and cylinders."""
         return self.robot.joint_names
+
+    def axes(self, joint: str) -> tuple[str, ...]:
+        """Return along and about what something may give at a joint: a cylinder along itself alone."""
+        return AXES[:1] if any(joint == one.name for one in self.robot.linkage.cylinders) else AXES
 
     @property
     def links(self) -> tuple[str, ...]:
-        """Sites at the ends of the links, the tool's last; what ends in the first joint is the base."""
-        return (*(LINK + joint for joint in self.joints[1:]), TOOL)
+        """Sites at the ends of the links that move, the tool's last."""
+        jointed = self.robot.jointed
+        moved = [joint for joint in jointed if any(one in jointed for one in path_to(joint, self.robot)[:-1])]
+        return (*(LINK + joint.name for joint in moved), TOOL)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Of these one for each link: several joints may hang on one."""
+        return tuple({link_of(site, self.robot): site for site in reversed(self.links)}.values())[::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +92,7 @@ class Context:
         wrenches: (N, 6) load on the structure at every site, local axes.
         box: (2, 3) lowest and highest coordinates that any link was at [m], base axes.
         pieces: Numbers of the rows of every campaign, between which nothing is remembered.
+        springs: Names of the arm's springs.
     """
 
     robot: Robot
@@ -89,6 +103,7 @@ class Context:
     wrenches: Mapping[str, Array]
     box: Array
     pieces: tuple[np.ndarray, ...] = ()
+    springs: tuple[str, ...] = ()
 
     @cached_property
     def records(self) -> Records:
@@ -98,7 +113,7 @@ class Context:
         mass = known.get(MASS, np.zeros(len(self.payloads)))
         payloads = sorted({name for name, kilograms in zip(self.payloads, mass, strict=True) if kilograms > 0.0})
         sessions = tuple(dict.fromkeys(self.sessions))
-        return Records(self.robot, self.recorded, self.timed, levels, tuple(payloads), sessions)
+        return Records(self.robot, self.recorded, self.timed, levels, tuple(payloads), sessions, self.springs)
 
     @property
     def timed(self) -> bool:
@@ -187,7 +202,17 @@ def survey(
     index = {name: i for i, name in enumerate(rows.joint_names)}
     row = Row(rows.q, index, dict(known))
     pieces = tuple(rows.pieces.values())
-    return Context(arm.robot, row, recorded, rows.payload, rows.session, wrenches, box, pieces)
+    return Context(
+        arm.robot,
+        row,
+        recorded,
+        rows.payload,
+        rows.session,
+        wrenches,
+        box,
+        pieces,
+        tuple(one.name for one in arm.springs),
+    )
 
 
 def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:

@@ -32,7 +32,7 @@ CROSS_COUPLING = TwistLaw(
     instead="hang a weight that loads one axis of the joint alone and measure a target beside the joint",
     plausible=Plausible(0.005, 0.005, "bearings couple a tenth of what they give, bent links half"),
     places=lambda records: [
-        Location(joint, a, partner=b) for joint in records.joints for a, b in combinations(AXES, 2)
+        Location(joint, a, partner=b) for joint in records.joints for a, b in combinations(records.axes(joint), 2)
     ],
     amplitudes=(Amplitude("C", "{m}/{across}"),),
     terms=_terms,

@@ -1,9 +1,10 @@
 """What a missing effect is: a law in the catalogue, at a location, with values.
 
 A law is linear in its amplitudes and may have inner parameters that it is not linear in. What it does per amplitude are
-its features, and `act` says what those are: a small twist at a site, a load on a link, another direction of gravity, or
-an instrument that stands elsewhere or reads too far. `TwistLaw` and `LoadLaw` are at work in an arm as they are;
-a `ModelLaw` changes the model itself (masses, gravity, the instrument). How readings answer is the fit's to say.
+its features, and `act` says what those are: a small twist at a site, a load on a link, a tension of a spring, another
+direction of gravity, or an instrument that stands elsewhere or reads too far. `TwistLaw` and `LoadLaw` are at work in
+an arm as they are; a `ModelLaw` changes the model itself (masses, gravity, springs, the instrument). How readings
+answer is the fit's to say.
 
 Everything that is said about a law is a member of it: a new one is a file and a line of `catalogue`.
 """
@@ -116,6 +117,7 @@ class Act(Enum):
 
     TWIST = "a small twist at a site [m, rad], local axes"
     LOAD = "a wrench at the origin of a link [N, Nm], base axes"
+    TENSION = "a tension between the ends of a spring [N]"
     GRAVITY = "a change of gravity [m/s^2], base axes"
     FRAME = "a shift and a rotation vector of the instrument's frame [m, rad]"
     SCALE = "the share by which the instrument's distances are too long"
@@ -129,6 +131,7 @@ class Manipulator(Protocol):
         flexures: Where it gives and how, without effects.
         effects: What it does beyond them.
         corrections: Of geometry and masses that were found.
+        springs: Between points of its links; see `armflex.mechanics.spring`.
         weight: Of everything that moves [N].
     """
 
@@ -140,6 +143,8 @@ class Manipulator(Protocol):
     def effects(self) -> Sequence[Effect]: ...
     @property
     def corrections(self) -> Corrections: ...
+    @property
+    def springs(self) -> Sequence[Any]: ...
     @property
     def weight(self) -> float: ...
 
@@ -169,6 +174,10 @@ class Solved(Protocol):
         """Return the (M, 4, 4) pose of a link in the base."""
         ...
 
+    def length_of(self, spring: Any) -> Array:
+        """Return the (M,) distance of a spring's ends [m]."""
+        ...
+
     def gravity(self, own: Array) -> Array:
         """Return (M, k, 3) what (k, 3) gravities of the arm are in the base axes of each row [m/s^2]."""
         ...
@@ -181,6 +190,7 @@ class Model:
     robot: Robot
     corrections: Corrections
     payloads: Mapping[str, Any]
+    springs: tuple[Any, ...]
     instrument: Instrument
 
 
@@ -266,7 +276,7 @@ class EffectLaw(ABC):
         constant is the calibration's.
         """
         linear, angular = self.plausible.shift, self.plausible.turn
-        if self.act is Act.LOAD:
+        if self.act in (Act.LOAD, Act.TENSION):
             weight = max(arm.weight, LEAST_WEIGHT)
             linear, angular = weight * linear, weight * angular
         elif self.act is Act.GRAVITY:

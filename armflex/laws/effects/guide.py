@@ -44,7 +44,7 @@ GUIDE = TwistLaw(
     places=lambda records: [
         Location(joint.name, axis, (f"q_{joint.name}",), terms)
         for joint in records.robot.moving
-        if joint.kind == "prismatic"
+        if joint.kind == "prismatic" and joint in records.robot.jointed
         for axis in AXES_TURN
         for terms in ((0,), (1,), (0, 1))
     ],

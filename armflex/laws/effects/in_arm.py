@@ -132,7 +132,7 @@ def with_twists(flexures: Sequence[Flexure], effects: Sequence[Effect], robot: R
     modelled = list(flexures)
     bound: dict[str, list[BoundTwist]] = {}
     for effect in effects:
-        if effect.law.act is Act.TWIST:
+        if effect.law.act is Act.TWIST and not effect.law.changes_model:
             here = resolve(effect.location, robot, flexures)
             bound.setdefault(effect.location.site, []).append(BoundTwist(effect, here))
     for site, parts in bound.items():

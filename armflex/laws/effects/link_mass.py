@@ -15,7 +15,7 @@ from armflex.laws.effects.shapes import middle_of
 
 def _places(records: Records) -> list[Location]:
     """Return every link with extra mass or a moved centre, along an axis or anyhow."""
-    return [Location(link, terms=terms) for link in records.links for terms in ((0,), (1,), (2,), (3,), (1, 2, 3))]
+    return [Location(link, terms=terms) for link in records.bodies for terms in ((0,), (1,), (2,), (3,), (1, 2, 3))]
 
 
 def _weight(here: Here, view: Solved, context: Context) -> Array:

@@ -83,7 +83,7 @@ class Here:
             return None
         if name == TOOL:
             return self.robot.chain[-1]
-        return next(joint for joint in self.robot.chain if joint.name == name)
+        return joint_named(name, self.robot)
 
     @cached_property
     def direction(self) -> Array:
@@ -99,11 +99,12 @@ class Here:
     @cached_property
     def length(self) -> Array:
         """(3,) vector along the link to its end, the tip for the last, in the site's frame [m]."""
-        chain, end = self.robot.chain, None if self.location.place == TOOL else self.joint
-        last = len(chain) if end is None else chain.index(end) + 1
-        moving = [i for i, joint in enumerate(chain[: last - (end is not None)]) if joint in self.robot.moving]
+        assert self.joint is not None
+        to_tip = self.location.place == TOOL
+        path = list(self.robot.chain) if to_tip else path_to(self.joint, self.robot)
+        moving = [i for i, joint in enumerate(path[: len(path) - (not to_tip)]) if joint in self.robot.jointed]
         vector = np.zeros(3)
-        for joint in chain[moving[-1] + 1 if moving else 0 : last]:
+        for joint in path[moving[-1] + 1 if moving else 0 :]:
             vector = joint.rotation.T @ (vector + joint.origin)
         return vector
 
@@ -111,6 +112,19 @@ class Here:
     def stretch(self) -> Array:
         """(6,) twist that adds `length` to the link [m]."""
         return np.concatenate([self.length, np.zeros(3)])
+
+
+def joint_named(name: str, robot: Robot) -> Joint | None:
+    """Return the joint or cylinder of a name, None of a loop's pin."""
+    return next((joint for joint in (*robot.places, *robot.moving) if joint.name == name), None)
+
+
+def path_to(joint: Joint, robot: Robot) -> list[Joint]:
+    """Return the joints from the base to one, which is the last."""
+    found = [joint]
+    while found[0].parent != robot.base:
+        found.insert(0, robot.urdf.parents[found[0].parent])
+    return found
 
 
 def drive_axis(joint: Joint) -> str:
@@ -139,7 +153,7 @@ def link_of(site: str, robot: Robot) -> str:
     name = site.removeprefix(LINK)
     if name in (TOOL, BASE):
         return robot.tip if name == TOOL else robot.base
-    return next(joint.parent for joint in robot.chain if joint.name == name)
+    return next(joint.parent for joint in robot.places if joint.name == name)
 
 
 def same_site(one: Site, other: Site) -> bool:
@@ -148,6 +162,7 @@ def same_site(one: Site, other: Site) -> bool:
 
 
 def site_names(robot: Robot) -> tuple[str, ...]:
-    """Return every site of an arm from base to tool: 'base', 'link:A2', 'A2', ..., 'tool'."""
-    names = [name for joint in robot.joint_names for name in (LINK + joint, joint)]
-    return (BASE, *names, TOOL)
+    """Return every site of an arm from base to tool, 'base', 'link:A2', 'A2', ..., 'tool', and what closes loops."""
+    moving = robot.jointed if robot.linkage else robot.moving
+    names = [name for joint in moving for name in (LINK + joint.name, joint.name)]
+    return (BASE, *names, TOOL, *robot.linkage.closures)

@@ -37,7 +37,7 @@ MAGNETIC_PULL = LoadLaw(
     words=Words("magnetic pull", "a force towards a point that falls with distance", "F / (d² + reach²)"),
     instead="measure again with the field off",
     plausible=Plausible(0.35, 0.35, "what pulls as strongly as the arm weighs is known"),
-    places=lambda records: [Location(link) for link in records.links],
+    places=lambda records: [Location(link) for link in records.bodies],
     amplitudes=(Amplitude("F1", "N m^2", positive=True),),
     pull=_pull,
     inner=(*coordinates("point", 4), REACH),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, with_terms
 from armflex.laws.effects.shapes import along, compliances, on_axis, own_column, own_position
@@ -24,7 +23,9 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     instead="hang the same weight on the joint's link at several positions of the joint",
     plausible=Plausible(0.015, 0.01, "a part of what a joint gives"),
     places=lambda records: with_terms(
-        [Location(joint, axis, (f"q_{joint}",)) for joint in records.joints for axis in AXES], (0,), (0, 1)
+        [Location(joint, axis, (f"q_{joint}",)) for joint in records.joints for axis in records.axes(joint)],
+        (0,),
+        (0, 1),
     ),
     amplitudes=(Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
     terms=lambda here, inner: compliances(here.direction, *(powers(own_column(here), exponent) for exponent in (1, 2))),

@@ -182,7 +182,7 @@ def at_drives(records: Records, *covariates: str) -> list[Location]:
 def at_joints(records: Records, covariate: str | None = None) -> list[Location]:
     """Return every joint with each axis."""
     covariates = () if covariate is None else (covariate,)
-    return [Location(joint, axis, covariates) for joint in records.joints for axis in AXES]
+    return [Location(joint, axis, covariates) for joint in records.joints for axis in records.axes(joint)]
 
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -223,7 +223,7 @@ def turning_terms(first: int, coupled: int) -> tuple[tuple[int, ...], ...]:
 def about_several(records: Records, first: int) -> list[Location]:
     """Return every joint with several of its turning axes, whose amplitudes are the law's from `first` on."""
     turns = turning_terms(first, first + 3)[:4]
-    return [Location(joint, terms=terms) for joint in records.joints for terms in turns]
+    return [Location(joint, terms=terms) for joint in records.joints if records.axes(joint) == AXES for terms in turns]
 
 
 def singly_and_together(

@@ -96,7 +96,7 @@ TELESCOPE = TwistLaw(
     places=lambda records: [
         Location(joint.name, None, (f"q_{joint.name}",), terms, way)
         for joint in records.robot.moving
-        if joint.kind == "prismatic"
+        if joint.kind == "prismatic" and joint in records.robot.jointed
         for way in WAYS
         for terms in ((0,), (0, 1))
     ],

@@ -49,7 +49,7 @@ UMBILICAL = LoadLaw(
     words=Words("umbilical pull", "a spring pulls the link towards a fixed point", "k · (distance − rest)"),
     instead="measure again with the umbilical taken off",
     plausible=Plausible(0.35, 0.35, "what pulls as strongly as the arm weighs is known"),
-    places=lambda records: [Location(link) for link in records.links],
+    places=lambda records: [Location(link) for link in records.bodies],
     amplitudes=(Amplitude("k", "N/m", positive=True),),
     pull=_pull,
     inner=(*coordinates("anchor", 3), REST, HOOK, *ASIDE),

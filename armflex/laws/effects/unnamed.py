@@ -13,7 +13,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.laws.effects.context import AXES, Context, Records
+from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
 from armflex.laws.effects.shapes import along, compliances, of_column, on_axis, told_from_aliases, twists
@@ -116,7 +116,7 @@ TENTS = tuple(f"a{i}" for i in range(KNOTS))
 
 def shaped_places(records: Records) -> list[tuple[str, str]]:
     """Return the sites and axes at which free shapes are tried: the base, every joint and the tool."""
-    return [(site, axis) for site in (BASE, *records.joints, TOOL) for axis in AXES]
+    return [(site, axis) for site in (BASE, *records.joints, TOOL) for axis in records.axes(site)]
 
 
 def everywhere(records: Records) -> list[Location]:

@@ -7,11 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support.machines import MACHINES, poses
+from support.small_arms import ROBOTS
 
 import armflex
+from armflex.arm import Measurement, Prior, Setup
 from armflex.errors import UnsupportedError
+from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import write_calibrated
+from armflex.estimate.view import look
 from armflex.laws import LinearLaw
+from armflex.measured.measurements import Measurements
+from armflex.readings import Position, Readings
+from armflex.readings.instrument import Instrument
+from armflex.rows import Rows
 
 SIGMA = 1e-4
 PRIOR = """
@@ -78,3 +86,34 @@ def test_geometry_of_a_loop_that_nothing_lets_give_across_its_plane_is_refused(t
     arm = declared("parallelogram", tmp_path, PRIOR + "geometry = 5e-4\n")
     with pytest.raises(UnsupportedError, match=r"loop 'tail' is held across its plane.*kind = \"spherical\""):
         armflex.calibrate(arm, campaign(arm, arm, poses("parallelogram", 8), tmp_path))
+
+
+EVERYTHING = Prior(joint_offset=1e-3, compliance=0.2, spring=0.1, spring_length=0.01)
+"""But for frames and masses: what the response says of frames and loads is held in `test_mechanism`."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["palletizer", "hybrid_lifter"])
+def test_readings_answer_to_every_parameter_as_by_finite_differences(name):
+    arm = armflex.load_arm(ROBOTS / name / "arm.toml")
+    arm = replace(arm, prior=EVERYTHING, measurement=Measurement("base"), certainty=None)
+    trajectory = armflex.read_trajectory(ROBOTS / name / "trajectory.csv", arm)
+    some, carried = (
+        trajectory.q[:: len(trajectory.q) // 3][1:3],
+        max(arm.payloads, key=lambda one: arm.payloads[one].mass),
+    )
+    rows = Rows.of(arm.joint_names, some, (carried,) * 2, {}, session="s", derived=("time",))
+    measurements = Measurements.of(rows, Readings(2, (Position(np.zeros((2, 3)), np.ones((2, 3))),)))
+    setup = Setup(arm, Instrument())
+    here = look(setup, measurements)
+    blocks = declared_blocks(setup, measurements)
+    kinds = {"joint_offset", "compliance", *(["spring"] if arm.springs else [])}
+    assert {str(block.kind) for block in blocks} == kinds
+    for block in blocks:
+        jacobian = block.jacobian(here)
+        for i, size in enumerate((1e-3 * block.prior).tolist()):
+            step = size * np.eye(len(block.prior))[i]
+            ends = [look(block.stepped(setup, side * step), measurements).residual for side in (1.0, -1.0)]
+            quotient = (ends[1] - ends[0]) / (2.0 * size)
+            limit = 1e-5 * np.abs(jacobian).max() + 1e-11 / size
+            np.testing.assert_allclose(jacobian[:, :, i], quotient, rtol=1e-5, atol=limit, err_msg=block.labels[i])

@@ -12,6 +12,7 @@ from functools import cache, partial
 import numpy as np
 import pinocchio as pin
 import pytest
+from support.effect_arms import MECHANICAL
 from support.stage import ROWS, Stage, readings, some_effects
 
 from armflex import Arm, Trajectory
@@ -20,7 +21,7 @@ from armflex.conventions import Array
 from armflex.errors import MissingCovariateError
 from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.view import look
-from armflex.laws.effects import Effect, Location
+from armflex.laws.effects import Effect, EffectLaw, Location
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act
@@ -79,7 +80,9 @@ def test_an_instruments_fault_leaves_the_arm_alone(name, stage):
     effect = some_effects(EVERY[name], stage, 1)[0]
     arm = stage.with_effect(effect).arm
     q = stage.rows.q[3]
-    np.testing.assert_array_equal(arm.deflection(q).displacement, stage.setup.arm.deflection(q).displacement)
+    # Loops are followed from the row before, whose rounding is left.
+    plain = stage.setup.arm.deflection(q).displacement
+    np.testing.assert_allclose(arm.deflection(q).displacement, plain, rtol=0, atol=1e-14)
 
 
 def needs(effect: Effect, arm: Arm, rows: Measurements) -> set[str]:
@@ -124,7 +127,8 @@ NOT_EVERYWHERE = (PRODUCT.name, WAVE_PRODUCT.name, GUIDE.name, TELESCOPE.name)
 def test_without_a_time_nothing_that_needs_one_is_tried(name, stage):
     context, law = untimed(stage), EVERY[name]
     locations = list(law.places(context.records))
-    assert bool(locations) == (name not in ("slip_step", "base_drift", "creep"))
+    here = bool(stage.context.robot.linkage) or name not in MECHANICAL
+    assert bool(locations) == (here and name not in ("slip_step", "base_drift", "creep", "cylinder_leak"))
     for location in locations[:: max(1, len(locations) // 20)]:
         for inner in grid(law, location, context):
             assert np.isfinite(stage.view.jacobian(law, location, inner, context)).all()
@@ -157,7 +161,7 @@ def test_a_misspelt_covariate_is_guessed(stage):
         stage.with_effect(still).arm.deflection(stage.rows.q[0], covariates={"temprature": 20.0})
 
 
-@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if law.act is Act.TWIST])
+@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if hasattr(law, "basis")])
 def test_one_row_and_many_rows_are_alike(name, stage):
     """A law answers single rows and whole campaigns with the same numbers."""
     law = EVERY[name]
@@ -178,6 +182,8 @@ def test_one_row_and_many_rows_are_alike(name, stage):
 def test_a_remembered_load_is_that_of_row_by_row(moving, stage):
     """Play follows the load of each row as the arm carries it without the play, at rest and in motion."""
     joint = stage.context.joints[1]
+    if moving and stage.context.robot.linkage:
+        pytest.skip("an arm with loops does not move")
     effect = Effect(EVERY["hysteresis"], Location(joint, "ry"), (1e-8, 50.0))
     arm, rows = stage.setup.arm, stage.rows
     rng = np.random.default_rng(4)
@@ -214,9 +220,13 @@ def test_values_have_names_and_units(name, stage):
         assert effect.name.startswith(name) and np.isfinite(list(effect.named.values())).all()
 
 
+def laws_of(stage: Stage) -> list[EffectLaw]:
+    return [law for name, law in CATALOGUE.items() if stage.context.robot.linkage or name not in MECHANICAL]
+
+
 def loaded_with_everything(stage: Stage) -> Setup:
     setup = stage.setup
-    for law in CATALOGUE.values():
+    for law in laws_of(stage):
         effect = some_effects(law, stage, 1, 1e-4)[0]
         setup = setup.with_effect(effect)
     return setup
@@ -230,13 +240,13 @@ def displacement_of(packed: bytes) -> Array:
 @pytest.mark.slow
 def test_an_arm_with_every_effect_goes_to_another_process(stage):
     arm, rows = loaded_with_everything(stage).arm, stage.rows
-    assert len(arm.effects) == len(CATALOGUE)
+    assert len(arm.effects) == len(laws_of(stage))
     known = {name: float(values[2]) for name, values in known_rows(arm, rows).items()}
     here = arm.deflection(rows.q[2], rows.payload[2], covariates=known).displacement
     packed = pickle.dumps((arm, rows.q[2], rows.payload[2], known))
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         there = pool.submit(displacement_of, packed).result()
-    np.testing.assert_array_equal(here, there)
+    np.testing.assert_allclose(here, there, rtol=0, atol=1e-14)  # loops are followed from the row before
     plain = stage.setup.arm.deflection(rows.q[2], rows.payload[2]).displacement
     assert 1e-5 < np.abs(here - plain)[:3].max() < 1e-1
 

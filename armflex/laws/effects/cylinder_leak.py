@@ -1,0 +1,21 @@
+"""A cylinder that leaks: oil passes its piston or valve, so it yields to its load with time, c F h."""
+
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.location import Location
+from armflex.laws.effects.shapes import along, compliances, on_axis
+from armflex.laws.terms import powers
+
+CYLINDER_LEAK = TwistLaw(
+    name="cylinder_leak",
+    words=Words("leaking cylinder", "the cylinder yields to its load while that stands", "c · F · h"),
+    instead="close the valves under load and watch the rod with a dial gauge",
+    plausible=Plausible(0.005, 0.005, "a boom that sinks by centimetres while it is measured is repaired"),
+    places=lambda records: [
+        Location(one.name, "dx", ("hold",)) for one in records.robot.linkage.cylinders if "hold" in records.recorded
+    ],
+    amplitudes=(Amplitude("c", "m/(N s)", positive=True),),
+    terms=lambda here, inner: compliances(here.direction, powers("hold", 1)),
+    basis=on_axis(lambda here, wrench, row, inner: (along(here, wrench) * row.covariate("hold"),)),
+    loaded=True,
+    linear=True,
+)

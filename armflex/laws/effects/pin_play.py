@@ -1,0 +1,63 @@
+"""Play in a pin: a bearing falls to the side on which it is loaded, (gap / 2) F / |F|.
+
+Of a loop's pin and of a joint without a drive F is the force across the axis, of a cylinder that along it. Below a
+force `seated` the pin is between its sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.laws import Row
+from armflex.laws.effects.context import Context, Records
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.location import Here, Location, joint_named
+from armflex.robot import Robot
+
+SHARES = (0.01, 0.05, 0.2)
+"""Of the largest force, below which a pin is between its sides: to begin a search with."""
+
+
+def _places(records: Records) -> list[Location]:
+    linkage = records.robot.linkage
+    hinges = [name for name in linkage.passive if joint_named(name, records.robot).kind != "prismatic"]  # pyright: ignore
+    return [Location(name) for name in (*hinges, *(one.name for one in (*linkage.loops, *linkage.cylinders)))]
+
+
+def across(name: str, robot: Robot) -> Array:
+    """Return the (3, 3) projection on the directions in which a pin with play is held."""
+    loop = next((one for one in robot.linkage.loops if one.name == name), None)
+    if loop is not None:
+        return np.eye(3) - (loop.kind in ("revolute", "cylindrical")) * np.outer(loop.axis, loop.axis)
+    joint = joint_named(name, robot)
+    assert joint is not None
+    along = np.outer(joint.axis, joint.axis)
+    return along if joint.kind == "prismatic" else np.eye(3) - along
+
+
+def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+    force = wrench[..., :3] @ across(here.location.site, here.robot)
+    way = force / np.sqrt((force * force).sum(axis=-1, keepdims=True) + inner[0] ** 2)
+    return np.concatenate([0.5 * way, np.zeros_like(way)], axis=-1)[..., None, :]
+
+
+def _seated(location: Location, context: Context) -> Iterable[float]:
+    force = np.linalg.norm(context.wrenches[location.site][:, :3] @ across(location.site, context.robot), axis=1)
+    return float(force.max()) * np.array(SHARES) if force.max() > 0.0 else ()
+
+
+PIN_PLAY = TwistLaw(
+    name="pin_play",
+    words=Words("play in a pin", "the pin falls to the side on which it is loaded", "(gap / 2) · F / |F|"),
+    instead="reverse the load on the pin, and watch both of its links with a dial gauge",
+    watched=True,
+    plausible=Plausible(0.001, 0.002, "bushes are changed when a pin has a mm or two"),
+    places=_places,
+    amplitudes=(Amplitude("gap", "m", positive=True),),
+    basis=_basis,
+    inner=(Inner("seated", "N", _seated),),
+    loaded=True,
+)
