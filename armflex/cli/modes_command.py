@@ -40,7 +40,7 @@ def command(
     if drawing is not None:
         check_ending(drawing)
     found = arm.modes(q, payload, covariates=covariates, wrenches=wrenches, count=count)
-    drawn = None if wrenches else drawn_frequencies(arm, q, payload, covariates=covariates, count=count)
+    drawn = drawn_frequencies(arm, q, payload, covariates=covariates, wrenches=wrenches, count=count)
     std = None if drawn is None or drawn.shape[1] < len(found.frequencies) else drawn.std(axis=0, ddof=1)
 
     def content() -> dict[str, Any]:
@@ -68,9 +68,13 @@ def command(
 def print_modes(found: Modes, std: Array | None) -> None:
     """Print a line for every mode: how fast, which way the tip goes, and which flexures to stiffen."""
     names, rows = found.names, []
+
+    def share(part: float) -> str:
+        return f"{part:.0%}" if part < 10.0 else "> 1000%"  # near instability a little stiffness is everything
+
     for i, frequency in enumerate(found.frequencies):
         order = np.argsort(-found.sensitivities[i])[:3]
-        stiffer = ", ".join(f"{names.flexures[j]} {found.sensitivities[i, j]:.0%}" for j in order)
+        stiffer = ", ".join(f"{names.flexures[j]} {share(found.sensitivities[i, j])}" for j in order)
         shape = [f"{round(part, 2) + 0.0:.2f}" for part in found.shapes[i, :3]]
         spread = "-" if std is None else number(float(std[i]), 2)
         per_second = number(1.0 / (2.0 * np.pi * found.damping_ratios[i] * frequency), 2)
@@ -84,3 +88,5 @@ def print_modes(found: Modes, std: Array | None) -> None:
         "Decay is the time in which the swing falls to 37 %. Stiffness: change of the frequency per change of a "
         "flexure's stiffness."
     )
+    if std is None:
+        say("± is not known: the arm states no relative_std of its compliances, and has no calibration.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from numbers import Integral
 
@@ -20,6 +20,7 @@ from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loaded import Payload
 from armflex.mechanics.many_rows import COMPILED, drawn_displacements
 from armflex.readings.instrument import Instrument
+from armflex.rows.wrench import Wrench
 
 
 @checked_kinds
@@ -131,6 +132,7 @@ def drawn_frequencies(
     draws: int = 64,
     seed: int = 0,
     covariates: Mapping[str, ArrayLike] | None = None,
+    wrenches: Sequence[Wrench] = (),
     count: int = 6,
 ) -> Array | None:
     """Return the (draws, m) natural frequencies [Hz] of arms as likely as one; None where nothing of it is uncertain.
@@ -140,7 +142,7 @@ def drawn_frequencies(
     Args:
         arm: The arm.
         q: (nq,) joint positions [rad or m].
-        payload, covariates, count: As of `Arm.modes`.
+        payload, covariates, wrenches, count: As of `Arm.modes`.
         draws: How many arms.
         seed: Of the random numbers.
 
@@ -152,6 +154,6 @@ def drawn_frequencies(
     found, at = list[Array](), real_array(q, "q")
     for number, drawn in enumerate(draw_arms(arm, draws, seed)):
         with naming(f"draw {number}"):
-            found.append(drawn.modes(at, payload, covariates=covariates, count=count).frequencies)
+            found.append(drawn.modes(at, payload, covariates=covariates, wrenches=wrenches, count=count).frequencies)
     fewest = min(map(len, found), default=0)
     return np.array([one[:fewest] for one in found]).reshape(len(found), fewest)

@@ -34,6 +34,9 @@ DAMPING = 0.01
 NEGLIGIBLE = 1e-13
 """Tolerance: share of the largest compliance, or of the largest 1 / w^2, that is rounding."""
 
+WIDE = 0.3
+"""Prior: radius of gyration [m] of a payload of which none is stated."""
+
 SMALL = 1e-2
 """Tolerance: share of a neighbouring mode in a mode's shape up to which a perturbation is exact to 1e-6."""
 
@@ -184,9 +187,13 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
     gaps[some, np.arange(len(some))] = np.inf
     mixed = off / np.where(gaps == 0.0, 1e-300, gaps)
     if np.abs(mixed).max(initial=0.0) > SMALL:
-        every, exact = (np.real(one) for one in np.linalg.eig(np.linalg.solve(stiffness, mass)))
+        eigenvalues, exact = np.linalg.eig(np.linalg.solve(stiffness, mass))
+        every, growing = np.real(eigenvalues), np.imag(eigenvalues)
         some = np.argsort(-every)[: len(some)]
-        return every[some], exact[:, some]
+        if np.abs(growing[some]).max() > SMALL**2 * every[some[0]]:
+            text = "loads that follow the arm feed its swing: two modes grow together, and there is no frequency"
+            raise UnstableEquilibriumError(text, float(every[some].min()))
+        return every[some], np.real(exact[:, some])
     return own - (off * mixed).sum(axis=0), chosen + ways @ mixed
 
 
@@ -208,12 +215,19 @@ def _pointlike(found: Equilibrium, configuration: Array, body: Array, masses: Ar
         inertial = robot.urdf.links[link].inertial
         if inertial is None or link not in mechanics.flex.links:
             continue
-        ways = [joint.origin for joint in robot.urdf.children[link]] or [2.0 * inertial.origin]
+        ways = [*(joint.origin for joint in robot.urdf.children[link]), 2.0 * inertial.origin]
         way = max(ways, key=lambda one: float(np.linalg.norm(one)))
         frame = mechanics.flex.frame(link)
         turn = (pin.computeFrameJacobian(model, data, configuration, frame, pin.LOCAL) @ motion)[3:]
         across = np.cross(turn, way)  # of a rod only what turns it end over end counts
         lost[link] = 0.5 * inertial.mass * float(across @ across) / 12.0 / float(masses[0])
+    carried = found.loaded.payload
+    if carried.mass and carried.inertia is None:
+        tip = mechanics.flex.frame(robot.tip)
+        turn = (pin.computeFrameJacobian(model, data, configuration, tip, pin.LOCAL) @ motion)[3:]
+        share = 0.5 * carried.mass * WIDE**2 * float(turn @ turn) / float(masses[0])
+        text = f"the payload has a mass but no moments of inertia: with a radius of gyration of {WIDE:g} m it would"
+        yield Flag("no_inertia", f"{text} lower the first frequency by {share:.2%}")
     if lost:
         most = sorted(lost.items(), key=lambda pair: -pair[1])[:3]
         text = ", ".join(f"{link} (as a rod it would lower the first frequency by {share:.2%})" for link, share in most)

@@ -181,6 +181,10 @@ class Plan(Result):
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
             read = "No tip reading" if "" in self.reach.read else "None of these readings"
             told.append(f"{read} determines {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
+        unread = [name for name in self.reach.arm.sensors if name not in self.reach.read]
+        if unread and self.blind:
+            also = ",".join([*(name or "tracker" for name in self.reach.read), *unread])
+            told.append(f"Not read in these rows: {', '.join(unread)}; --instruments {also} plans with all declared.")
         return tuple(told)
 
 

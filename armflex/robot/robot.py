@@ -591,7 +591,7 @@ def _volume(visual: Visual) -> float:
 
 def _check_inertia(name: str, inertia: Array, place: Place) -> list[Flag]:
     problem = _impossible(inertia)
-    text = f"{place}: link {name!r}: {problem}; an arm at rest does not depend on them"
+    text = f"{place}: link {name!r}: {problem}; where an arm rests does not depend on them, how it moves does"
     return [Flag("impossible_inertia", text)] if problem else []
 
 
@@ -635,7 +635,10 @@ def check_motion(urdf: Urdf, scope: Scope, chain: Sequence[Joint], held: Mapping
             _, inertia = _body(urdf, joint.child, ends, held)
             if problem := _impossible(inertia, 1e-6):
                 whole = f"link {joint.child!r} and what it carries up to the next joint of the chain"
-                raise UrdfError(urdf.links[joint.child].place, f"{whole}: {problem}; v= and a= need possible ones")
+                raise UrdfError(
+                    urdf.links[joint.child].place,
+                    f"{whole}: {problem}; motion needs possible ones",
+                )
 
 
 def _body(

@@ -18,19 +18,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from itertools import pairwise, product
 
 import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.conventions import Array
-from armflex.errors import Flag, InputError
+from armflex.conventions import Array, number
+from armflex.errors import Flag, InputError, naming
 from armflex.measured.table import Tabular
 from armflex.mechanics.modes import Modes
 from armflex.result import Result
-from armflex.tasks.settle import FURTHER, envelope, modes_at, stops
+from armflex.tasks.settle import FURTHER, envelope, modes_at, on_the_way, stops
 from armflex.trajectory import Trajectory, as_trajectory
 
 KINDS = {"ZV": (1.0, 1.0), "ZVD": (1.0, 2.0, 1.0), "EI": (1.05, 1.9, 1.05)}
@@ -85,7 +85,8 @@ class Calmed(Result):
     Attributes:
         trajectory: The path, timed otherwise.
         motions: From rest to rest, in order.
-        flags: Motions that no shaper fits; where the damping comes from.
+        flags: Motions that no shaper calms to `ENOUGH`, that go beyond a speed limit, or end with another payload;
+            where the damping comes from.
     """
 
     TOLD = ("motions", "flags")
@@ -132,7 +133,7 @@ def calm(
         if (path.q[first + 1 : last + 1] != path.q[first]).any():
             own, made, met = _calmed(arm, path, own[0], slower)
             motions += made
-            flags |= {flag.code: flag for flag in met if flag.code not in flags}
+            flags |= {flag.text: flag for flag in met}
         for one in own:
             rows.append(one.later(shift, 1))
             before = path.time[int(one.place[-1])] - path.time[int(one.place[0])]
@@ -207,8 +208,9 @@ def _calmed(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[list
         found = [_shaped(arm, path, part, slower) for part in parts]
         if sum(one.swing_m[2] for _, one, _ in found) < motion.swing_m[2]:
             flags = [flag for _, one, modes in found for flag in (*modes.flags, *_left(one))]
-            return [one for one, _, _ in found], [one for _, one, _ in found], flags
-    return [rows], [motion], [*modes.flags, *_left(motion)]
+            rows, made = [one for one, _, _ in found], [one for _, one, _ in found]
+            return rows, made, [*flags, *_beyond(arm, path, own, rows)]
+    return [rows], [motion], [*modes.flags, *_left(motion), *_beyond(arm, path, own, [rows])]
 
 
 def _shaped(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[_Rows, CalmMotion, Modes]:
@@ -218,22 +220,27 @@ def _shaped(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[_Row
     count = 1 + int(np.ceil(way[-1] / FURTHER))
     spread = np.interp(np.linspace(0.0, way[-1], count), way, own.place)
     nodes = _as_path(path, _Rows(np.interp(spread, own.place, own.time), spread, ("",) * count)).prepared(arm)
-    asked = cache(lambda node, payload: modes_at(arm, nodes, node, payload))
+    if len(nodes) > 1 and nodes.payload[-1] != nodes.payload[-2]:  # of what is picked up there, see `_calmed`
+        nodes = replace(nodes, payload=(*nodes.payload[:-1], nodes.payload[-2]))
+    asked = cache(partial(modes_at, arm, nodes))
     base, last = own.time - own.time[0], count - 1
 
     def swing(law: _Law, factor: float = 1.0) -> float:
         """Return the largest shift of the tip [m], all modes together; frequencies are a factor of the model's."""
         rows = _on_rows(own, law)
         driven = _as_path(path, replace(rows, time=factor * rows.time))  # what swings faster has more time for as much
+        driven = replace(driven, payload=(*driven.payload[:-1], nodes.payload[-1]))
         node = np.rint(np.interp(rows.place, own.place, way) / way[-1] * last).astype(int).tolist()
         only_last = [False] * (len(driven) - 1) + [True]
-        ((_, modes, size, speed),) = stops(driven, only_last, lambda row, payload: asked(node[row], payload))
+        ((_, modes, size, speed),) = stops(
+            driven, only_last, lambda row, payload, loaded: asked(node[row], payload, node[loaded])
+        )
         return float(envelope(modes, size, speed).sum())
 
     unshaped = _Law(base, way, np.zeros(1), np.ones(1))
     before, whole = swing(unshaped), float(base[-1])
     fastest = _room(arm, np.abs(np.diff(q, axis=0) / np.diff(base)[:, None]))
-    first, final = asked(0, nodes.payload[0])[0], asked(last, nodes.payload[-1])[0]
+    first, final = (asked(node, nodes.payload[node], node)[0] for node in (0, last))
     many = min(len(first.frequencies), len(final.frequencies), SHAPED)
     frequencies = np.sqrt(first.frequencies[:many] * final.frequencies[:many]).tolist()
     tried: list[tuple[float, float, str, _Law]] = []
@@ -294,13 +301,7 @@ class _Rows:
 
 def _as_path(path: Trajectory, rows: _Rows) -> Trajectory:
     """Return rows as a path of their own."""
-    segments = np.clip(rows.place.astype(int), 0, max(len(path) - 2, 0))
-    if len(path) == 1:
-        return path
-    found = path.between(segments, rows.place - segments)
-    payload = [path.payload[int(place)] for place in rows.place]  # at its end a stretch is at the next row
-    known = {"covariates": found.covariates, "wrenches": found.wrenches, "target": found.target}
-    return Trajectory(path.joint_names, rows.time, found.q, tuple(payload), rows.via, **known)
+    return path if len(path) == 1 else on_the_way(path, rows.time, rows.place, rows.via)
 
 
 def _on_rows(own: _Rows, law: _Law) -> _Rows:
@@ -318,9 +319,31 @@ def _on_rows(own: _Rows, law: _Law) -> _Rows:
 
 
 def _left(motion: CalmMotion) -> tuple[Flag, ...]:
-    """Return the flag about a motion that is left as it is, none about others."""
-    if motion.shaper:
+    """Return the flag about a motion that is left as it is, or swings after it more than a shaper should leave."""
+    where, (before, _, worst) = f"the motion to {motion.via}" if motion.via else "a motion", motion.swing_m
+    if motion.shaper and worst <= ENOUGH * before:
         return ()
-    where = f"the motion to {motion.via}" if motion.via else "a motion"
+    if motion.shaper:
+        text = f"{where} leaves {worst / before:.0%} of its swing where all frequencies are a tenth off"
+        return (Flag("partly_calmed", f"{text}: no shaper within the time and the joints' speed limits leaves less"),)
     text = f"{where} stays as it is: no shaper within the time and the joints' speed limits leaves less swing"
     return (Flag("not_calmed", text),)
+
+
+def _beyond(arm: Arm, path: Trajectory, own: _Rows, rows: list[_Rows]) -> Iterator[Flag]:
+    """Yield flags about a motion: beyond a speed limit as before, and a load that swings however it is timed."""
+    speeds = [np.abs(np.diff(_as_path(path, one).q, axis=0)) / np.diff(one.time)[:, None] for one in rows]
+    shares = np.vstack(speeds).max(axis=0) / np.array([joint.velocity for joint in arm.robot.moving])
+    name, fast = f"the motion to {own.via[-1]}" if own.via[-1] else "a motion", int(np.argmax(shares))
+    if shares[fast] > 1.0 + LEAST:
+        text = f"{name} drives {arm.joint_names[fast]} at {shares[fast]:.3g} times its speed limit, as the path has it"
+        yield Flag("speed_limit", text)
+    row = int(own.place[-1])
+    carried, taken = path.payload[max(row - 1, 0)], path.payload[row]
+    if carried != taken:
+        with naming(path.where(row)):
+            asked = path.prepared(arm).asked(row)
+            tips = [arm.deflection(path.q[row], one, **asked).displacement[:3] for one in (carried, taken)]
+        text = f"{name} ends with payload {taken} instead of {carried}: the tip springs by"
+        size = float(np.linalg.norm(tips[1] - tips[0]))
+        yield Flag("springs", f"{text} {number(1e3 * size, 3)} mm there, however the motion is timed")

@@ -1,6 +1,7 @@
 """How long a tip swings after each via-point, for the motion as it is planned.
 
-Drives move as the rows say, straight from row to row, so their speeds jump at rows. The arm is taken as linear about
+Drives move as the rows say, straight from row to row, so their speeds jump at rows. Loads from outside change evenly
+from row to row, and the place of rest with them; a payload changes at a row. The arm is taken as linear about
 the poses that it passes: it is where it would rest, plus modes that swing about that. A jump of the speeds changes the
 speed of each mode. From row to row each mode decays by itself. At another pose the motion of the flexures is split into
 the modes that it has there (modal superposition: Clough and Penzien, Dynamics of Structures, 2nd ed. 1993, ch. 12).
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -28,7 +30,7 @@ MODES = 8
 """Slowest modes that are followed; faster ones are hardly excited and decay sooner."""
 
 FURTHER = 0.02
-"""Tolerance: way of any joint [rad or m] after which the modes are computed anew."""
+"""Tolerance: way of any joint [rad or m] after which the modes are computed anew; motions are cut into such ways."""
 
 FINE = 24
 """Samples in a period of the fastest mode that is followed."""
@@ -97,54 +99,95 @@ def settle(
     arm.check_tree("settle")
     if not within > 0.0:
         raise InputError(f"within must be positive, got {within} m")
-    path = as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm)
+    path, named = _finely(as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm))
     met: dict[str, Flag] = {}
-    named = [bool(name) for name in path.via] if any(path.via) else [row == len(path) - 1 for row in range(len(path))]
     found = []
-    for row, modes, size, speed in stops(path, named, lambda row, payload: modes_at(arm, path, row, payload)):
+    for row, modes, size, speed in stops(path, named, partial(modes_at, arm, path)):
         found.append(_settling(arm, path.via[row], float(path.time[row]), modes, size, speed, within))
         met |= {flag.code: flag for flag in modes.flags if flag.code not in met}
     return SettlingReport(within, tuple(found), tuple(met.values()))
 
 
 def stops(
-    path: Trajectory, named: Sequence[bool], asked: Callable[[int, str], tuple[Modes, Array]]
+    path: Trajectory, named: Sequence[bool], asked: Callable[[int, str, int], tuple[Modes, Array]]
 ) -> Iterator[tuple[int, Modes, Array, Array]]:
     """Yield rows with the modes there and their (m,) sizes and speeds [1, 1/s], if the drives stop there.
 
     Args:
         path: Rows with their times; between rows the joints go along a line.
         named: (N,) which rows are asked about.
-        asked: (row, payload) -> the modes about a row, and the (6 n,) twists at rest; see `modes_at`.
+        asked: (row, payload, row whose loads from outside act) -> the modes about a row, and the (6 n,) twists at rest;
+            see `modes_at`.
     """
+    pushed_by = [one for one in path.wrenches if one.rows is not None]
+    pushed_by = np.hstack([np.zeros((len(path), 0)), *(np.hstack([one.force, one.moment]) for one in pushed_by)])
+    pushing = (np.diff(pushed_by, axis=0) != 0.0).any(axis=1)  # loads change on the way to the next row
     steps = np.diff(path.time)[:, None]
     speeds = np.vstack([np.zeros(path.q.shape[1]), np.diff(path.q, axis=0) / steps, np.zeros(path.q.shape[1])])
     modes, at = None, -1
     bent, moving = np.zeros(0), np.zeros(0)  # of the flexures, from where they would rest [m, rad], and their speed
+    drift = np.zeros(0)  # speed of the rest by the loads from outside [m/s, rad/s]
     for row in range(len(path)):
         if row:
             assert modes is not None
             bent, moving = _decayed(modes, bent, moving, float(path.time[row] - path.time[row - 1]))
         same = row and path.payload[row] == path.payload[at]
         if modes is None or not same or np.abs(path.q[row] - path.q[at]).max() > FURTHER or named[row]:
-            after, twists = asked(row, path.payload[row])
+            after, twists = asked(row, path.payload[row], row)
             if row and not same:  # what is picked up or put down leaves the arm where the other load had it
-                bent = bent + asked(row, path.payload[row - 1])[1] - twists
+                bent = bent + asked(row, path.payload[row - 1], row)[1] - twists
             modes, at = after, row
         assert modes.drives is not None and modes.momenta is not None
         if not len(bent):
-            bent = moving = np.zeros(modes.momenta.shape[1])
+            bent = moving = drift = np.zeros(modes.momenta.shape[1])
+        moving = moving + drift
         if named[row]:
             yield row, modes, modes.momenta @ bent, modes.drives @ -speeds[row] + modes.momenta @ moving
+        drift = np.zeros(len(drift))
+        if row < len(pushing) and pushing[row]:
+            there = (asked(row, path.payload[row], loaded)[1] for loaded in (row, row + 1))
+            drift = -np.subtract(*there) / float(steps[row, 0])
+        moving = moving - drift
         pushed = modes.drives @ (speeds[row + 1] - speeds[row])
         moving = moving + pushed @ modes.twists.reshape(len(pushed), -1)
 
 
-def modes_at(arm: Arm, path: Trajectory, row: int, payload: str) -> tuple[Modes, Array]:
-    """Return the modes about a row with a payload, and the (6 n,) twists at rest [m, rad]."""
+def _finely(path: Trajectory) -> tuple[Trajectory, list[bool]]:
+    """Return a path with rows as far apart as modes hold, and which rows are via-points; the last, where none is."""
+    asked = [bool(name) for name in path.via] if any(path.via) else [False] * (len(path) - 1) + [True]
+    parts = np.maximum(np.ceil(np.abs(np.diff(path.q, axis=0)).max(axis=1) / FURTHER), 1.0).astype(int)
+    if not len(parts) or parts.max() == 1:
+        return path, asked
+    own = np.concatenate([[0], np.cumsum(parts)])  # where the rows stand
+    place = np.interp(np.arange(own[-1] + 1), own, np.arange(len(path)))
+    via, named = [""] * len(place), [False] * len(place)
+    for row, here in enumerate(own.tolist()):
+        via[here], named[here] = path.via[row], asked[row]
+    return on_the_way(path, np.interp(place, np.arange(len(path)), path.time), place, tuple(via)), named
+
+
+def on_the_way(path: Trajectory, time: Array, place: Array, via: tuple[str, ...]) -> Trajectory:
+    """Return rows of a path at other times as a path of their own.
+
+    Args:
+        path: Two rows or more.
+        time: (M,) of the new rows [s].
+        place: (M,) number of the old row each is at, with the share of the way to the next behind the point.
+        via: Names of via-points.
+    """
+    segments = np.clip(place.astype(int), 0, len(path) - 2)
+    found = path.between(segments, place - segments)
+    payload = tuple(path.payload[int(here)] for here in place)  # at its end a stretch is at the next row
+    known = {"covariates": found.covariates, "wrenches": found.wrenches, "target": found.target}
+    places = tuple(path.places[int(here)] for here in place) if path.places else ()
+    return Trajectory(path.joint_names, time, found.q, payload, via, places=places, **known)
+
+
+def modes_at(arm: Arm, path: Trajectory, row: int, payload: str, loaded: int) -> tuple[Modes, Array]:
+    """Return the modes about a row with a payload and another row's loads, and the (6 n,) twists at rest [m, rad]."""
     known = {"time": path.time[row], **{name: values[row] for name, values in path.covariates.items()}}
     with naming(path.where(row)):
-        pushed = wrenches_in(path.wrenches, row)
+        pushed = wrenches_in(path.wrenches, loaded)
         rest = arm.deflection(path.q[row], payload, covariates=known, wrenches=pushed)
         return modes_of(rest.solved, MODES, arm.damping_ratio, driven=True), rest.twists.ravel()
 

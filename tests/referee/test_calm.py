@@ -117,6 +117,22 @@ def test_speed_limits_decide_what_fits() -> None:
     np.testing.assert_array_equal(found.trajectory.q, path.q)
 
 
+def test_what_no_timing_calms_is_said() -> None:
+    """A path beyond a speed limit stays beyond it; a payload that is picked up at the end springs the tip."""
+    arm = replace(load_arm(ROBOTS / "heavy_six" / "arm.toml"), damping_ratio=0.02)
+    q, limit = np.zeros((2, 6)), arm.robot.moving[0].velocity
+    q[1, 0] = 0.05
+    path = Trajectory(arm.joint_names, np.array([0.0, 0.05 / (2.0 * limit)]), q, ("none", "p100"), ("", "there"))
+    said = {flag.code: flag.text for flag in calm(arm, path).flags}
+    assert "drives J1 at 2 times its speed limit" in said["speed_limit"]
+    tips = [arm.deflection(q[1], one).displacement[:3] for one in ("none", "p100")]
+    assert f"springs by {1e3 * np.linalg.norm(tips[1] - tips[0]):.3g} mm" in said["springs"]
+    slow = replace(path, time=np.array([0.0, 1.0]))
+    (calmed,) = calm(arm, slow).motions
+    (plain,) = calm(arm, replace(slow, payload=("none",) * 2)).motions
+    assert calmed.swing_m == plain.swing_m and calmed.shaper == plain.shaper
+
+
 def test_what_cannot_be_calmed_is_refused() -> None:
     arm, path = load_arm(ROBOTS / "heavy_six" / "arm.toml"), two_motions()
     with pytest.raises(InputError, match="slower must be at least 1"):

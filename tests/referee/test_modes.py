@@ -14,7 +14,7 @@ from support.mujoco_arm import Referee, Sprung
 from support.small_arms import CROOKED, ROBOTS, joint, link, robot
 from support.sprung_campaign import driven
 
-from armflex import Arm, InputError, load_arm, make_arm
+from armflex import Arm, InputError, Payload, load_arm, make_arm
 from armflex.errors import ArmFileError
 from armflex.laws import LinearLaw
 
@@ -148,3 +148,8 @@ def test_what_links_without_inertia_would_change_is_said(tmp_path) -> None:
         if said:
             share = float(re.search(r"by ([\d.]+)%", said[0])[1])
     assert share == pytest.approx(100.0 * (1.0 - frequencies[1] / frequencies[0]), rel=0.05)
+    (flag,) = [one for one in arm.modes([0.0], Payload(10.0, [0.5, 0.0, 0.0])).flags if one.code == "no_inertia"]
+    wide = arm.modes([0.0], Payload(10.0, [0.5, 0.0, 0.0], [0.9, 0.9, 0.9, 0.0, 0.0, 0.0])).frequencies[0]
+    point = arm.modes([0.0], Payload(10.0, [0.5, 0.0, 0.0])).frequencies[0]
+    share = float(re.search(r"by ([\d.]+)%", flag.text)[1])
+    assert share == pytest.approx(100.0 * (1.0 - wide / point), rel=0.05) and "0.3 m" in flag.text

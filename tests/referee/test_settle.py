@@ -10,7 +10,7 @@ from support.mujoco_moves import MACHINES, WITHIN, moves, swung
 from support.small_arms import ROBOTS
 from support.sprung_campaign import driven
 
-from armflex import Arm, InputError, Trajectory, load_arm
+from armflex import Arm, InputError, Trajectory, Wrench, load_arm
 from armflex.tasks.settle import settle
 
 
@@ -69,3 +69,34 @@ def test_a_payload_that_is_put_down_lets_the_arm_swing(tmp_path) -> None:
     first, _ = settle(arm, path, 1e-4).via_points
     step = arm.deflection(q[0], "p100").displacement[:3] - arm.deflection(q[0], "none").displacement[:3]
     assert first.peak_m == pytest.approx(np.linalg.norm(step), rel=0.1)
+
+
+def test_a_force_that_ends_lets_the_arm_swing() -> None:
+    """Gone within a millisecond it is a step; gone within many periods the arm follows."""
+    arm: Arm = load_arm(ROBOTS / "heavy_six" / "arm.toml")
+    step, peaks = arm.deflection(np.zeros(6), wrenches=[Wrench("tool", [0, 0, -1000.0])]).displacement[:3], []
+    step = np.linalg.norm(step - arm.deflection(np.zeros(6)).displacement[:3])
+    for within in (1e-3, 20.0):
+        pushed = Wrench("tool", np.array([[0, 0, -1000.0], [0, 0, -1000.0], [0, 0, 0]]))
+        times = np.array([0.0, 1.0, 1.0 + within])
+        path = Trajectory(
+            arm.joint_names, times, np.zeros((3, 6)), ("none",) * 3, ("", "before", "after"), wrenches=(pushed,)
+        )
+        before, after = settle(arm, path, 1e-5).via_points
+        assert before.peak_m == pytest.approx(0.0, abs=1e-12) and before.settle_s == 0.0
+        peaks.append(after.peak_m)
+    assert peaks[0] == pytest.approx(step, rel=0.1) and peaks[1] < 0.05 * step
+
+
+def test_a_motion_swings_as_much_however_many_rows_it_is_written_in() -> None:
+    arm: Arm = replace(load_arm(ROBOTS / "heavy_six" / "arm.toml"), damping_ratio=0.05)
+    found = []
+    for count in (2, 3, 101):
+        q = np.linspace(0.0, 1.0, count)[:, None] * np.array([0.6, -0.5, 0.7, 0.2, 0.3, 0.1])
+        path = Trajectory(
+            arm.joint_names, np.linspace(0.0, 1.2, count), q, ("p100",) * count, ("",) * (count - 1) + ("end",)
+        )
+        found += settle(arm, path, 1e-4).via_points
+    for one in found[:-1]:
+        assert one.peak_m == pytest.approx(found[-1].peak_m, rel=0.03)
+        assert one.settle_s == pytest.approx(found[-1].settle_s, rel=0.03)

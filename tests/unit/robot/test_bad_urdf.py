@@ -467,7 +467,12 @@ WEIGHS = {
 HARMLESS = {
     "inertia-nan": ('ixx="0.01"', 'ixx="nan"', "off_the_chain", "the body counts as a point"),
     "inertia-missing": ('<inertia ixx="0.01" iyy="0.01" izz="0.01"/>', "", "off_the_chain", "counts as a point"),
-    "inertia-triangle": ('ixx="0.01"', 'ixx="0.03"', "impossible_inertia", "at rest does not depend on them"),
+    "inertia-triangle": (
+        'ixx="0.01"',
+        'ixx="0.03"',
+        "impossible_inertia",
+        "rests does not depend on them",
+    ),
     "inertia-negative": ('ixx="0.01"', 'ixx="-0.01"', "impossible_inertia", "not all positive"),
     "stray-tag": ("<visual>", "<colour/><visual>", "off_the_chain", "it is passed over"),
     "stray-origin": ("<inertial>", '<origin xyz="0 0 0"/><inertial>', "unknown_tag", "passed over"),
