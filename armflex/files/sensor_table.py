@@ -48,9 +48,9 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
 
     own = kind.declared(table, robot)
     sockets, touching = _sockets(table) if what == "touch" else None, what == "touch"
-    about = None
-    if own is not None:
-        on, about = own
+    on, about = own or (None, None)
+    if on is not None:
+        pass
     elif what == "encoder":
         joints = {joint.name: joint for joint in robot.moving}
         joint = table.choice("joint", tuple(joints))

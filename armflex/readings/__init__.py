@@ -8,6 +8,7 @@ from armflex.readings.distance import Distance as Distance
 from armflex.readings.encoder import Encoder as Encoder
 from armflex.readings.encoder import SlideEncoder as SlideEncoder
 from armflex.readings.frequency import Frequency as Frequency
+from armflex.readings.height import Height as Height
 from armflex.readings.inclination import Inclination as Inclination
 from armflex.readings.kind import Kind as Kind
 from armflex.readings.load import Force as Force
@@ -29,6 +30,7 @@ SENSOR_KINDS: dict[str, type[Kind]] = {
     "position": Position,
     "orientation": Orientation,
     "distance": Distance,
+    "height": Height,
     "relative_position": RelativePosition,
     "inclination": Inclination,
     "acceleration": Acceleration,

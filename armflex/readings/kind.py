@@ -75,8 +75,11 @@ class Kind(ABC):
         return tuple(f"{name}_{channel}" if channel else name for channel in cls.channels)
 
     @classmethod
-    def declared(cls, table: Declaration, robot: Robot) -> tuple[str, Any] | None:
-        """Return the link that a sensor is on and its `about`, from keys of this kind alone; None where it has none."""
+    def declared(cls, table: Declaration, robot: Robot) -> tuple[str | None, Any] | None:
+        """Return the link that a sensor is on and its `about`, from keys of this kind alone; None where it has none.
+
+        The link is None where the key `link` has it, as of most kinds.
+        """
         return None
 
     @property

@@ -13,6 +13,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.readings.kind import Kind, point_of
+from armflex.readings.plane import Plane
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import AXES, POINT, Nuisance
 
@@ -50,7 +51,7 @@ class Sockets:
         known = np.asarray(self.place.get(socket, np.zeros(3)), dtype=float)
         if self.of_shape(socket) != "plane":
             return known
-        return np.array([known @ self.axes(socket)[:, 2], 0.0, 0.0])
+        return np.array([known @ self.plane(socket).axes[:, 2], 0.0, 0.0])
 
     def std(self, socket: str) -> Array:
         """Return (3,) prior standard deviations about them; infinite where nobody measured the place."""
@@ -60,13 +61,9 @@ class Sockets:
         """Return "point", "plane" or "sphere"."""
         return self.shape.get(socket, "point")
 
-    def axes(self, socket: str) -> Array:
-        """Return (3, 3) axes of a plane in the base by columns, the last its declared normal, dimensionless."""
-        normal = np.asarray(self.normal.get(socket, (0.0, 0.0, 1.0)), dtype=float)
-        normal = normal / np.linalg.norm(normal)
-        first = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
-        first = first / np.linalg.norm(first)
-        return np.column_stack([first, np.cross(normal, first), normal])
+    def plane(self, socket: str) -> Plane:
+        """Return where a plane is declared to face."""
+        return Plane(self.normal.get(socket, np.array([0.0, 0.0, 1.0])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,13 +123,9 @@ class Touch(Kind):
                 by_place[rows, 0] = -by_point[rows, 0]
                 continue
             height, *tilts = place[rows][0]
-            axes = known.axes(socket)
-            normal = axes[:, 2] + axes[:, :2] @ tilts
-            size = np.linalg.norm(normal)
-            normal = normal / size
+            normal, turned = known.plane(socket).tilted(np.array(tilts))
             gap[rows] = np.outer(points[rows] @ normal - height, [1.0, 0.0, 0.0])
             by_point[rows, 0] = normal
-            turned = (axes[:, :2] - np.outer(normal, normal @ axes[:, :2])) / size
             by_place[rows, 0] = np.column_stack([np.full(rows.sum(), -1.0), points[rows] @ turned])
         return gap, by_point, by_place
 
@@ -175,12 +168,12 @@ class Touch(Kind):
         points = self.point(at)[0][rows]
         found[:3] = points.mean(axis=0)
         if known.of_shape(key) == "plane":
-            axes, tilts = known.axes(key), np.zeros(2)
+            plane, tilts = known.plane(key), np.zeros(2)
+            axes = plane.axes
             normal = np.linalg.svd(points - points.mean(axis=0))[2][-1]
             if len(points) >= FEWEST and abs(normal @ axes[:, 2]) > 0.5:
                 tilts = (normal @ axes[:, :2]) / (normal @ axes[:, 2])
-            normal = axes[:, 2] + axes[:, :2] @ tilts
-            found[:3] = [found[:3] @ normal / np.linalg.norm(normal), *tilts]
+            found[:3] = [found[:3] @ plane.tilted(tilts)[0], *tilts]
         return found
 
 

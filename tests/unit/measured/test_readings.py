@@ -25,6 +25,7 @@ from armflex.readings import (
     Encoder,
     Force,
     Frequency,
+    Height,
     Inclination,
     Kind,
     Moment,
@@ -41,6 +42,7 @@ from armflex.readings import (
 from armflex.readings.frequency import Swing
 from armflex.readings.instrument import Instrument
 from armflex.readings.load import Drive
+from armflex.readings.plane import Plane
 from armflex.readings.sensor import Sensor, Shaft
 from armflex.rows import Rows
 
@@ -88,6 +90,7 @@ SENSORS = {
     "wire": (Distance, {}),
     "bar": (Distance, {"link": "forearm", "seen_from": "shoulder"}),
     "camera": (RelativePosition, {"seen_from": "shoulder"}),
+    "ruler": (Height, {"about": Plane(np.array([0.1, -0.2, 1.0]))}),
     "level": (Inclination, {"link": "forearm"}),
     "acc": (Acceleration, {"sign": -1.0}),
     "encoder": (Encoder, {}),
