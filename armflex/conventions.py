@@ -60,12 +60,13 @@ UNITS: dict[str, dict[str, float]] = {
     "acceleration": {"m/s^2": 1.0, "m/s2": 1.0, "mm/s^2": 1e-3, "g": 9.80665, "mg": 9.80665e-3},
     "frequency": {"Hz": 1.0, "mHz": 1e-3, "kHz": 1e3},
     "count": {},
+    "pixel": {"px": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "min": 60.0},
 }
 """Kind of quantity -> unit -> factor to SI."""
 
 SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "m/s^2": ("mm/s^2", 1e3), "1": ("1", 1.0)} | {
-    unit: (unit, 1.0) for unit in ("N", "Nm", "Hz")
+    unit: (unit, 1.0) for unit in ("N", "Nm", "Hz", "px")
 }
 """SI unit -> the unit in which people are shown an error, and its factor."""
 

@@ -200,7 +200,7 @@ class Fit:
         """
         place = self.view.readings.groups[number]
         count = np.isfinite(self.view.sigma[:, place]).sum(axis=1)
-        far = np.where(self.weights[:, place].min(axis=1) < 1.0, count, 0)
+        far = ((self.weights[:, place] < 1.0) & np.isfinite(self.view.sigma[:, place])).sum(axis=1)
         limits = np.array([outlier_limit(max(int(one), 1)) ** 2 / max(int(one), 1) for one in range(count.max() + 1)])
         if (far * limits[count]).sum() < MOSTLY * count.sum():
             return noise

@@ -255,7 +255,7 @@ def _from_quaternion(vectors: Array) -> Rotation:
 def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
     """Yield what else may be meant by what a sensor read, or of where it is."""
     name, sensor = kind.name, arm.sensors[kind.name]
-    if sensor.sockets is not None:  # it reads no number
+    if sensor.sockets is not None or kind.apart:  # it reads no number, or numbers whose meaning is no question
         return
     for unit, taken, factor in _factors(kind.unit):
         remedy = "write the unit into the header"

@@ -45,6 +45,9 @@ NAMED = 12.0
 LOOKS = 20.0
 """Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
 
+FOCAL = 1e3
+"""Pixels of a radian before a usual camera."""
+
 FINE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
@@ -185,7 +188,7 @@ def misfit(case: Case, known: View | None = None, instrument: Instrument | None 
     blocks = [one for one in declared_blocks(setup, campaign) if not case.keep or one.kind in FRAMES]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
-    size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY}, None
+    size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY, "px": FOCAL}, None
     found = None
     for _ in range(1 if campaign.positioned[rows].any() else STEPS):
         view = look(realise(setup, blocks, values), campaign, rows, line=line if first is None else None)
@@ -512,8 +515,9 @@ def _moves(case: Case, found: Misfit) -> Iterator[Hypothesis]:
     """
     view, sensors = found.view, case.arm.sensors
     for number, (kind, place) in enumerate(view.readings.placed):
-        # What was touched stands where it stood, and a socket that fits badly is no instrument that was moved.
-        if isinstance(kind, Orientation) or kind.texts is not None or found.excess[:, number].sum() < NAMED:
+        # What was touched stands where it stood, and a socket that fits badly is no instrument that was moved. A camera
+        # that was moved shows every picture otherwise: no constant is left of it.
+        if isinstance(kind, Orientation) or kind.texts is not None or kind.apart or found.excess[:, number].sum() < NAMED:
             continue
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):

@@ -87,32 +87,44 @@ def instrument_weights(view: View, limit: Array | float | None = None) -> Array:
     limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
     weights = np.ones((len(view.residual), len(limits)))
     for number, (length, expected, _) in enumerate(_lengths(view, outlier_limit)):
-        weights[:, number] = np.minimum(1.0, limits[number] * expected / np.maximum(length, 1e-300))
+        weights[:, number] = np.minimum(1.0, limits[number] * expected / np.maximum(length, 1e-300))[:, 0]
     return weights
 
 
 def huber_weights(view: View, limit: Array | float | None = None) -> Array:
-    """Return the (M, d) weights of the numbers of the rows: the same for all that an instrument read in one."""
-    weights, found = instrument_weights(view, limit), np.ones(view.residual.shape)
-    for number, place in enumerate(view.readings.groups):
-        found[:, place] = weights[:, [number]]
+    """Return the (M, d) weights of the numbers of the rows: the same for all that an instrument read in one look."""
+    limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
+    found = np.ones(view.residual.shape)
+    for one, place, (length, expected, _) in zip(
+        limits, view.readings.groups, _lengths(view, outlier_limit, True), strict=True
+    ):
+        weights = np.minimum(1.0, one * expected / np.maximum(length, 1e-300))
+        found[:, place] = np.repeat(weights, (place.stop - place.start) // weights.shape[1], axis=1)
     return found
 
 
 def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:
     """Return the Huber cost plus the prior's, both as -2 log density."""
     cost, limits = ((values / prior) ** 2).sum(), np.broadcast_to(limit, len(view.readings.groups))
-    for one, (length, expected, _) in zip(limits, _lengths(view, outlier_limit), strict=True):
+    for one, (length, expected, _) in zip(limits, _lengths(view, outlier_limit, True), strict=True):
         far = one * expected
         cost += np.where(length > far, 2.0 * far * np.where(length > far, length, 0.0) - far**2, length**2).sum()
     return float(cost)
 
 
-def _lengths(view: View, length: Callable[[int], float]) -> Iterator[tuple[Array, Array, np.ndarray]]:
-    """Yield of every instrument the (M,) whitened lengths of what it read, what is expected of as many numbers, and
+def _lengths(
+    view: View, length: Callable[[int], float], apart: bool = False
+) -> Iterator[tuple[Array, Array, np.ndarray]]:
+    """Yield of every instrument the (M, k) whitened lengths of what it read, what is expected of as many numbers, and
     where it read: an orientation that was not read is as uncertain as can be.
+
+    k is 1, or where `apart` is asked for, how many of its numbers may be outliers each without the others.
     """
+    own = {place.start: kind.apart for kind, place in view.readings.placed}
     for place in view.readings.groups:
-        sizes, back = np.unique(np.isfinite(view.sigma[:, place]).sum(axis=1), return_inverse=True)
-        expected = np.array([length(max(size, 1)) for size in sizes.tolist()])[back.ravel()]
-        yield np.linalg.norm(view.whitened[:, place], axis=1), expected, sizes[back.ravel()] > 0
+        size = place.stop - place.start
+        size = own[place.start] or size if apart else size
+        read = np.isfinite(view.sigma[:, place]).reshape(len(view.sigma), -1, size)
+        sizes, back = np.unique(read.sum(axis=2), return_inverse=True)
+        expected = np.array([length(max(size, 1)) for size in sizes.tolist()])[back].reshape(read.shape[:2])
+        yield np.linalg.norm(view.whitened[:, place].reshape(read.shape), axis=2), expected, read.any(axis=2)

@@ -20,7 +20,7 @@ UNKNOWN = ", where the wire begins [m]; of one that nobody measured write [0, 0,
 SHAPES = ("point", "plane", "sphere")
 """Of what a point is put into, or onto."""
 
-SEEN_FROM = {"distance": "anchor_link", "relative_position": "seen_from"}
+SEEN_FROM = {"distance": "anchor_link", "relative_position": "seen_from", "pixels": "camera_link"}
 """Key of the link that the other end is on."""
 
 
@@ -46,12 +46,9 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
             raise table.fail(key, f"the arm has no link {value!r}{hint} (links: {listing(known)})")
         return value
 
-    own = kind.declared(table, robot)
+    on, about = kind.declared(table, robot) or (None, None)
     sockets, touching = _sockets(table) if what == "touch" else None, what == "touch"
-    on, about = own or (None, None)
-    if on is not None:
-        pass
-    elif what == "encoder":
+    if what == "encoder":
         joints = {joint.name: joint for joint in robot.moving}
         joint = table.choice("joint", tuple(joints))
         declared = joints[joint]
@@ -62,13 +59,15 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
         shaft, on = Shaft(joint, declared.parent, straight, np.asarray(declared.axis), origin), declared.child
     elif touching and not table.has("link"):
         on = robot.tip
-    else:
+    elif what == "pixels":
+        on = link("board_link") if table.has("board_link") else robot.base
+    elif on is None:
         on = link("link")
-    seen_from = None
+    seen_from = robot.base if what == "pixels" else None
     if what in SEEN_FROM and (what == "relative_position" or table.has(SEEN_FROM[what])):
         seen_from = link(SEEN_FROM[what])
-        if seen_from == on:
-            raise table.fail(SEEN_FROM[what], f"{on!r} is the link itself: nothing moves between the two")
+    if seen_from == on:
+        raise table.fail(SEEN_FROM[what], f"{on!r} is the link itself: nothing moves between the two")
     sign = 1.0
     if what == "acceleration":
         sign = {"gravity": 1.0, "specific_force": -1.0}[table.choice("reads", ("gravity", "specific_force"), "gravity")]
@@ -89,9 +88,11 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
         elif len(one.axes) == 1:
             value = np.array([table.number(one.name, 0.0)])
         else:
-            value = table.numbers(one.name, (len(one.axes),)) if table.has(one.name) else np.zeros(len(one.axes))
+            fewer = ((4,),) if one.name == "distortion" else ()  # k3 is often left out
+            value = table.numbers(one.name, (len(one.axes),), *fewer) if table.has(one.name) else np.zeros(0)
+            value = np.append(value, np.zeros(len(one.axes) - len(value)))
         key = f"{one.name}_std"
-        size = table.std(key, 0.0)
+        size = table.std(key, LONGEST[one.unit] if one.anywhere and not table.has(one.name) else 0.0)
         if 0.0 < size < SMALLEST_STD or size > LONGEST[one.unit]:
             raise table.fail(
                 key, f"expected a standard deviation [{one.unit}] up to {LONGEST[one.unit]:g}, got {size:g}"

@@ -38,9 +38,10 @@ from armflex.measured.forces import (
     force_columns,
     read_loads,
 )
+from armflex.measured.pictures import read_pictures, without_board
 from armflex.measured.points import PointExport, read_points, with_points
 from armflex.measured.table import Table, Tabular, check_payloads, joint_kinds, read_pieces, read_table
-from armflex.readings import Kind, Orientation, Position, Readings, touched
+from armflex.readings import Camera, Kind, Orientation, Position, Readings, touched
 from armflex.result import Result
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, MOST_LEVELS, last_motion, level_columns
@@ -107,11 +108,12 @@ class Measurements(Rows, Result):
                 columns |= {kind.name: kind.texts} if kind.texts else {}
                 continue
             named = {Position: (POSITION, EACH), Orientation: (ROTATION, ("sigma_r",))}
-            own = kind.columns(kind.name), (f"sigma_{kind.name}",)
+            own = kind.headers, (f"sigma_{kind.name}",)
             names, stds = own if kind.name else named.get(type(kind), own)
+            sigma = kind.sigma.min(axis=1, keepdims=True) if kind.apart else kind.sigma
             read = np.where(np.isfinite(kind.sigma) & self.measured[:, None], kind.values, np.nan)
             columns |= dict(zip(names, read.T, strict=True))
-            columns |= dict(zip(stds, np.where(np.isfinite(kind.sigma), kind.sigma, np.nan).T, strict=False))
+            columns |= dict(zip(stds, np.where(np.isfinite(sigma), sigma, np.nan).T, strict=False))
             beside = {f"{kind.name}_{key}": getattr(kind, key) for key in kind.beside}
             columns |= {key: np.where(one > 0, one, np.nan) for key, one in beside.items() if one is not None}
         return columns | dict(self.covariates)
@@ -433,7 +435,7 @@ def _sensor_kinds(arm: Arm) -> dict[str, str]:
     """Return the kind of quantity of each column of the arm's sensors, and of their standard deviations."""
     found = {}
     for name, sensor in arm.sensors.items():
-        found |= dict.fromkeys((*sensor.kind.columns(name), f"sigma_{name}"), sensor.kind.quantity)
+        found |= dict.fromkeys((*sensor.columns, f"sigma_{name}"), sensor.kind.quantity)
         found |= dict.fromkeys((f"{name}_{key}" for key in sensor.kind.beside), "count")
     return found
 
@@ -450,7 +452,7 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     """Return what the sensors read, of those that a column is of."""
     found: list[Kind] = []
     for name, sensor in arm.sensors.items():
-        columns = sensor.kind.columns(name)
+        columns = sensor.columns
         if not any(column in table.columns for column in columns):
             if f"sigma_{name}" in table.columns:
                 raise TableError(Place(table.path, 1), f"has sigma_{name}, but no {listing(columns)}")
@@ -462,6 +464,9 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
                 there = np.array([bool(one) for one in texts])
                 sigma = _deviations(table, (f"sigma_{name}",), there, name, "m", np.inf)
             found += touched(name, texts, sigma, sensor.sockets)
+            continue
+        if isinstance(sensor.about, Camera):
+            found.append(read_pictures(table, sensor))
             continue
         read, values = _vectors(table, columns)
         if f"sigma_{name}" in table.columns:
@@ -501,6 +506,8 @@ def _sensor_flags(found: Measurements, arm: Arm, table: Table) -> Iterator[Flag]
     read = {kind.name: bool(np.isfinite(kind.sigma).all(axis=1).any()) for kind in found.readings.kinds}
     for name, sensor in arm.sensors.items():
         columns = sensor.kind.columns(name)
+        if isinstance(sensor.about, Camera) and name in read and name in table.columns:
+            yield from without_board(found, table, name)
         if name in read and not read[name]:
             text = f"[instrument.{name}] is declared, and its columns are empty in every row"
             yield Flag("instrument_unread", f"{text} ({listing(columns)})")

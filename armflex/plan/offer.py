@@ -81,7 +81,7 @@ class Reach:
         for sensor in (one for name, one in self.arm.sensors.items() if name in self.read):
             sigma = self.sigmas.get(sensor.name, sensor.sigma)
             if sensor.sockets is None:
-                kinds.append(sensor.kind.unread(count, sigma, sensor.name))
+                kinds.append(sensor.unread(count, sigma))
             else:
                 each = np.full((count, 1), np.median(sigma))
                 kinds += touched(sensor.name, tuple(map(str, rows.covariates[sensor.name])), each, sensor.sockets)

@@ -15,6 +15,8 @@ from armflex.readings.load import Force as Force
 from armflex.readings.load import Moment as Moment
 from armflex.readings.load import Torque as Torque
 from armflex.readings.orientation import Orientation as Orientation
+from armflex.readings.pixels import Camera as Camera
+from armflex.readings.pixels import Pixels as Pixels
 from armflex.readings.position import Position as Position
 from armflex.readings.postures import Postures as Postures
 from armflex.readings.readings import Readings as Readings
@@ -39,6 +41,7 @@ SENSOR_KINDS: dict[str, type[Kind]] = {
     "force": Force,
     "moment": Moment,
     "torque": Torque,
+    "pixels": Pixels,
     "frequency": Frequency,
 }
 """What [instrument.NAME] may be, as its `kind` says."""

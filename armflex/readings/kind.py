@@ -57,6 +57,9 @@ class Kind(ABC):
     beside: ClassVar[tuple[str, ...]] = ()
     """Attributes that rows may give as whole numbers, in columns called after the sensor's name and theirs."""
 
+    apart: ClassVar[int] = 0
+    """How many of its numbers may be an outlier without the others; 0 where all are of one moment and one look."""
+
     positive: ClassVar[bool] = False
     """Whether only numbers above zero can be read."""
 
@@ -64,8 +67,11 @@ class Kind(ABC):
     """What of a sensor of this kind may have to be found."""
 
     @classmethod
-    def unread(cls: type[Own], count: int, sigma: ArrayLike = 1.0, name: str = "") -> Own:
-        """Return readings still to be taken in `count` rows; their standard deviation is one or (d,), in its unit."""
+    def unread(cls: type[Own], count: int, sigma: ArrayLike = 1.0, name: str = "", about: Any = None) -> Own:
+        """Return readings still to be taken in `count` rows; their standard deviation is one or (d,), in its unit.
+
+        `about` is of the sensor, where the kind needs it.
+        """
         shape = (count, cls.dimension)
         return cls(np.zeros(shape), np.broadcast_to(np.asarray(sigma, dtype=float), shape), name)
 
@@ -81,6 +87,11 @@ class Kind(ABC):
         The link is None where the key `link` has it, as of most kinds.
         """
         return None
+
+    @property
+    def headers(self) -> tuple[str, ...]:
+        """Names of (d,) columns that hold its numbers."""
+        return self.columns(self.name)
 
     @property
     def title(self) -> str:

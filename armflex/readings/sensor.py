@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from armflex.conventions import Array
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from armflex.readings.kind import Kind
     from armflex.readings.touch import Sockets
 
-LONGEST = {"m": 10.0, "rad": 3.2, "m/s^2": 100.0, "N": 1e6, "Nm": 1e6, "Hz": 100.0, "1": 0.5}
+LONGEST = {"m": 10.0, "rad": 3.2, "px": 1e4, "m/s^2": 100.0, "N": 1e6, "Nm": 1e6, "Hz": 100.0, "1": 0.5}
 """By unit a standard deviation beyond which a number is in another one; sensors stand in the order of these."""
 
 AXES = ("x", "y", "z")
@@ -29,11 +30,13 @@ class Nuisance:
         name: What they are: 'anchor', 'bias'.
         axes: One word each, '' for the only one.
         unit: SI unit of each.
+        anywhere: Whether it is found wherever it is, where neither it nor its `NAME_std` is declared.
     """
 
     name: str
     axes: tuple[str, ...]
     unit: str
+    anywhere: bool = False
 
 
 ANCHOR, POINT = Nuisance("anchor", AXES, "m"), Nuisance("point", AXES, "m")
@@ -108,6 +111,15 @@ class Sensor:
     def free_in(self, key: str) -> np.ndarray:
         """Return (k,) as `free`, of one session or socket."""
         return np.flatnonzero(self.std_in(key))
+
+    def unread(self, count: int, sigma: ArrayLike | None = None) -> Kind:
+        """Return its readings that are still to be taken in `count` rows; see `Kind.unread`."""
+        return self.kind.unread(count, self.sigma if sigma is None else sigma, self.name, self.about)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of all columns that it may have: those of `Kind.columns`, and those that hold its numbers."""
+        return tuple(dict.fromkeys((*self.kind.columns(self.name), *self.unread(0).headers)))
 
     @property
     def free(self) -> np.ndarray:

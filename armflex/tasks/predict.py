@@ -231,7 +231,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     # The tip's position comes first; see `Readings`.
     wanted = [Position.unread(len(rows))]
     read = {name: one for name, one in arm.sensors.items() if one.sockets is None}  # of a gap there is nothing to say
-    wanted += [one.kind.unread(len(rows), one.sigma, name) for name, one in read.items()]
+    wanted += [one.unread(len(rows)) for one in read.values()]
     readings = Readings(len(rows), tuple(wanted))
     tip = readings.foremost
     fitted, about = fitted_variance(arm, rows, readings)
@@ -351,7 +351,7 @@ def _columns(prediction: Prediction) -> dict[str, list]:
     columns |= named("xyz", prediction.position) | named(["pose_rx", "pose_ry", "pose_rz"], prediction.rotation)
     columns |= named(["sigma_x", "sigma_y", "sigma_z"], prediction.sigma)
     for kind, std in prediction.sensors:
-        names = kind.columns(kind.name)
+        names = kind.headers
         columns |= named(names, kind.values) | named([f"sigma_{name}" for name in names], std)
     columns |= named(TWIST_NAMES, prediction.displacement)
     outside = ["; ".join(flag.text for flag in flags) for flags in prediction.outside]

@@ -171,11 +171,7 @@ def simulated(arm: Arm, rows: Rows, sigma: float, rng: np.random.Generator) -> M
     rows = Rows(**{name: getattr(rows, name) for name in bare})
     read = np.array([not pose.startswith(RUN_UP) for pose in rows.pose])
     kinds: list[Kind] = [Position.unread(len(rows), sigma)]
-    kinds += [
-        replace(one.kind.unread(len(rows), one.sigma), name=name)
-        for name, one in arm.sensors.items()
-        if one.sockets is None
-    ]
+    kinds += [one.unread(len(rows)) for one in arm.sensors.values() if one.sockets is None]
     rows = replace(rows, measured=read)
     at = look(Setup(arm, arm.instrument or Instrument()), rows, readings=Readings(len(rows), tuple(kinds))).at
     taken = []

@@ -145,7 +145,7 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
             raise UnknownNameError("instrument", name, arm.sensors)
     for name, sensor in arm.sensors.items():
         if name in reading.sensors:
-            values = finite_array(np.atleast_1d(reading.sensors[name]), name, (sensor.kind.dimension,))[None]
+            values = finite_array(np.atleast_1d(reading.sensors[name]), name, (sensor.unread(1).dimension,))[None]
             kinds.append(sensor.kind(values, np.full(values.shape, sensor.sigma), name))
     for one in reading.wrenches:
         if not isinstance(one, Wrench):

@@ -193,7 +193,7 @@ def model_of(arm: Arm) -> Model:
         if learned:
             raise InputError(f"flexure {learned[0]!r} is to be learned: calibrate the arm before it is tracked")
         middle = np.clip(np.zeros(len(arm.joint_names)), arm.robot.lower, arm.robot.upper)
-        every = {name: np.zeros(one.kind.dimension) for name, one in arm.sensors.items()}
+        every = {name: np.zeros(one.unread(1).dimension) for name, one in arm.sensors.items()}
         alone = Setup(replace(arm, prior=replace(arm.prior, session_target=0.0)), setup.instrument)
         free = declared_blocks(alone, as_row(Reading(middle, np.zeros(3), 1.0, sensors=every), arm))
         prior = np.concatenate([np.zeros(0), *(block.prior for block in free)])

@@ -21,6 +21,7 @@ from armflex.laws.law import anywhere
 from armflex.readings import (
     SENSOR_KINDS,
     Acceleration,
+    Camera,
     Distance,
     Encoder,
     Force,
@@ -30,6 +31,7 @@ from armflex.readings import (
     Kind,
     Moment,
     Orientation,
+    Pixels,
     Position,
     Postures,
     Readings,
@@ -39,6 +41,7 @@ from armflex.readings import (
     Touch,
     unread,
 )
+from armflex.readings.board import Board
 from armflex.readings.frequency import Swing
 from armflex.readings.instrument import Instrument
 from armflex.readings.load import Drive
@@ -84,6 +87,8 @@ class Ranging(Kind):
         return (points / np.linalg.norm(points, axis=1, keepdims=True))[:, None] @ changes
 
 
+PICTURES = Camera(Board("points", 0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5], [2, 1, 0]], float)))
+
 SENSORS = {
     "target": (Position, {}),
     "turned": (Orientation, {"link": "wrist_yaw"}),
@@ -96,6 +101,8 @@ SENSORS = {
     "encoder": (Encoder, {}),
     "block": (Touch, {"sockets": Sockets({"a": np.ones(3)}, 0.1, {"c": "plane", "d": "sphere"}, {"d": 0.1},
                                          own_point=True)}),
+    "eye": (Pixels, {"about": PICTURES, "link": "base", "seen_from": "forearm"}),
+    "webcam": (Pixels, {"about": PICTURES, "seen_from": "shoulder"}),
     "cell": (Force, {"about": "tool"}),
     "platform": (Moment, {"about": "base"}),
     "motor": (Torque, {"about": Drive("J3", np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0]), -1e-2)}),
@@ -110,7 +117,7 @@ CASES = [(Position, ""), (Orientation, ""), (Ranging, ""), *((kind, name) for na
 
 def to_be_read(kind: type[Kind], name: str) -> Kind:
     """Return readings of a kind that are still to be taken in the rows."""
-    found = kind.unread(COUNT, name=name)
+    found = kind.unread(COUNT, name=name, about=SENSORS.get(name, (kind, {}))[1].get("about"))
     return replace(found, sockets=TOUCHED) if isinstance(found, Touch) else found
 
 
@@ -149,6 +156,8 @@ def at(heavy: Arm, rows: Rows, instrument: Instrument) -> Postures:
             origin[:3, :3], origin[:3, 3] = joint.rotation, joint.origin
             given = {"link": joint.child, "shaft": Shaft(joint.name, joint.parent, False, joint.axis, origin)}
         declared = rng.normal(0.0, 0.05, size)
+        if kind is Pixels:
+            declared[:4] = 600.0, 620.0, 320.0, 240.0
         sensors[name] = Sensor(**{"name": name, "kind": kind, "link": heavy.robot.tip, "sigma": 1e-4,
                                "declared": declared, "std": np.full(size, 0.01), **given})  # fmt: skip
     view = look(Setup(replace(heavy, sensors=sensors), instrument), rows, np.arange(COUNT))
@@ -166,7 +175,7 @@ def test_sensitivities_of_a_kind_are_those_of_its_residual(kind: type[Kind], nam
         """Return (N, d, size) central differences of what is predicted."""
         ends = [[-own.residual(change(side * STEP * axis)) for side in (-1.0, 1.0)] for axis in np.eye(size)]
         each = [(two - one) / (2.0 * STEP) for one, two in ends]
-        return np.stack(each, axis=2) if each else np.zeros((COUNT, kind.dimension, 0))
+        return np.stack(each, axis=2) if each else np.zeros((COUNT, own.dimension, 0))
 
     def by_instrument(change) -> Callable[[np.ndarray], Postures]:
         return lambda x: replace(at, instrument=replace(instrument, **change(x)))
@@ -195,12 +204,13 @@ def test_sensitivities_of_a_kind_are_those_of_its_residual(kind: type[Kind], nam
     seen = own.jacobian(at)
     ends = {one for sensor in at.sensors.values() for one in (None, sensor.link, sensor.seen_from)}
     ends |= set(seen)
-    cases += [(seen.get(link, np.zeros((COUNT, kind.dimension, 6))), moved(link), 6) for link in ends]
+    cases += [(seen.get(link, np.zeros((COUNT, own.dimension, 6))), moved(link), 6) for link in ends]
     if name:
         keys = ("", *TOUCHED[:4]) if kind is Touch else ("",)
         cases += [(own.by_key(at, key), by_sensor(key), len(at.sensors[name].declared)) for key in keys]
         assert own.columns(name)[0].startswith(name)
-        assert len(own.columns(name)) == (1 if kind is Touch else kind.dimension)
+        assert len(own.columns(name)) == (1 if kind in (Touch, Pixels) else kind.dimension)
+        assert len(own.headers) == (1 if kind is Touch else own.dimension)
     rounding = max(1.0, 1e-2 * np.abs(own.values).max())  # loads are of tens of thousands
     for found, change, size in cases:
         np.testing.assert_allclose(found, slope(change, size), atol=2e-8 * np.abs(found).max(initial=rounding))

@@ -1,0 +1,189 @@
+"""Corners of a board in pictures: found by OpenCV, or from a table that another program wrote.
+
+A row of a campaign names its picture, or has the corners themselves. A table of corners has a line for each corner
+that was found: `picture, corner, u, v`. The camera's pixel (0, 0) is the middle of the first one, as OpenCV has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from armflex.conventions import SMALLEST_STD, Array
+from armflex.errors import Flag, Place, TableError, UnsupportedError, did_you_mean, listing
+from armflex.measured.table import Table, read_table
+from armflex.readings import Camera, Kind, Pixels, Sensor
+from armflex.readings.board import Board
+
+if TYPE_CHECKING:
+    from armflex.measured.measurements import Measurements
+
+CORNER = ("picture", "corner", "u", "v")
+"""Columns of a table of corners."""
+
+MARGIN = 5
+"""Half the side of the window [px] in which a corner of a tag is refined."""
+
+
+def read_pictures(table: Table, sensor: Sensor) -> Kind:
+    """Return what a camera saw in the rows of a campaign.
+
+    Args:
+        table: The campaign: the column NAME names pictures, or NAME_u0 NAME_v0 NAME_u1 .. hold the corners.
+        sensor: The camera.
+
+    Raises:
+        TableError: A picture or a corner is not there, or is none of the board's.
+        UnsupportedError: There are pictures, and OpenCV is not installed.
+    """
+    camera, name = sensor.about, sensor.name
+    assert isinstance(camera, Camera)
+    empty = sensor.unread(len(table))
+    if name not in table.columns:
+        given = [i for i, header in enumerate(empty.headers) if header in table.columns]
+        table.require([empty.headers[i] for i in dict.fromkeys(one for i in given for one in (i - i % 2, i - i % 2 + 1))])
+        values = np.full(empty.values.shape, np.nan)
+        for i in given:
+            there = np.array([bool(cell) for cell in table.texts(empty.headers[i])])
+            values[there, i] = table.numbers_where(empty.headers[i], there)[there]
+    else:
+        folder = table.path.parent if isinstance(table.path, Path) else Path()
+        known = read_corners(folder / camera.corners, camera.board) if camera.corners else None
+        values = np.full(empty.values.shape, np.nan)
+        for row, text in enumerate(table.texts(name)):
+            if not text:
+                continue
+            if known is not None and text not in known:
+                hint = did_you_mean(text, known)
+                where = f"{folder / camera.corners} has no corners of picture {text!r}{hint}"
+                raise TableError(Place(table.path, table.lines[row]), f"{name}: {where}")
+            values[row] = known[text] if known is not None else _found(table, row, folder / text, camera.board)
+    pairs = values.reshape(len(values), -1, 2)
+    half = np.isfinite(pairs).any(axis=2) & ~np.isfinite(pairs).all(axis=2)
+    if half.any():
+        row, corner = (int(one) for one in np.argwhere(half)[0])
+        text = f"corner {corner} of {name} has only one of u and v"
+        raise TableError(Place(table.path, table.lines[row]), text)
+    sigma = np.full((len(table), 1), sensor.sigma)
+    if f"sigma_{name}" in table.columns:
+        there = np.isfinite(values).any(axis=1)
+        sigma = np.where(there, table.numbers_where(f"sigma_{name}", there), np.inf)[:, None]
+        if not (sigma >= SMALLEST_STD).all():
+            line = table.lines[int((sigma[:, 0] < SMALLEST_STD).argmax())]
+            raise TableError(Place(table.path, line), f"sigma_{name} must be positive, {SMALLEST_STD:g} px at least")
+    read = np.isfinite(values)
+    return Pixels(np.where(read, values, 0.0), np.where(read, sigma, np.inf), name)
+
+
+def without_board(found: Measurements, table: Table, name: str) -> Iterator[Flag]:
+    """Yield the flag about pictures in which no board was found."""
+    kind = found.readings.of(Pixels, name)
+    assert kind is not None
+    unread = ~np.isfinite(kind.sigma).any(axis=1)
+    empty = [text for text, lost in zip(table.texts(name), unread.tolist(), strict=True) if text and lost]
+    if empty:
+        named = listing(empty[:5]) + (f" and {len(empty) - 5} more" if len(empty) > 5 else "")
+        yield Flag("picture_without_board", f"the board of [instrument.{name}] was not found in {named}", about=name)
+
+
+def read_corners(path: Path, board: Board) -> dict[str, Array]:
+    """Return (2 C,) corners u, v [px] by picture, not a number where they were not found.
+
+    Raises:
+        TableError: A column is missing, a corner is none of the board's, or one stands twice in a picture.
+    """
+    table = read_table(path, {"u": "pixel", "v": "pixel"})
+    table.require(CORNER)
+    found: dict[str, Array] = {}
+    count = len(board.points)
+    numbers = zip(table.numbers("corner"), table.numbers("u"), table.numbers("v"), strict=True)
+    for line, picture, (corner, u, v) in zip(table.lines, table.texts("picture"), numbers, strict=True):
+        if not picture:
+            raise TableError(Place(path, line), "names no picture")
+        if corner != int(corner) or not 0 <= corner < count:
+            text = f"corner is {corner:g}; the board has corners 0 to {count - 1}"
+            raise TableError(Place(path, line), text)
+        own = found.setdefault(picture, np.full(2 * count, np.nan))
+        if np.isfinite(own[2 * int(corner)]):
+            raise TableError(Place(path, line), f"corner {corner:g} of picture {picture!r} stands twice")
+        own[2 * int(corner) : 2 * int(corner) + 2] = u, v
+    return found
+
+
+def _found(table: Table, row: int, path: Path, board: Board) -> Array:
+    """Return (2 C,) corners of the board in the picture of a row, not a number where they were not found [px]."""
+    if not path.is_file():
+        text = f"there is no picture {path}; corners from a table need `corners` in the arm file"
+        raise TableError(Place(table.path, table.lines[row]), text)
+    stat = path.stat()
+    found = find_corners(path, board, (stat.st_mtime_ns, stat.st_size))
+    if found is None:
+        raise TableError(Place(table.path, table.lines[row]), f"{path} is no picture that OpenCV reads")
+    return found
+
+
+@lru_cache(maxsize=4096)
+def find_corners(path: Path, board: Board, version: object = None) -> Array | None:
+    """Return (2 C,) corners of a board in a picture [px], not a number where they were not found; None of no picture.
+
+    Args:
+        path: The picture.
+        board: What is looked for.
+        version: Of the file: it is read once as long as that is the same.
+
+    Raises:
+        UnsupportedError: OpenCV is not installed.
+    """
+    try:
+        import cv2  # a wheel of 60 MB that only pictures need
+    except ImportError:
+        text = "corners are found in pictures with OpenCV: pip install 'armflex[camera]'"
+        raise UnsupportedError(f"{text}; or write them to a table, see `corners`") from None
+    picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
+    if picture is None:
+        return None
+    found = np.full((len(board.points), 2), np.nan)
+    if board.kind in ("charuco", "apriltag"):
+        numbers, corners = _of_markers(cv2, picture, board)
+        found[numbers] = corners
+        return found.ravel()
+    size = (board.columns, board.rows)
+    if board.kind == "chessboard":
+        there, corners = cv2.findChessboardCornersSB(picture, size, flags=cv2.CALIB_CB_ACCURACY)
+    elif board.kind == "points":
+        raise UnsupportedError(f"{path}: points that are declared one by one are not found in pictures: give `corners`")
+    else:
+        grid = cv2.CALIB_CB_SYMMETRIC_GRID if board.kind == "circles" else cv2.CALIB_CB_ASYMMETRIC_GRID
+        there, corners = cv2.findCirclesGrid(picture, size, flags=grid | cv2.CALIB_CB_CLUSTERING)
+        there, corners = (there, corners) if there else cv2.findCirclesGrid(picture, size, flags=grid)
+    if there:
+        found[:] = np.asarray(corners).reshape(-1, 2)
+    return found.ravel()
+
+
+def _of_markers(cv2: Any, picture: Any, board: Board) -> tuple[np.ndarray, Array]:
+    """Return the numbers and (n, 2) places [px] of corners that markers beside them name."""
+    number = getattr(cv2.aruco, f"DICT_{board.dictionary}", None)
+    if number is None:
+        known = [one.removeprefix("DICT_") for one in dir(cv2.aruco) if one.startswith("DICT_")]
+        hint = did_you_mean(board.dictionary, known)
+        raise UnsupportedError(f"OpenCV has no dictionary of markers {board.dictionary!r}{hint} ({listing(known)})")
+    markers = cv2.aruco.getPredefinedDictionary(number)
+    if board.kind == "charuco":
+        target = cv2.aruco.CharucoBoard((board.columns, board.rows), *board.lengths, markers)
+        corners, numbers, _, _ = cv2.aruco.CharucoDetector(target).detectBoard(picture)
+        if numbers is None:
+            return np.zeros(0, int), np.zeros((0, 2))
+        return numbers.ravel(), np.asarray(corners, float).reshape(-1, 2)
+    how = cv2.aruco.DetectorParameters()
+    how.cornerRefinementMethod, how.cornerRefinementWinSize = cv2.aruco.CORNER_REFINE_SUBPIX, MARGIN
+    corners, numbers, _ = cv2.aruco.ArucoDetector(markers, how).detectMarkers(picture)
+    if numbers is None:
+        return np.zeros(0, int), np.zeros((0, 2))
+    known = np.flatnonzero(numbers.ravel() < board.columns * board.rows)
+    places = np.array([corners[i].reshape(4, 2) for i in known], float).reshape(-1, 2)
+    return (4 * numbers.ravel()[known][:, None] + np.arange(4)).ravel(), places

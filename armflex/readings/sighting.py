@@ -1,0 +1,190 @@
+"""Where a camera and a board are, from their pictures alone: the closed forms that a fit begins from.
+
+Each picture has a homography (Hartley 1997), all together the lens (Zhang 2000), each then the board's pose before the
+camera, and with the poses of the arm the camera's mounting and the board's place (Shah 2013). Points off one plane have
+no homography, their pose follows from the direct linear transformation. None of it weighs what it finds: that is the
+fit's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.conventions import Array
+from armflex.readings.lens import distorted
+
+FEWEST = 4
+"""Points of a picture, and pictures, without which there is no closed form."""
+
+ROUNDS = 10
+"""Of weights, by which a picture that another row's joints belong to counts little, and of steps of a pose."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What a camera saw.
+
+    Attributes:
+        points: (C, 3) of the board [m].
+        corners: (N, C, 2) where they were in each picture [px], not a number where they were not found.
+        links: (N, 4, 4) pose of the link that the camera is on, in that of the board [m].
+        image: (2,) width and height of a picture [px], None where they are not known.
+    """
+
+    points: Array
+    corners: Array
+    links: Array
+    image: Array | None = None
+
+
+Found = tuple[Array, Array, Array, Array, Array, Array]
+"""(2,) focal lengths and (2,) centre [px], place (3,) [m] and rotation vector (3,) [rad] of the camera on its link, and
+of the board on its own."""
+
+
+def sighted(sight: Sighting, focal: Array | None, centre: Array | None, lens: Array) -> Found | None:
+    """Return lens, mounting and board in closed form, None where too little of the board was seen.
+
+    Args:
+        sight: The pictures.
+        focal, centre: (2,) of the lens [px], None where they are not known.
+        lens: (5,) its distortion, dimensionless.
+    """
+    flat = bool(np.ptp(sight.points[:, 2]) < 1e-9)
+    seen = np.isfinite(sight.corners).all(axis=2)
+    rows = [i for i in range(len(seen)) if seen[i].sum() >= (FEWEST if flat else 6) and _spread(sight.points[seen[i]])]
+    if len(rows) < FEWEST:
+        return None
+    if centre is None:
+        every = sight.corners[seen]
+        centre = 0.5 * (every.min(axis=0) + every.max(axis=0) if sight.image is None else sight.image)
+    if focal is None:
+        focal = _focal([_homography(sight.points[seen[i], :2], sight.corners[i, seen[i]] - centre) for i in rows])
+        if focal is None:
+            return None
+    poses = [pose_of(sight.points[seen[i]], _ideal((sight.corners[i, seen[i]] - centre) / focal, lens)) for i in rows]
+    return (focal, centre, *_hand_eye(sight.links[rows], np.array(poses)))
+
+
+def _spread(points: Array) -> bool:
+    """Return whether points are off one line."""
+    size = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(size[1] > 1e-3 * size[0])
+
+
+def _ideal(bent: Array, lens: Array) -> Array:
+    """Return (C, 2) x, y whose distorted ones are given, by Newton's steps."""
+    found = bent.copy()
+    for _ in range(ROUNDS if lens.any() else 0):
+        there, change = distorted(found, np.broadcast_to(lens, (len(found), 5)))
+        found = found + np.linalg.solve(change, (bent - there)[..., None])[..., 0]
+    return found
+
+
+def _homography(points: Array, pictures: Array) -> Array:
+    """Return the (3, 3) homography from (C, 2) points of a plane to (C, 2) pictures, both normalised before."""
+    scales = []
+    for each in (points, pictures):
+        middle = each.mean(axis=0)
+        size = np.sqrt(2.0) / max(float(np.linalg.norm(each - middle, axis=1).mean()), 1e-12)
+        scales.append(np.array([[size, 0.0, -size * middle[0]], [0.0, size, -size * middle[1]], [0.0, 0.0, 1.0]]))
+    one, other = (np.column_stack([each, np.ones(len(each))]) @ own.T
+                  for each, own in zip((points, pictures), scales, strict=True))  # fmt: skip
+    zero = np.zeros_like(one)
+    rows = np.vstack([np.hstack([one, zero, -other[:, :1] * one]), np.hstack([zero, one, -other[:, 1:2] * one])])
+    found = np.linalg.svd(rows)[2][-1].reshape(3, 3)
+    return np.linalg.solve(scales[1], found) @ scales[0]
+
+
+def _focal(homographies: list[Array]) -> Array | None:
+    """Return (2,) one focal length for both axes that homographies about the centre agree on, None where none does.
+
+    Two axes of a plane are square to each other and of one length: of h1 and h2, h1' w h2 = 0 and h1' w h1 = h2' w h2
+    with w = diag(1/f^2, 1/f^2, 1). A board that faces the camera says nothing.
+    """
+    rows = []
+    for one in homographies:
+        h1, h2 = (one / np.linalg.norm(one[:, :2])).T[:2]
+        rows += [(h1[:2] @ h2[:2], -h1[2] * h2[2]), (h1[:2] @ h1[:2] - h2[:2] @ h2[:2], h2[2] ** 2 - h1[2] ** 2)]
+    left, right = np.array(rows).T
+    inverse = float(left @ right) / max(float(left @ left), 1e-300)
+    for _ in range(ROUNDS):  # some pictures are poor
+        off = np.abs(left * inverse - right)
+        weights = 1.0 / np.maximum(off, np.median(off) + 1e-300)
+        inverse = float((weights * left) @ right) / max(float((weights * left) @ left), 1e-300)
+    return np.full(2, inverse**-0.5) if inverse > 0.0 else None
+
+
+def pose_of(points: Array, pictures: Array) -> Array:
+    """Return the (4, 4) pose of (C, 3) points before a camera that has them at (C, 2) x, y [m].
+
+    A plane from its homography, else by the direct linear transformation; then steps of least squares.
+    """
+    pose = np.eye(4)
+    if np.ptp(points[:, 2]) < 1e-9:
+        plane = _homography(points[:, :2], pictures)
+        plane /= np.sqrt(np.linalg.norm(plane[:, 0]) * np.linalg.norm(plane[:, 1]))
+        plane *= np.sign((plane @ np.append(points[:, :2].mean(axis=0), 1.0))[2])
+        axes, place = np.column_stack([plane[:, :2], np.cross(plane[:, 0], plane[:, 1])]), plane[:, 2]
+        place = place - axes[:, 2] * points[0, 2]
+    else:
+        own, zero = np.column_stack([points, np.ones(len(points))]), np.zeros((len(points), 4))
+        rows = [np.hstack([own, zero, -pictures[:, :1] * own]), np.hstack([zero, own, -pictures[:, 1:] * own])]
+        whole = np.linalg.svd(np.vstack(rows))[2][-1].reshape(3, 4)
+        whole *= np.sign(np.linalg.det(whole[:, :3]))
+        whole /= np.cbrt(np.linalg.det(whole[:, :3]))
+        axes, place = whole[:, :3], whole[:, 3]
+    pose[:3, :3], pose[:3, 3] = _nearest(axes), place
+    for _ in range(ROUNDS):
+        there = points @ pose[:3, :3].T + pose[:3, 3]
+        depth = there[:, 2:]
+        if (depth <= 0.0).any():
+            break
+        flat = there[:, :2] / depth
+        change = np.zeros((len(points), 2, 3))
+        change[:, 0, 0], change[:, 1, 1], change[:, :, 2] = 1.0, 1.0, -flat
+        moved = np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), -_cross(there)], axis=2)
+        rows = (change / depth[:, :, None] @ moved).reshape(-1, 6)
+        step = np.linalg.lstsq(rows, (pictures - flat).ravel(), rcond=None)[0]
+        turn = pin.exp3(step[3:])
+        pose[:3, :3], pose[:3, 3] = turn @ pose[:3, :3], turn @ pose[:3, 3] + step[:3]
+    return pose
+
+
+def _cross(vectors: Array) -> Array:
+    return np.array([pin.skew(one) for one in vectors])
+
+
+def _nearest(turn: Array) -> Array:
+    """Return the (3, 3) rotation nearest to a matrix."""
+    left, _, right = np.linalg.svd(turn)
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+
+
+def _hand_eye(links: Array, boards: Array) -> tuple[Array, Array, Array, Array]:
+    """Return place (3,) [m] and rotation vector (3,) [rad] of X and of Z in A X B = Z, weighed anew by what is left.
+
+    Args:
+        links: (N, 4, 4) A, the link that the camera is on, in that of the board [m].
+        boards: (N, 4, 4) B, the board before the camera [m].
+    """
+    weights, eye, board = np.ones(len(links)), np.eye(4), np.eye(4)
+    for _ in range(ROUNDS):
+        # vec(Z) = (B' x A) vec(X) for rotations: the largest singular pair of the sum (Shah 2013).
+        total = sum(weight * np.kron(b[:3, :3].T, a[:3, :3]) for weight, a, b in zip(weights, links, boards, strict=True))
+        left, _, right = np.linalg.svd(np.asarray(total))
+        first, last = (one.reshape(3, 3).T for one in (right[0], left[:, 0]))
+        sign = np.sign(np.linalg.det(first)) or 1.0
+        eye[:3, :3], board[:3, :3] = _nearest(sign * first), _nearest(sign * last)
+        rows = np.concatenate([links[:, :3, :3], np.tile(-np.eye(3), (len(links), 1, 1))], axis=2)
+        right_side = -links[:, :3, 3] - np.einsum("nij,nj->ni", links[:, :3, :3] @ eye[:3, :3], boards[:, :3, 3])
+        root = np.sqrt(weights)[:, None]
+        shifts = np.linalg.lstsq((root[..., None] * rows).reshape(-1, 6), (root * right_side).ravel(), rcond=None)[0]
+        eye[:3, 3], board[:3, 3] = shifts[:3], shifts[3:]
+        off = np.linalg.norm(links @ eye @ boards - board, axis=(1, 2))
+        weights = 1.0 / np.maximum(off, np.median(off) + 1e-12)
+        weights /= weights.max()
+    return eye[:3, 3], pin.log3(eye[:3, :3]), board[:3, 3], pin.log3(board[:3, :3])
