@@ -271,9 +271,18 @@ def fitted_to(
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
     laws = None if keep else law_block(declared, placed.view, seen)
 
-    begun, rounds = Weighed(measurements), 0 if as_stated else ROUNDS
+    looks = any(kind.apart for kind in measurements.readings.kinds)
+    if looks and as_stated:  # while the arm lacks something the corners of a picture repeat each other
+        measurements = replace(measurements, readings=measurements.readings.as_looks)
+    begun, rounds = Weighed(measurements), ROUNDS if looks or not as_stated else 0
+    if looks:
+        # What the arm lacks all numbers of a look share: weighed as stated they would drive what is free far beyond
+        # its prior before their scatter is known.
+        begun = begun.again(placed)
     if laws is None:
         found, flags = _fit(declared, blocks, begun, used, rounds, progress, placed), ()
+        if looks and as_stated:
+            found = fit(declared, blocks, measurements, used, found.values, progress)
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     calibrated = with_posteriors(found.setup.arm, found, certainty_of(found))

@@ -224,15 +224,22 @@ class Fit:
 
     @property
     def misfit(self) -> float:
-        """Standard deviation of each coordinate [m] beyond the stated one, 0 where the readings scatter as stated."""
+        """Standard deviation of each coordinate [m] beyond the stated one, 0 where the readings scatter as stated.
+
+        Of pictures it is the shift of what they show that makes as many pixels.
+        """
         pairs = zip(self.scatters, self.noises, strict=True)
-        if self.view.readings.unit != "m" or all(by_chance(scatter, freedom) for scatter, (_, freedom) in pairs):
+        if self.view.readings.unit not in ("m", "px") or all(
+            by_chance(scatter, freedom) for scatter, (_, freedom) in pairs
+        ):
             return 0.0
         now, before = (
             sigma[:, self.view.foremost] for sigma in (self.view.sigma * self.scatter_by_number, self.stated)
         )
-        stated, found = (float((sigma[np.isfinite(sigma)] ** 2).mean()) for sigma in (before, now))
-        return float(np.sqrt(max(found - stated, 0.0)))
+        read = np.isfinite(now)
+        stated, found = (float((sigma[read] ** 2).mean()) for sigma in (before, now))
+        per_metre = float((self.view.by_shift[:, self.view.foremost][read] ** 2).mean())
+        return float(np.sqrt(max(found - stated, 0.0) / per_metre))
 
     @cached_property
     def posterior(self) -> LinearGaussian:

@@ -517,7 +517,12 @@ def _moves(case: Case, found: Misfit) -> Iterator[Hypothesis]:
     for number, (kind, place) in enumerate(view.readings.placed):
         # What was touched stands where it stood, and a socket that fits badly is no instrument that was moved. A camera
         # that was moved shows every picture otherwise: no constant is left of it.
-        if isinstance(kind, Orientation) or kind.texts is not None or kind.apart or found.excess[:, number].sum() < NAMED:
+        if (
+            isinstance(kind, Orientation)
+            or kind.texts is not None
+            or kind.apart
+            or found.excess[:, number].sum() < NAMED
+        ):
             continue
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):

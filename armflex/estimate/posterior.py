@@ -162,7 +162,9 @@ def _unforeseen(arm: Arm, view: View) -> Array:
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
     anew = np.array([session not in view.setup.instrument.targets for session in view.sessions])
     variance += ((view.by_target * prior.session_target) ** 2).sum(axis=2) * anew[:, None]
-    variance[:, view.foremost] += arm.certainty.misfit**2
+    for kind, place in view.readings.placed if arm.certainty.misfit else ():
+        if kind.apart or place.stop <= view.foremost.stop:
+            variance[:, place] += (arm.certainty.misfit * kind.by_shift(view.at)) ** 2
     for kind, place in view.readings.placed:
         if kind.name:
             # What was found of a sensor in other sessions is not known in a new one.

@@ -127,4 +127,4 @@ def _lengths(
         read = np.isfinite(view.sigma[:, place]).reshape(len(view.sigma), -1, size)
         sizes, back = np.unique(read.sum(axis=2), return_inverse=True)
         expected = np.array([length(max(size, 1)) for size in sizes.tolist()])[back].reshape(read.shape[:2])
-        yield np.linalg.norm(view.whitened[:, place].reshape(read.shape), axis=2), expected, read.any(axis=2)
+        yield np.linalg.norm(view.whitened[:, place].reshape(read.shape), axis=2), expected, np.any(read, axis=2)

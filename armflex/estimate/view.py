@@ -140,6 +140,11 @@ class View:
             found[:, :, i] += self.quotient(replace(self.setup, arm=heavier), size)
         return found
 
+    @property
+    def by_shift(self) -> Array:
+        """(M, d) changes of the readings, in their units, as what they see is shifted any way [per m]."""
+        return self.readings.stacked(lambda kind: kind.by_shift(self.at))
+
     def by_sensor(self, name: str, key: str = "") -> Array:
         """Return (M, d, K) changes of the readings per nuisance of a sensor, in their units; see `Kind.by_key`."""
         found = np.zeros((*self.residual.shape, len(self.arm.sensors[name].std)))

@@ -44,8 +44,8 @@ def read_pictures(table: Table, sensor: Sensor) -> Kind:
     assert isinstance(camera, Camera)
     empty = sensor.unread(len(table))
     if name not in table.columns:
-        given = [i for i, header in enumerate(empty.headers) if header in table.columns]
-        table.require([empty.headers[i] for i in dict.fromkeys(one for i in given for one in (i - i % 2, i - i % 2 + 1))])
+        given = sorted({one for i, header in enumerate(empty.headers) if header in table.columns for one in (i, i ^ 1)})
+        table.require(empty.headers[i] for i in given)
         values = np.full(empty.values.shape, np.nan)
         for i in given:
             there = np.array([bool(cell) for cell in table.texts(empty.headers[i])])
@@ -57,11 +57,15 @@ def read_pictures(table: Table, sensor: Sensor) -> Kind:
         for row, text in enumerate(table.texts(name)):
             if not text:
                 continue
-            if known is not None and text not in known:
-                hint = did_you_mean(text, known)
-                where = f"{folder / camera.corners} has no corners of picture {text!r}{hint}"
-                raise TableError(Place(table.path, table.lines[row]), f"{name}: {where}")
-            values[row] = known[text] if known is not None else _found(table, row, folder / text, camera.board)
+            if known is None:
+                values[row] = _found(table, row, folder / text, camera.board)
+            elif text in known:  # in others no corner was found
+                values[row] = known[text]
+        if known is not None and any(table.texts(name)) and not np.isfinite(values).any():
+            row, text = next((i, text) for i, text in enumerate(table.texts(name)) if text)
+            where = f"{folder / camera.corners} has no corners of any picture"
+            hint = did_you_mean(text, known) or f" (it has {listing([*known][:3])} ..)"
+            raise TableError(Place(table.path, table.lines[row]), f"{name} is {text!r}: {where}{hint}")
     pairs = values.reshape(len(values), -1, 2)
     half = np.isfinite(pairs).any(axis=2) & ~np.isfinite(pairs).all(axis=2)
     if half.any():
@@ -70,7 +74,7 @@ def read_pictures(table: Table, sensor: Sensor) -> Kind:
         raise TableError(Place(table.path, table.lines[row]), text)
     sigma = np.full((len(table), 1), sensor.sigma)
     if f"sigma_{name}" in table.columns:
-        there = np.isfinite(values).any(axis=1)
+        there = np.any(np.isfinite(values), axis=1)
         sigma = np.where(there, table.numbers_where(f"sigma_{name}", there), np.inf)[:, None]
         if not (sigma >= SMALLEST_STD).all():
             line = table.lines[int((sigma[:, 0] < SMALLEST_STD).argmax())]
@@ -83,11 +87,11 @@ def without_board(found: Measurements, table: Table, name: str) -> Iterator[Flag
     """Yield the flag about pictures in which no board was found."""
     kind = found.readings.of(Pixels, name)
     assert kind is not None
-    unread = ~np.isfinite(kind.sigma).any(axis=1)
+    unread = ~np.any(np.isfinite(kind.sigma), axis=1)
     empty = [text for text, lost in zip(table.texts(name), unread.tolist(), strict=True) if text and lost]
     if empty:
         named = listing(empty[:5]) + (f" and {len(empty) - 5} more" if len(empty) > 5 else "")
-        yield Flag("picture_without_board", f"the board of [instrument.{name}] was not found in {named}", about=name)
+        yield Flag("picture_without_board", f"[instrument.{name}] has no corners of the board in {named}", about=name)
 
 
 def read_corners(path: Path, board: Board) -> dict[str, Array]:
@@ -162,6 +166,9 @@ def find_corners(path: Path, board: Board, version: object = None) -> Array | No
         there, corners = (there, corners) if there else cv2.findCirclesGrid(picture, size, flags=grid)
     if there:
         found[:] = np.asarray(corners).reshape(-1, 2)
+        if board.alike:  # upside down: the first point is where the picture begins
+            across = found[-1] - found[0]
+            found = found if across[np.abs(across).argmax()] > 0.0 else found[::-1]
     return found.ravel()
 
 

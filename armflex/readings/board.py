@@ -49,6 +49,11 @@ class Board:
     lengths: tuple[float, ...] = ()
     dictionary: str = ""
 
+    @property
+    def alike(self) -> bool:
+        """Whether the print looks the same upside down."""
+        return self.kind == "circles" or (self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0)
+
 
 def read_board(table: Declaration) -> Board:
     """Return the board that `board = { .. }` declares.

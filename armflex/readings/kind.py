@@ -107,6 +107,11 @@ class Kind(ABC):
         """Return the readings with their standard deviations times a factor."""
         return replace(self, sigma=factor * self.sigma)
 
+    @property
+    def look(self: Own) -> Own:
+        """The readings with as many numbers left as a look has degrees of freedom, of kinds that read more."""
+        return self
+
     @abstractmethod
     def predicted(self, at: Postures) -> Array:
         """Return the (N, d) numbers that the instrument would read, in `unit`."""
@@ -118,6 +123,10 @@ class Kind(ABC):
     @abstractmethod
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return by link the (N, d, 6) change of a reading per motion [m, rad] of each it sees; None is the tip."""
+
+    def by_shift(self, at: Postures) -> Array:
+        """Return (N, d) how far each number changes, in `unit`, as what it sees is shifted any way [per m]."""
+        return np.ones(self.values.shape)
 
     def by_gravity(self, at: Postures) -> Array:
         """Return (N, d, 3) change per gravity in the base [m/s^2], the arm held where it is."""

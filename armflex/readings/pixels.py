@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,9 +14,15 @@ from armflex.readings.board import Board, read_board
 from armflex.readings.kind import Kind, mounted, point_of, rigid_motion, skew
 from armflex.readings.lens import by_lens, projected
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import ANCHOR, AXES, MOUNTING, SCALE, TURNS, Nuisance
+from armflex.readings.sensor import AXES, SCALE, TURNS, Nuisance
 from armflex.readings.sighting import Sighting, sighted
 from armflex.robot import Robot
+
+LOOK = 4
+"""Corners that stand for a picture where what all of them share is looked for."""
+
+NEAR = {"m": 0.05, "rad": 0.05, "px": 50.0}
+"""Standard deviation of a place, a turn or a lens up to which a fit finds it from where it is declared."""
 
 NEAREST = 1e-6
 """Depth before the camera [m] to which a point is brought that is beside it."""
@@ -47,10 +53,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Pixels(Kind):
-    """(N, 2 C) places u, v [px] of the board's C corners in a picture, by number; those that were not found are left out.
-
-    Without OpenCV they are read from a table of corners.
-    """
+    """(N, 2 C) places u, v [px] of a board's C corners in a picture; those that were not found are left out."""
 
     unit, quantity = "px", "pixel"
     channels = ("",)
@@ -121,6 +124,9 @@ class Pixels(Kind):
             found[link] = sign * (turned @ moved).reshape(count, 2 * corners, 6)
         return found
 
+    def by_shift(self, at: Postures) -> Array:
+        return np.linalg.norm(self._seen(at)[2], axis=3).reshape(self.values.shape)
+
     def by_own(self, at: Postures) -> Array:
         sensor, (own, pixels, change) = at.sensors[self.name], self._seen(at)
         count, corners = own.shape[:2]
@@ -137,18 +143,35 @@ class Pixels(Kind):
         parts = (lens, -change @ anchor[:, None], mounting, change @ board[:, None], turn, scale)
         return np.concatenate(parts, axis=3).reshape(count, 2 * corners, -1)
 
+    @property
+    def look(self) -> Pixels:
+        """The readings with four corners of each picture, the farthest apart: about as many numbers as a pose has."""
+        sigma = np.full(self.sigma.shape, np.inf).reshape(len(self.sigma), -1, 2)
+        places, stated = self.values.reshape(sigma.shape), self.sigma.reshape(sigma.shape)
+        for row, seen in enumerate(np.all(np.isfinite(stated), axis=2)):
+            which = np.flatnonzero(seen)
+            kept = which[:0]
+            for _ in range(min(LOOK, len(which))):
+                ends = places[row, kept] if len(kept) else places[row, which].mean(axis=0, keepdims=True)
+                apart = np.linalg.norm(places[row, which, None] - ends, axis=2).min(axis=1)
+                kept = np.append(kept, which[apart.argmax()])
+            sigma[row, kept] = stated[row, kept]
+        return replace(self, sigma=sigma.reshape(self.sigma.shape))
+
     def readable(self, at: Postures) -> np.ndarray:
         """Return (N,) where the whole board is in the picture; of no size that is declared, twice its centre."""
         size = self._camera(at).image
         own, pixels, _ = self._seen(at)
         edge = 2.0 * at.of(self.name, "centre") if size is None else np.broadcast_to(size, (len(own), 2))
-        return ((own[..., 2] > NEAREST) & (pixels > 0.0).all(axis=2) & (pixels < edge[:, None]).all(axis=2)).all(axis=1)
+        inside = np.all((pixels > 0.0) & (pixels < edge[:, None]), axis=2)
+        return np.all((own[..., 2] > NEAREST) & inside, axis=1)
 
     def start(self, at: Postures) -> Array:
-        """Return where a fit may begin: what is known nowhere near is found in closed form; see `sighted`."""
+        """Return where a fit may begin, from where it is: what is not known nearly is found in closed form."""
         sensor, declared = at.sensors[self.name], at.sensors[self.name].declared
         names = np.array([one.name for one in self.nuisances for _ in one.axes])
-        lost = np.isin(names, [one.name for one in self.nuisances if one.anywhere]) & (sensor.std >= LOST_FROM)
+        near = np.array([NEAR[one.unit] if one.anywhere else np.inf for one in self.nuisances for _ in one.axes])
+        lost = sensor.std > near
         if not lost.any():
             return np.zeros(len(declared))
         camera = self._camera(at)
@@ -165,9 +188,5 @@ class Pixels(Kind):
         step = np.zeros(len(declared))
         for name, value in values.items():
             own = names == name
-            step[own] = np.where(lost[own], value - declared[own], 0.0)
+            step[own] = np.where(lost[own], value - at.of(self.name, name)[0], 0.0)
         return step
-
-
-LOST_FROM = 0.05
-"""Standard deviation from which a place [m], a turn [rad] or a lens [px] is found in closed form before it is fitted."""

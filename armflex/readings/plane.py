@@ -29,7 +29,7 @@ class Plane:
         return np.column_stack([first, np.cross(normal, first), normal])
 
     def tilted(self, tilt: Array) -> tuple[Array, Array]:
-        """Return the (3,) unit normal at (2,) tilts, slopes along the first two axes, and its (3, 2) change with them."""
+        """Return the (3,) unit normal at (2,) slopes along the first two axes, and its (3, 2) change with them."""
         normal = self.axes[:, 2] + self.axes[:, :2] @ tilt
         size = np.linalg.norm(normal)
         normal = normal / size

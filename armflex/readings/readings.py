@@ -154,6 +154,11 @@ class Readings:
         kinds = [replace(kind, sigma=np.where(kept[:, place], kind.sigma, np.inf)) for kind, place in self.placed]
         return replace(self, kinds=tuple(kinds))
 
+    @property
+    def as_looks(self) -> Readings:
+        """The readings with few numbers left of those that share one look; see `Kind.look`."""
+        return replace(self, kinds=tuple(kind.look for kind in self.kinds))
+
     def scaled(self, *factors: float) -> Readings:
         """Return the readings with all standard deviations times a factor, or (G,) times that of their instrument."""
         of = dict(zip(self.names, factors * len(self.names) if len(factors) == 1 else factors, strict=True))

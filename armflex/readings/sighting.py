@@ -9,6 +9,7 @@ fit's.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import pinocchio as pin
@@ -53,20 +54,38 @@ def sighted(sight: Sighting, focal: Array | None, centre: Array | None, lens: Ar
         focal, centre: (2,) of the lens [px], None where they are not known.
         lens: (5,) its distortion, dimensionless.
     """
-    flat = bool(np.ptp(sight.points[:, 2]) < 1e-9)
-    seen = np.isfinite(sight.corners).all(axis=2)
-    rows = [i for i in range(len(seen)) if seen[i].sum() >= (FEWEST if flat else 6) and _spread(sight.points[seen[i]])]
+    given = [None if one is None else one.tobytes() for one in (focal, centre, sight.image)]
+    found = _boards(sight.points.tobytes(), sight.corners.tobytes(), lens.tobytes(), *given)
+    if found is None:
+        return None
+    focal, centre, rows, poses = found
+    return (focal, centre, *_hand_eye(sight.links[rows], poses))
+
+
+@lru_cache(maxsize=16)
+def _boards(
+    points: bytes, corners: bytes, lens: bytes, focal: bytes | None, centre: bytes | None, image: bytes | None
+) -> tuple[Array, Array, np.ndarray, Array] | None:
+    """Return lens, numbers of the (M,) pictures that show enough, and the board before the camera in these (M, 4, 4).
+
+    Arrays are given by their bytes: of the same pictures it is asked once, whatever the arm.
+    """
+    board, bent = np.frombuffer(points).reshape(-1, 3), np.frombuffer(lens)
+    f, c, size = (None if one is None else np.frombuffer(one) for one in (focal, centre, image))
+    every = np.frombuffer(corners).reshape(-1, len(board), 2)
+    flat = bool(np.ptp(board[:, 2]) < 1e-9)
+    seen = np.all(np.isfinite(every), axis=2)
+    rows = [i for i in range(len(seen)) if seen[i].sum() >= (FEWEST if flat else 6) and _spread(board[seen[i]])]
     if len(rows) < FEWEST:
         return None
-    if centre is None:
-        every = sight.corners[seen]
-        centre = 0.5 * (every.min(axis=0) + every.max(axis=0) if sight.image is None else sight.image)
-    if focal is None:
-        focal = _focal([_homography(sight.points[seen[i], :2], sight.corners[i, seen[i]] - centre) for i in rows])
-        if focal is None:
+    if c is None:
+        c = 0.5 * (every[seen].min(axis=0) + every[seen].max(axis=0) if size is None else size)
+    if f is None:
+        f = _focal([_homography(board[seen[i], :2], every[i, seen[i]] - c) for i in rows]) if flat else None
+        if f is None:
             return None
-    poses = [pose_of(sight.points[seen[i]], _ideal((sight.corners[i, seen[i]] - centre) / focal, lens)) for i in rows]
-    return (focal, centre, *_hand_eye(sight.links[rows], np.array(poses)))
+    poses = [pose_of(board[seen[i]], _ideal((every[i, seen[i]] - c) / f, bent)) for i in rows]
+    return f, c, np.array(rows), np.array(poses)
 
 
 def _spread(points: Array) -> bool:
@@ -149,7 +168,7 @@ def pose_of(points: Array, pictures: Array) -> Array:
         moved = np.concatenate([np.tile(np.eye(3), (len(points), 1, 1)), -_cross(there)], axis=2)
         rows = (change / depth[:, :, None] @ moved).reshape(-1, 6)
         step = np.linalg.lstsq(rows, (pictures - flat).ravel(), rcond=None)[0]
-        turn = pin.exp3(step[3:])
+        turn: Array = pin.exp3(np.asarray(step[3:], dtype=float))
         pose[:3, :3], pose[:3, 3] = turn @ pose[:3, :3], turn @ pose[:3, 3] + step[:3]
     return pose
 
@@ -174,8 +193,8 @@ def _hand_eye(links: Array, boards: Array) -> tuple[Array, Array, Array, Array]:
     weights, eye, board = np.ones(len(links)), np.eye(4), np.eye(4)
     for _ in range(ROUNDS):
         # vec(Z) = (B' x A) vec(X) for rotations: the largest singular pair of the sum (Shah 2013).
-        total = sum(weight * np.kron(b[:3, :3].T, a[:3, :3]) for weight, a, b in zip(weights, links, boards, strict=True))
-        left, _, right = np.linalg.svd(np.asarray(total))
+        total = np.einsum("n,nji,nkl->ikjl", weights, boards[:, :3, :3], links[:, :3, :3]).reshape(9, 9)
+        left, _, right = np.linalg.svd(total)
         first, last = (one.reshape(3, 3).T for one in (right[0], left[:, 0]))
         sign = np.sign(np.linalg.det(first)) or 1.0
         eye[:3, :3], board[:3, :3] = _nearest(sign * first), _nearest(sign * last)

@@ -15,7 +15,7 @@ from armflex import trajectory as trajectories
 from armflex.conventions import UNITS
 from armflex.declaration import Declaration
 from armflex.files.keys import COLUMNS, KEYS, Key
-from armflex.measured import joint_data, measurements
+from armflex.measured import joint_data, measurements, pictures
 from armflex.measured.table import Table
 
 HERE = Path(__file__).parents[1]
@@ -137,10 +137,12 @@ def columns() -> dict[str, dict[str, str]]:
     """Return every column that the readers ask for, by file, with its kind of quantity."""
     arm = load_arm(HERE / "formats" / "arm.toml")
     rename = {joint: "JOINT" for joint in arm.joint_names}
+    board = load_arm(HERE / "formats" / "instruments.toml").sensors["webcam"].about.board
     readers = {
         "measurements.csv": (measurements, lambda file: read_measurements(file, arm), ("x",)),
         "trajectory.csv": (trajectories, lambda file: read_trajectory(file, arm), ()),
         "joint_data.csv": (joint_data, read_joint_data, ()),
+        "corners.csv": (pictures, lambda file: pictures.read_corners(file, board), ()),
     }
     found: dict[str, dict[str, str]] = {}
     for name, (module, reader, _) in readers.items():
