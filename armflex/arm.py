@@ -512,7 +512,6 @@ class Arm:
             InputError: The arm has no flexure, or nothing that moves has a mass; else as `deflection`.
             UrdfError: What moves has moments of inertia that no body has.
         """
-        self.check_tree("modes")
         found = self.deflection(q, payload, covariates=covariates, wrenches=wrenches, enforce_limits=enforce_limits)
         return modes_of(found.solved, count, self.damping_ratio)
 

@@ -9,6 +9,9 @@ Motions are within the range of C = R R', dm = R y (a direction without complian
 
     K y = w^2 B y,      K = 1 + R'G J R,      B = R'M J R.
 
+In a mechanism J has what the joints without a drive do, and y lies where they close the loops; forces in these do no
+work.
+
 Where flexures turn, K and B are symmetric but for a small part: exp6 of a finite twist does not commute. The symmetric
 problem (Bathe, Finite Element Procedures, 2nd ed. 2014, ch. 10) is solved, and the small part is added by perturbation
 to second order in frequencies and to first order in shapes, or exactly where it is not small.
@@ -16,7 +19,7 @@ to second order in frequencies and to first order in shapes, or exactly where it
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,8 +27,10 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, UnstableEquilibriumError
+from armflex.laws import Row
 from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.loaded import Names
+from armflex.mechanics.mechanism import Mechanism
 from armflex.result import Result
 
 DAMPING = 0.01
@@ -36,6 +41,9 @@ NEGLIGIBLE = 1e-13
 
 WIDE = 0.3
 """Prior: radius of gyration [m] of a payload of which none is stated."""
+
+FORBIDDEN = 1e-9
+"""Tolerance: share of what flexures open of the loops that is rounding, where joints without a drive follow."""
 
 SMALL = 1e-2
 """Tolerance: share of a neighbouring mode in a mode's shape up to which a perturbation is exact to 1e-6."""
@@ -105,29 +113,31 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     arm.robot.check_motion()
     configuration = mechanics.flexed(found.rigid, found.motion)
     torque = found.torque if found.torque is not None else mechanics.load(case)(configuration)
-    compliance = arm.stack.tangent(-torque[places], loaded.row(case.q, case.covariates))
-    turned = mechanics.exponential_jacobian(found.rigid, found.motion)
-    softened = mechanics.stiffness(configuration, case)
-    geometric = softened[mechanics.flexures] @ turned
+    row = loaded.row(case.q, case.covariates)
+    compliance = arm.stack.tangent(-torque[places], row)
     whole = pin.crba(mechanics.model, mechanics.data, configuration)
     for number, more in loaded.arm.distributed.items():  # links that bend along their length
         own = places[6 * number : 6 * number + 6]
-        joint = loaded.flexure_joints[number]
+        joint = next(joint.id for joint in mechanics.model.joints if joint.nv == 6 and joint.idx_v == own[0])
         both = np.vstack([pin.computeJointJacobian(mechanics.model, mechanics.data, configuration, joint)] * 2)
         both[:6, own], both[6:] = 0.0, np.eye(both.shape[1])[own]
         whole += both.T @ more @ both
-    mass = whole[mechanics.flexures]
     root, owner = _root(compliance)
-    inverse, ways = _slowest(np.eye(root.shape[1]) + root.T @ geometric @ root, root.T @ mass @ turned @ root, count)
+    allowed = _of_mechanism if isinstance(mechanics, Mechanism) else _of_chain
+    turned, tested, moved, softened, by_drive = allowed(found, configuration, torque, root, row)
+    free, bent = moved
+    right, left = turned @ root @ free, tested @ root @ bent
+    inverse, ways = _slowest(bent.T @ free + left.T @ softened @ right, left.T @ whole @ right, count)
+    ways = free @ ways
     motion = (root @ ways).T  # (m, 6 n)
-    tip = motion @ turned.T @ mechanics.tip_jacobian(configuration)[:, places].T
+    tip = motion @ turned.T @ mechanics.tip_jacobian(configuration).T
     shift, turn = np.linalg.norm(tip[:, :3], axis=1), np.linalg.norm(tip[:, 3:], axis=1)
     still = shift <= NEGLIGIBLE * turn  # the tip only turns
     unit = np.where(still, turn, shift)
     unit = np.where(unit > 0.0, unit, 1.0)[:, None]
     tip, motion, ways = tip / unit, motion / unit, ways.T / unit
     body = motion @ turned.T
-    masses = ((body @ mass) * body).sum(axis=1)
+    masses = ((body @ whole) * body).sum(axis=1)
     frequencies = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
     energies = ways**2 @ (owner[:, None] == np.arange(len(places) // 6))  # of the flexures, as dm'C^-1 dm = y'y
     shares = energies / (masses / inverse)[:, None]
@@ -136,13 +146,60 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     ratios = np.full(len(masses), DAMPING if damping is None else damping)
     twists, momenta, drives = motion.reshape(len(masses), -1, 6), None, None
     if driven:
-        wrenches, row, joints = -torque[places], loaded.row(case.q, case.covariates), mechanics.flex.v_index
-        given = arm.stack.change_with_position(wrenches, row) - compliance @ softened[np.ix_(places, joints)]
-        following = np.linalg.solve(np.eye(len(places)) + compliance @ geometric, given)
-        momenta = body @ mass @ turned / masses[:, None]
-        drives = -(body @ whole[np.ix_(places, joints)] / masses[:, None] + momenta @ following)
+        momenta = body @ whole @ turned / masses[:, None]
+        drives = -(body @ whole @ by_drive(arm.stack.change_with_position(-torque[places], row))) / masses[:, None]
     names = loaded.arm.names
     return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, names, flags, momenta, drives)
+
+
+Allowed = tuple[Array, Array, tuple[Array, Array], Array, Callable[[Array], Array]]
+"""(nv, 6 n) body motion of everything per twist of the flexures, and per body motion of theirs; bases of coordinates of
+laws that nothing forbids, for the one and the other; (nv, nv) geometric stiffness; and from (6 n, nq) changes of laws
+with the drives to the (nv, nq) motion of everything with them."""
+
+
+def _of_chain(found: Equilibrium, configuration: Array, torque: Array, root: Array, row: Row) -> Allowed:
+    mechanics, places = found.loaded.mechanics, found.loaded.mechanics.flex.flexure_v
+    tested, softened = np.eye(mechanics.model.nv)[:, places], mechanics.stiffness(configuration, found.case)
+    turned = tested @ mechanics.exponential_jacobian(found.rigid, found.motion)
+
+    def by_drive(change: Array) -> Array:
+        compliance, drives = root @ root.T, np.eye(len(softened))[:, mechanics.flex.v_index]
+        given = change - compliance @ softened[np.ix_(places, mechanics.flex.v_index)]
+        return drives + turned @ np.linalg.solve(np.eye(len(places)) + compliance @ softened[places] @ turned, given)
+
+    everything = np.eye(root.shape[1])
+    return turned, tested, (everything, everything), softened, by_drive
+
+
+def _of_mechanism(found: Equilibrium, configuration: Array, torque: Array, root: Array, row: Row) -> Allowed:
+    """Return the same with closed loops: joints without a drive follow, and what they cannot follow is forbidden."""
+    mechanics, case = found.loaded.mechanics, found.case
+    assert isinstance(mechanics, Mechanism)
+    flex, nv, idle = mechanics.flex, mechanics.model.nv, mechanics.idle(case, row)
+    linear = mechanics.linear(configuration, found.motion, torque, case, row, idle)
+    tree, count = flex.flexure_v < nv, len(flex.flexure_v)
+    ways = linear.ways - idle @ (idle.T @ linear.ways)
+    answers = np.linalg.pinv(ways[:, flex.free_v])
+    maps, bases = [], []
+    for bodily in (linear.bodily, np.eye(len(linear.bodily))):
+        moved, opened = np.zeros((nv, count)), np.zeros((len(ways), count))
+        moved[np.ix_(flex.flexure_v[tree], tree)] = bodily
+        opened[:, ~tree] = -linear.rows[:, flex.flexure_v[~tree] - nv]
+        opened += ways @ moved
+        left = (opened - ways[:, flex.free_v] @ (answers @ opened)) @ root
+        moved[flex.free_v] -= answers @ opened
+        _, sizes, rows = np.linalg.svd(left)
+        sizes = np.append(sizes, np.zeros(len(rows) - len(sizes)))
+        maps.append(moved)
+        bases.append(rows[sizes <= FORBIDDEN * np.linalg.norm(opened @ root)].T)
+    bases[1] = bases[1] @ (bases[1].T @ bases[0])  # nearly the same: near each other, too
+
+    def by_drive(change: Array) -> Array:
+        drives = np.concatenate([linear.by_motion[:, flex.v_index], linear.by_gap[:, linear.lengths]], axis=1)
+        return drives + linear.by_law @ change
+
+    return maps[0], maps[1], (bases[0], bases[1]), linear.turned, by_drive
 
 
 def _root(compliance: Array) -> tuple[Array, np.ndarray]:
@@ -208,8 +265,7 @@ def _pointlike(found: Equilibrium, configuration: Array, body: Array, masses: Ar
     Each is taken as a slender rod along its longest way, m l^2 / 12.
     """
     mechanics, robot = found.loaded.mechanics, found.loaded.arm.robot
-    model, data, motion = mechanics.model, mechanics.data, np.zeros(mechanics.model.nv)
-    motion[mechanics.flex.flexure_v] = body[0]
+    model, data, motion = mechanics.model, mechanics.data, body[0]
     lost: dict[str, float] = {}
     for link in robot.pointlike:
         inertial = robot.urdf.links[link].inertial

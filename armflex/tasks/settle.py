@@ -96,7 +96,6 @@ def settle(
     Raises:
         InputError: `within` is not positive, a row cannot be used, or what moves has no mass.
     """
-    arm.check_tree("settle")
     if not within > 0.0:
         raise InputError(f"within must be positive, got {within} m")
     path, named = _finely(as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm))
