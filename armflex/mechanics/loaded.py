@@ -375,8 +375,7 @@ class LoadedArm:
     @cached_property
     def flexure_joints(self) -> tuple[int, ...]:
         """Pinocchio joints of the flexures, in order; those at closures have none."""
-        starts = {joint.idx_v: joint.id for joint in self.flex.model.joints if joint.nv == 6}
-        return tuple(starts[place] for place in self.flex.flexure_v[::6].tolist() if place in starts)
+        return _carriers(self.flex)
 
     @cached_property
     def chain(self) -> Chain:
@@ -384,15 +383,16 @@ class LoadedArm:
         return chain_of(self.flex, self.flexure_joints)
 
     @cached_property
-    def _with_tool(self) -> FlexModel:
+    def with_tool(self) -> FlexModel:
         """The flexible model in which what is at the tool is a body of its own."""
         sites = (*self.arm.sites, Site(TOOL, self.arm.robot.chain[-1].name))
-        return build_model(self.robot, sites, self.payload.body, self.arm.corrections)
+        found = build_model(self.robot, sites, self.payload.body, self.arm.corrections)
+        return replace(found, flexure_v=found.flexure_v[:-6])
 
     @cached_property
     def sited_chain(self) -> Chain:
         """The same as `chain`, with an element more for what is at the tool."""
-        return chain_of(self._with_tool, self.flexure_joints)
+        return chain_of(self.with_tool, _carriers(self.with_tool))
 
     @cached_property
     def sites(self) -> Frames:
@@ -401,31 +401,32 @@ class LoadedArm:
         A joint's site is outboard of its motion; where it gives it is its last flexure's. A link's is its end: the
         origin frame of the joint there, inboard of its motion, without the offset that calibration found.
         """
-        model, arm, here = self._with_tool.model, self.arm, pin.SE3.Identity()
-        last = {
-            site.joint: joint for site, joint in zip(arm.sites, self.flexure_joints, strict=True) if not site.before
-        }
+        model, arm, here = self.with_tool.model, self.arm, pin.SE3.Identity()
+        own = [site for site in arm.sites if site.joint not in arm.robot.linkage.joined]
+        pairs = zip(own, _carriers(self.with_tool), strict=True)
+        last = {site.joint: joint for site, joint in pairs if not site.before}
         base = last.get(None, 0)
         found = [("base", base, base, here)]
-        for joint in arm.robot.moving:
+        for joint in arm.robot.jointed:
             k = model.getJointId(joint.name)
             origin = model.jointPlacements[k] * arm.corrections.zero(joint).inverse()
             number = last.get(joint.name, k)
-            found += [(f"link:{joint.name}", k - 1, k, origin), (joint.name, number, number, here)]
+            found += [(f"link:{joint.name}", model.supports[k][-2], k, origin), (joint.name, number, number, here)]
         end = arm.robot.chain[-1].name
-        tool = model.njoints - 1 if end in arm.joint_names else last.get(end, model.njoints - 1)
+        apart = model.getJointId(f"flexure:{TOOL}")
+        tool = apart if end in (joint.name for joint in arm.robot.jointed) else last.get(end, apart)
         return frames_of([*found, ("tool", tool, tool, here)])
 
     @cached_property
     def link_frames(self) -> Frames:
         """The links at and beyond the base, in `sited_chain`."""
-        flex = self._with_tool
+        flex = self.with_tool
         return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
 
     @cached_property
     def tip_frame(self) -> Frames:
         """The tip, in `sited_chain`."""
-        return frames_of([link_frame(self._with_tool.model, self._with_tool.tip)])
+        return frames_of([link_frame(self.with_tool.model, self.with_tool.tip)])
 
     @cached_property
     def flexure_frames(self) -> Frames:
@@ -461,6 +462,12 @@ class LoadedArm:
     def mass(self) -> float:
         """Of everything that moves, the payload included [kg]."""
         return float(pin.computeTotalMass(self.rigid.model))
+
+
+def _carriers(flex: FlexModel) -> tuple[int, ...]:
+    """Return Pinocchio's joints of the flexures in the tree, in order."""
+    starts = {joint.idx_v: joint.id for joint in flex.model.joints if joint.nv == 6}
+    return tuple(starts[place] for place in flex.flexure_v[::6].tolist() if place in starts)
 
 
 def _again(arm: Structure, payload: Payload, gravity: Array | None) -> LoadedArm:

@@ -17,7 +17,8 @@ With F the load on all that element k carries, V its twists, s those of its own 
 
     Z' G Z = - sum_k (V x s) . F - sum_bodies V . dw + sum_ties (V2 - V1) . dh
 
-w what acts on a body and h the wrench of a tie as they move with them. Its norm below 1 is a proof.
+w what acts on a body and h the wrench of a tie as they move with them. Its norm below 1 is a proof. One pass out and
+one back make that linear in a twist that is inserted anywhere, see `_spread`: the rest of what there is to know.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from armflex.conventions import Array
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.chain import FLEXURE, RIGID, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
-from armflex.mechanics.kernel import _action, _compose, _exponential, called
+from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, called
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import ALIGNED, ASSEMBLED, CLOSED, LONGEST, MOST, ROUNDED
 from armflex.mechanics.spring import SHORTEST
@@ -52,8 +53,9 @@ class Tree(NamedTuple):
         elements, kinds: As of `Chain`, passive joints numbered after the drives, cylinders among them.
         parents: (k,) the element before each, which has a lower number.
         carried: (T, k) 1 where an element moves the second end alone, -1 the first alone.
-        ties: (T, 32) points on both ends (6), axis (3), turns of both ends' axes (18), and at 27: offset of a length;
-            factor and offset of a gear; stiffness, length and preload; thrust, length and exponent of gas.
+        ties: (T, 48) points on both ends (6), axis (3), turns of both ends' axes (18), and at 27: offset of a length;
+            factor and offset of a gear; stiffness, length and preload; thrust, length and exponent of gas; and at 30:
+            axes of both links (18).
         joins: (T, 6) kind, elements of both ends (of a gear the joints), rows from and to, number of the length in q.
         rows: (m, 6) what each row closes of its closure's slots.
         flexures: (n,) element of each, or minus 1 and minus the number of its closure.
@@ -282,6 +284,12 @@ def _logarithm(turn, found):
 def _reach(tree, q, here, flexed):
     """Fill `by_free`, and where it is `flexed` `by_flex`."""
     kinds, driven = tree.kinds, len(q)
+    for i in range(len(tree.flexures)):
+        if tree.flexures[i] < 0:
+            t = -1 - tree.flexures[i]
+            for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+                for a in range(6):
+                    here.by_flex[r, i, a] = -tree.rows[r, a]
     for t in range(len(tree.joins)):
         kind, e1, e2, start, end, _ = tree.joins[t]
         for r in range(start, end):
@@ -503,17 +511,25 @@ def _factor(matrix, order):
 
 @called
 def _solve(matrix, order, right):
-    n = len(order)
+    """Put the solution of a factored system into its (n, W) right sides."""
+    n, w = right.shape
     for a in range(n):
         best = order[a]
-        right[a], right[best] = right[best], right[a]
+        for c in range(w if best != a else 0):
+            right[a, c], right[best, c] = right[best, c], right[a, c]
     for a in range(n):
         for b in range(a):
-            right[a] -= matrix[a, b] * right[b]
+            factor = matrix[a, b]
+            if factor != 0.0:
+                for c in range(w):
+                    right[a, c] -= factor * right[b, c]
     for a in range(n - 1, -1, -1):
         for b in range(a + 1, n):
-            right[a] -= matrix[a, b] * right[b]
-        right[a] /= matrix[a, a]
+            factor = matrix[a, b]
+            for c in range(w):
+                right[a, c] -= factor * right[b, c]
+        for c in range(w):
+            right[a, c] /= matrix[a, a]
 
 
 @called
@@ -647,12 +663,6 @@ def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
             return False
         if count < 2:  # then they are known well enough
             _reach(tree, q, here, True)
-            for i in range(len(tree.flexures)):
-                if tree.flexures[i] < 0:
-                    t = -1 - tree.flexures[i]
-                    for r in range(tree.joins[t, 3], tree.joins[t, 4]):
-                        for a in range(6):
-                            here.by_flex[r, i, a] = -tree.rows[r, a]
             if count == 0 and not _idle(here, compliance, idle):
                 return False
             if not _assemble(tree, here, compliance, idle, largest):
@@ -672,7 +682,7 @@ def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
             kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k] - len(q)
             if kind in (TURNS, SLIDES) and own >= 0:
                 right[m + own] = -largest * here.torque[k]
-        _solve(here.matrix, here.order, right)
+        _solve(here.matrix, here.order, right.reshape((-1, 1)))
         size = square = 0.0
         for r in range(m):
             right[r] /= largest
@@ -726,93 +736,99 @@ def _aligned(tree, here):
 def _distance(tree, here, links, wrenches, scale, driven):
     """Return the Frobenius norm of Z' G Z; see the head of this module."""
     m, p = here.by_free.shape
-    n, count, total = len(tree.flexures), len(tree.parents), 0
-    for i in range(n):
-        total += here.ranks[i]
-    motion, step, right = np.zeros((count, total, 6)), np.zeros((count, total, 6)), here.right
-    gap, number, twist = np.zeros((m, total)), 0, np.empty((n, 6))
+    n, total = len(tree.flexures), here.ranks.sum()
+    right, gap, y, number = np.zeros((m + p, total)), np.zeros((m, total)), np.zeros((total, total)), 0
     for i in range(n):
         for c in range(here.ranks[i]):
             for r in range(m):
                 for a in range(6):
                     gap[r, number] += here.by_flex[r, i, a] * here.roots[i, a, c]
+                right[r, number] = -gap[r, number]
+            y[number, number] = 1.0
             number += 1
-    for b in range(total):
+    _solve(here.matrix, here.order, right)
+    for a in range(total):
         for r in range(m):
-            right[r] = -gap[r, b]
-        for a in range(p):
-            right[m + a] = 0.0
-        _solve(here.matrix, here.order, right)
-        twist[:] = 0.0
-        number = 0
-        for i in range(n):
-            for c in range(here.ranks[i]):
-                y = 1.0 if number == b else 0.0
-                for r in range(m):
-                    y -= gap[r, number] * right[r] / scale
-                for a in range(6):
-                    twist[i, a] += here.roots[i, a, c] * y
-                number += 1
-        for k in range(1, count):
-            kind, own, back = tree.kinds[0, k] & 3, tree.kinds[1, k], tree.parents[k]
-            for a in range(6):
-                value = 0.0
-                if kind == FLEXURE:
-                    for j in range(6):
-                        value += here.own[own, a, j] * twist[own, j]
-                elif kind in (TURNS, SLIDES) and own >= driven:
-                    value = here.axes[k, a] * right[m + own - driven]
-                step[k, b, a] = value
-                motion[k, b, a] = motion[back, b, a] + value
-    hessian = np.zeros((total, total))
-    _add_turned(tree, here, motion, step, hessian)
-    _add_shifted(tree, here, links, wrenches, motion, hessian)
-    _add_tied(tree, here, motion, hessian)
+            for b in range(total):
+                y[a, b] -= gap[r, a] * right[r, b] / scale
+    virtual = _virtual(tree, here, total)
+    _step(tree, here, y, right[m:], driven, virtual.step)
+    _spread(tree, here, links, wrenches, np.zeros((0, total)), virtual)
     square = 0.0
     for a in range(total):
         for b in range(total):
-            square += hessian[a, b] ** 2
+            value = 0.0
+            for k in range(len(tree.parents)):
+                for i in range(6):
+                    value += virtual.field[k, i, a] * virtual.step[k, i, b]
+            square += value**2
     return math.sqrt(square)
 
 
+class Virtual(NamedTuple):
+    """W virtual motions: spatial twists of each element's own freedoms and of elements, (k, 6, W), and what they meet.
+
+    field: (k, 6, W) work of the changes of all loads, and of gaps with forces of theirs, per spatial twist that is
+    inserted at an element and moves all that it carries. ends: (T, 2, 6, W) of that what each end of a tie adds.
+    """
+
+    step: Array
+    motion: Array
+    field: Array
+    ends: Array
+
+
 @called
-def _add_turned(tree, here, motion, step, hessian):
-    """Add minus (V_b x s_a) . F of every element."""
-    total, turned = len(hessian), np.empty(6)
+def _virtual(tree, here, columns):
+    k = len(tree.parents)
+    return Virtual(
+        np.zeros((k, 6, columns)),
+        np.zeros((k, 6, columns)),
+        np.zeros((k, 6, columns)),
+        np.zeros((len(tree.joins), 2, 6, columns)),
+    )
+
+
+@called
+def _step(tree, here, y, free, driven, step):
+    """Fill the (k, 6, W) twists of the elements' own freedoms from those of laws and of passive joints."""
+    local, number = np.empty((6, y.shape[1])), np.zeros(len(tree.flexures) + 1, dtype=np.int64)
+    for i in range(len(tree.flexures)):
+        number[i + 1] = number[i] + here.ranks[i]
     for k in range(1, len(tree.parents)):
-        kind, load = tree.kinds[0, k] & 3, here.loads[k]
-        if kind > SLIDES:
-            continue
-        for b in range(total):
-            _coadjoint(motion[k, b], load, turned)
-            for a in range(total):
-                value = 0.0
-                for i in range(6):
-                    value += step[k, a, i] * turned[i]
-                hessian[a, b] += value
+        kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k]
+        if kind == FLEXURE:
+            local[:] = 0.0
+            for c in range(here.ranks[own]):
+                for a in range(6):
+                    for b in range(y.shape[1]):
+                        local[a, b] += here.roots[own, a, c] * y[number[own] + c, b]
+            for a in range(6):
+                for j in range(6):
+                    for b in range(y.shape[1]):
+                        step[k, a, b] += here.own[own, a, j] * local[j, b]
+        elif kind != RIGID and own >= driven:
+            for a in range(6):
+                for b in range(y.shape[1]):
+                    step[k, a, b] = here.axes[k, a] * free[own - driven, b]
 
 
 @called
-def _coadjoint(twist, load, found):
-    """Fill the change of a wrench (6,) that moves along with a twist: minus what pairs as (twist x s) . wrench."""
-    v, w, f, m = twist[:3], twist[3:], load[:3], load[3:]
-    found[0], found[1], found[2] = w[1] * f[2] - w[2] * f[1], w[2] * f[0] - w[0] * f[2], w[0] * f[1] - w[1] * f[0]
-    found[3] = w[1] * m[2] - w[2] * m[1] + v[1] * f[2] - v[2] * f[1]
-    found[4] = w[2] * m[0] - w[0] * m[2] + v[2] * f[0] - v[0] * f[2]
-    found[5] = w[0] * m[1] - w[1] * m[0] + v[0] * f[1] - v[1] * f[0]
-
-
-@called
-def _add_shifted(tree, here, links, wrenches, motion, hessian):
-    """Add minus V_a . dw_b of the weights of bodies and of wrenches on links."""
-    count, total = len(tree.parents), len(hessian)
-    point, push, change, wrench = np.empty(3), np.empty(6), np.empty((total, 6)), np.empty(6)
+def _spread(tree, here, links, wrenches, forces, virtual):
+    """From `step` and (m, W) virtual forces, fill `motion`, `field` and `ends`; forces of no rows are none."""
+    count, step, motion, field = len(tree.parents), virtual.step, virtual.motion, virtual.field
+    point, push, moment = np.empty(3), np.empty(6), np.empty(3)
+    for k in range(1, count):
+        back, load = tree.parents[k], here.loads[k]
+        for a in range(6):
+            for b in range(step.shape[2]):
+                motion[k, a, b] = motion[back, a, b] + step[k, a, b]
+        if tree.kinds[0, k] & 3 != RIGID:
+            _turned(step[k], load, -1.0, field[k])
     for j in range(-count, len(links)):
-        k = links[j, 0] if j >= 0 else j + count
-        follows = False
+        k, follows = (links[j, 0], links[j, 2] > 0) if j >= 0 else (j + count, False)
         if j >= 0:
             _pushed(here, links, wrenches, j, point, push)
-            follows = links[j, 2] > 0
         else:
             mass = tree.elements[k, 15]
             if mass == 0.0:
@@ -820,92 +836,120 @@ def _add_shifted(tree, here, links, wrenches, motion, hessian):
             _point(here, k, tree.elements[k, 16:19], point)
             for i in range(3):
                 push[i], push[3 + i] = mass * tree.elements[count, 12 + i], 0.0
-        _cross(point, push[:3], wrench[3:])
-        for i in range(3):
-            wrench[i] = push[i]
-            wrench[3 + i] += push[3 + i]
-        for b in range(total):
-            if follows:
-                _coadjoint(motion[k, b], wrench, change[b])
-                continue
-            v, w = motion[k, b, :3], motion[k, b, 3:]
-            x = v[0] + w[1] * point[2] - w[2] * point[1]
-            y = v[1] + w[2] * point[0] - w[0] * point[2]
-            z = v[2] + w[0] * point[1] - w[1] * point[0]
-            change[b, 0] = change[b, 1] = change[b, 2] = 0.0
-            change[b, 3] = y * push[2] - z * push[1]
-            change[b, 4] = z * push[0] - x * push[2]
-            change[b, 5] = x * push[1] - y * push[0]
-        for a in range(total):
-            for b in range(total):
-                value = 0.0
-                for i in range(6):
-                    value += motion[k, a, i] * change[b, i]
-                hessian[a, b] -= value
-
-
-@called
-def _add_tied(tree, here, motion, hessian):
-    """Add (V2_a - V1_a) . dh_b of every tie; see `ties.Pin.shift` and `ties.Rod.shift`."""
-    total, change, slots, gap, way = len(hessian), np.empty(6), np.empty(6), np.empty(6), np.empty((6, 6))
-    one, two, first, second = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    pull, moment, turning, parts = np.empty(3), np.empty(3), np.zeros((3, 3)), np.empty((6, 6))
-    for t in range(len(tree.joins)):
-        kind, e1, e2, start, end, _ = tree.joins[t]
-        if kind == GEAR:
-            continue
-        tie, along, length = tree.ties[t], here.states[t, 1:], here.states[t, 0]
-        _point(here, e1, tie[:3], one)
-        _point(here, e2, tie[3:6], two)
-        rod = kind >= ROD
-        if rod:
-            tension = here.forces[start] if kind == ROD else _tension(tie, kind, length)
-            rate = tie[27] if kind == COIL else -tie[29] * tension / length if kind == GAS else 0.0
-            across = tension / length
+        if follows:
+            _cross(point, push[:3], moment)
             for i in range(3):
-                pull[i] = tension * along[i]
+                push[3 + i] += moment[i]
+            _turned(motion[k], push, 1.0, field[k])
         else:
-            _pin(tree, here, t, one, two, gap, way, parts)
-            for a in range(6):
-                slots[a] = 0.0
-                for r in range(start, end):
-                    slots[a] += here.forces[r] * tree.rows[r, a]
-            _pin_turning(tie, kind, slots, parts, pull, moment, turning)
-        for b in range(total):
-            v1, w1, v2, w2 = motion[e1, b, :3], motion[e1, b, 3:], motion[e2, b, :3], motion[e2, b, 3:]
-            _cross(w2, two, second)
-            for i in range(3):
-                second[i] += v2[i]
-            if rod:
-                _cross(w1, one, first)
-                stretch = 0.0
-                for i in range(3):
-                    first[i] = second[i] - v1[i] - first[i]
-                    stretch += first[i] * along[i]
-                for i in range(3):
-                    change[i] = across * (first[i] - stretch * along[i]) + rate * stretch * along[i]
-            else:
-                _cross(w1, pull, change[:3])
-            _cross(two, change[:3], change[3:])
-            _cross(second, pull, first)
-            for i in range(3):
-                change[3 + i] += first[i]
-            if not rod:
-                _cross(w1, moment, first)
-                for i in range(3):
-                    change[3 + i] += first[i]
-                    for j in range(3):
-                        change[3 + i] += turning[i, j] * (w2[j] - w1[j])
-            for a in range(total):
-                value = 0.0
-                for i in range(6):
-                    value += (motion[e2, a, i] - motion[e1, a, i]) * change[i]
-                hessian[a, b] += value
+            _shifted(motion[k], push, point, field[k])
+    for t in range(len(tree.joins)):
+        if tree.joins[t, 0] != GEAR:
+            _tied(tree, here, t, forces, virtual)
+    for k in range(count - 1, 0, -1):
+        for a in range(6):
+            for b in range(step.shape[2]):
+                field[tree.parents[k], a, b] += field[k, a, b]
 
 
 @called
-def _pin_turning(tie, kind, slots, parts, pull, moment, turning):
+def _turned(twist, load, sign, field):
+    """Add by how much a wrench that moves along with (6, W) twists changes."""
+    fx, fy, fz = sign * load[0], sign * load[1], sign * load[2]
+    mx, my, mz = sign * load[3], sign * load[4], sign * load[5]
+    for b in range(field.shape[1]):
+        vx, vy, vz, wx, wy, wz = twist[0, b], twist[1, b], twist[2, b], twist[3, b], twist[4, b], twist[5, b]
+        field[0, b] += wy * fz - wz * fy
+        field[1, b] += wz * fx - wx * fz
+        field[2, b] += wx * fy - wy * fx
+        field[3, b] += wy * mz - wz * my + vy * fz - vz * fy
+        field[4, b] += wz * mx - wx * mz + vz * fx - vx * fz
+        field[5, b] += wx * my - wy * mx + vx * fy - vy * fx
+
+
+@called
+def _shifted(motion, push, point, field):
+    """Add minus what (6, W) motions make of the change of a wrench that keeps its direction, by a motion of its point.
+
+    The moment keeps its direction, too: only the force's moment about the origin changes with its point.
+    """
+    fx, fy, fz, x, y, z = push[0], push[1], push[2], point[0], point[1], point[2]
+    for b in range(field.shape[1]):
+        wx, wy, wz = motion[3, b], motion[4, b], motion[5, b]
+        gx, gy, gz = wy * fz - wz * fy, wz * fx - wx * fz, wx * fy - wy * fx
+        field[0, b] += gx
+        field[1, b] += gy
+        field[2, b] += gz
+        field[3, b] += y * gz - z * gy
+        field[4, b] += z * gx - x * gz
+        field[5, b] += x * gy - y * gx
+
+
+@called
+def _tied(tree, here, t, forces, virtual):
+    """Add what the change of a tie's wrench gives at its ends, see `shift` of `ties`, and the change of its gaps."""
+    kind, e1, e2, start, end, _ = tree.joins[t]
+    tie, ends, one, two = tree.ties[t], virtual.ends[t], np.empty(3), np.empty(3)
+    pull, moment, turning, e, g = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
+    d, n, x = np.empty(6), np.empty(3), np.empty(3)
+    _point(here, e1, tie[:3], one)
+    _point(here, e2, tie[3:6], two)
+    across = rate = 0.0
+    if kind >= ROD:
+        length = here.states[t, 0]
+        tension = here.forces[start] if kind == ROD else _tension(tie, kind, length)
+        rate = tie[27] if kind == COIL else -tie[29] * tension / length if kind == GAS else 0.0
+        across = tension / length
+        for i in range(3):
+            pull[i] = tension * here.states[t, 1 + i]
+    else:
+        _pin_turning(tree, here, t, one, two, pull, moment, turning)
+    for b in range(ends.shape[2]):
+        for a in range(6):
+            d[a] = virtual.motion[e2, a, b] - virtual.motion[e1, a, b]
+        _cross(d[3:], two, e)
+        _cross(pull, d[3:], g)
+        for i in range(3):
+            e[i] += d[i]
+        if kind >= ROD:
+            stretch = 0.0
+            for i in range(3):
+                stretch += e[i] * here.states[t, 1 + i]
+            for i in range(3):
+                n[i] = across * e[i] + (rate - across) * stretch * here.states[t, 1 + i]
+                g[i] += n[i]
+            _cross(one, n, x)
+            for i in range(3):
+                ends[0, i, b], ends[0, 3 + i, b] = -n[i], -x[i]
+            _cross(two, g, x)
+            for i in range(3):
+                ends[1, i, b], ends[1, 3 + i, b] = g[i], x[i]
+        else:
+            _cross(pull, e, n)
+            _cross(moment, d[3:], e)
+            _cross(two, g, x)
+            for i in range(3):
+                back = turning[0, i] * d[3] + turning[1, i] * d[4] + turning[2, i] * d[5]
+                ends[0, i, b], ends[0, 3 + i, b] = 0.0, n[i] + e[i] - back
+                ends[1, i, b], ends[1, 3 + i, b] = g[i], x[i] + back
+    for side, k in ((0, e1), (1, e2)):
+        for a in range(6):
+            for r in range(start, end if len(forces) else start):
+                way = here.ways[t, r - start, a] * (1.0 if side else -1.0)
+                for b in range(ends.shape[2]):
+                    ends[side, a, b] += way * forces[r, b]
+            for b in range(ends.shape[2]):
+                virtual.field[k, a, b] += ends[side, a, b]
+
+
+@called
+def _pin_turning(tree, here, t, one, two, pull, moment, turning):
     """Fill force and moment of a pin, base axes, and how the moment changes with a turn of its second end."""
+    tie, kind, slots, parts = tree.ties[t], tree.joins[t, 0], np.zeros(6), np.empty((6, 6))
+    _pin(tree, here, t, one, two, np.empty(6), np.empty((6, 6)), parts)
+    for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+        for a in range(6):
+            slots[a] += here.forces[r] * tree.rows[r, a]
     axes, change, local, axis = parts[:3, :3], parts[3:, 3:], np.zeros((3, 3)), tie[6:9]
     half, there, turned = 0.5 * (change[0, 0] + change[1, 1] + change[2, 2]), np.empty(3), np.empty((3, 3))
     for j in range(3):
@@ -997,19 +1041,242 @@ def rest_rows(
     return len(q)
 
 
+@kept
+@called
+def respond_rows(
+    tree, tangents, links, wrenches, q, closed, flexed, twists, forces, end, places, numbers,
+    laws, joints, sites, motions, gravity, poses, loads,
+):  # fmt: skip
+    """Fill how the origin of a frame moves, base axes, where the mechanism rests in N rows, into arrays that have rows.
+
+    Let z be coordinates y of laws, passive joints and forces in closures; M dz = 0 is how the mechanism stays at rest,
+    M with the loads' changes as `_spread` has them. With J the frame's motion per z, the six virtual motions J M^-1
+    meet whatever else is changed.
+
+    Args:
+        tree, links, wrenches: As of `rest_rows`.
+        tangents: (1 or N, n, 6, 6) of the laws.
+        q, closed, flexed, twists, forces: (N, ...) as `rest_rows` found them.
+        end: (13,) the element that the frame is fixed to, and rotation and origin in its axes.
+        places, numbers: See `Frames`; `sites` and `loads` have closures and pins behind them.
+        laws, joints, sites: (N, 6, n, 6), (N, 6, nq) and (N, 6, s, 6) per twist of a law, drive, and twist at a site.
+        motions, gravity: (N, f, 6, 6) per wrench at a frame, and (N, 6, 3).
+        poses, loads: (N, f, 4, 4) of the frames and (N, s, 6) at the sites.
+    """
+    here, n, count = _memory(tree, closed.shape[1]), len(tree.flexures), len(tree.parents)
+    (m, p), driven, f = here.by_free.shape, q.shape[1], places.shape[1]
+    idle, derivative, at, turn = np.zeros((m, m)), np.empty((6, 6)), np.empty(3), np.empty((3, 3))
+    plain, screw, carried = np.empty((n, 6, 6)), np.empty((6, 6)), np.zeros(count)
+    k = int(end[0])
+    while k > 0:
+        carried[k] = 1.0
+        k = tree.parents[k]
+    carried[0] = 1.0
+    for row in range(len(q)):
+        own = tangents[min(row, len(tangents) - 1)]
+        scale = 1.0 / math.sqrt(max(_root(own, here.roots, here.ranks), 1e-9))
+        here.twists[:], here.forces[:] = 0.0, forces[row]
+        _place(tree, q[row], closed[row], True, here)
+        _join(tree, q[row], closed[row], here)
+        _reach(tree, q[row], here, True)
+        _idle(here, own, idle)
+        here.twists[:] = twists[row]
+        _place(tree, q[row], flexed[row], True, here)
+        _join(tree, q[row], flexed[row], here)
+        _weigh(tree, here, links, wrenches[min(row, len(wrenches) - 1)])
+        for i in range(f):
+            k = places[0, i]
+            _compose(here.turn[k], here.origin[k], numbers[i], turn, at)
+            if len(poses):
+                poses[row, i] = 0.0
+                poses[row, i, 3, 3] = 1.0
+                poses[row, i, :3, :3], poses[row, i, :3, 3] = turn, at
+            if len(loads):
+                _action(turn, at, screw)
+                loads[row, i] = 0.0
+                for a in range(6):
+                    for b in range(6):
+                        loads[row, i, a] += screw[b, a] * here.loads[places[1, i], b]
+        if len(loads):
+            loads[row, f:] = 0.0
+            for t in range(len(tree.joins)):
+                for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+                    for a in range(6):
+                        loads[row, f + t, a] += here.forces[r] * tree.rows[r, a]
+        if len(laws) + len(joints) + len(sites) + len(motions) + len(gravity) == 0:
+            continue
+        rank = here.ranks.sum()
+        free, size = rank + p, rank + p + m
+        virtual, real, matrix = _virtual(tree, here, free), np.zeros((count, 6, free)), np.zeros((size, size))
+        right, order = np.zeros((size, 6)), np.empty(size, dtype=np.int64)
+        y, passive = np.zeros((rank, free)), np.zeros((p, free))
+        for a in range(free):
+            if a < rank:
+                y[a, a] = 1.0
+            else:
+                passive[a - rank, a] = 1.0
+        _step(tree, here, y, passive, driven, virtual.step)
+        _spread(tree, here, links, wrenches[min(row, len(wrenches) - 1)], np.zeros((0, free)), virtual)
+        _reach(tree, q[row], here, True)
+        number = 0
+        for i in range(n):
+            for c in range(here.ranks[i]):
+                for r in range(m):
+                    for a in range(6):
+                        matrix[free + r, number] += scale * here.by_flex[r, i, a] * here.roots[i, a, c]
+                number += 1
+        plain[:] = here.own
+        for i in range(n):
+            if tree.flexures[i] >= 0:
+                _right_jacobian(here.twists[i], derivative)
+                _times(plain[i], derivative, here.own[i])
+        _step(tree, here, y, passive, driven, real)
+        _reach(tree, q[row], here, True)
+        _compose(here.turn[int(end[0])], here.origin[int(end[0])], end[1:], turn, at)
+        number = 0
+        for i in range(n):
+            for c in range(here.ranks[i]):
+                for r in range(m):
+                    for a in range(6):
+                        matrix[number, free + r] += scale * here.by_flex[r, i, a] * here.roots[i, a, c]
+                number += 1
+        for a in range(p):
+            for r in range(m):
+                matrix[free + r, rank + a] = matrix[rank + a, free + r] = scale * here.by_free[r, a]
+        for r in range(m):
+            for c in range(m):
+                matrix[free + r, free + c] = -scale * scale * idle[c, r]
+        for b in range(free):  # transposed: b is what moves, a what is met
+            for a in range(free):
+                value = 1.0 if a == b and a < rank else 0.0
+                for k in range(1, count):
+                    for i in range(6):
+                        value += virtual.field[k, i, a] * real[k, i, b]
+                matrix[b, a] = value
+            for k in range(1, count):
+                if carried[k] > 0.0:
+                    v, w = real[k, :3, b], real[k, 3:, b]
+                    right[b, 0] += v[0] + w[1] * at[2] - w[2] * at[1]
+                    right[b, 1] += v[1] + w[2] * at[0] - w[0] * at[2]
+                    right[b, 2] += v[2] + w[0] * at[1] - w[1] * at[0]
+                    for i in range(3):
+                        right[b, 3 + i] += w[i]
+        _factor(matrix, order)
+        _solve(matrix, order, right)
+        for r in range(m):
+            for a in range(6):
+                right[free + r, a] *= scale
+        met, force, derived = _virtual(tree, here, 6), right[free:], here.own.copy()
+        here.own[:] = plain
+        _step(tree, here, right[:rank], right[rank:free], driven, met.step)
+        _spread(tree, here, links, wrenches[min(row, len(wrenches) - 1)], force, met)
+        _action(np.eye(3), -at, screw)
+        for k in range(count):
+            for a in range(6):
+                for b in range(6):
+                    met.field[k, a, b] = carried[k] * screw[b, a] - met.field[k, a, b]
+        if len(laws):
+            laws[row] = 0.0
+            for i in range(n):
+                e = tree.flexures[i]
+                if e >= 0:
+                    _pair(met.field[e], derived[i], laws[row, :, i])
+                else:
+                    _slots(tree, -1 - e, force, laws[row, :, i])
+        if len(joints):
+            joints[row] = 0.0
+            for k in range(1, count):
+                j = tree.kinds[1, k]
+                if tree.kinds[0, k] & 3 in (TURNS, SLIDES) and j < driven:
+                    for a in range(6):
+                        for b in range(6):
+                            joints[row, b, j] += met.field[k, a, b] * here.axes[k, a]
+            for t in range(len(tree.joins)):
+                kind, _, e2, r, _, j = tree.joins[t]
+                if kind == ROD:
+                    joints[row, :, j] += force[r]
+                elif kind == GEAR and tree.kinds[1, e2] < driven:
+                    joints[row, :, tree.kinds[1, e2]] += tree.ties[t, 27] * force[r]
+        if len(sites):
+            sites[row] = 0.0
+            for i in range(f):
+                k = places[0, i]
+                _compose(here.turn[k], here.origin[k], numbers[i], turn, at)
+                _action(turn, at, screw)
+                field = met.field[places[1, i]].copy()
+                if k == places[1, i] and tree.kinds[0, k] & 3 != FLEXURE:  # outboard of a passive joint its axis stays
+                    _turned(met.step[k], here.loads[k], -1.0, field)
+                _pair(field, screw, sites[row, :, i])
+            closures = 0
+            for t in range(len(tree.joins)):
+                if tree.joins[t, 0] < COIL:
+                    _slots(tree, t, force, sites[row, :, f + t])
+                    closures += 1
+            for t in range(closures):
+                for side in range(2 if tree.joins[t, 0] < GEAR else 0):
+                    k = tree.joins[t, 1 + side]
+                    _point(here, k, tree.ties[t, 3 * side :], at)
+                    for a in range(3):
+                        for b in range(3):
+                            turn[a, b] = 0.0
+                            for c in range(3):
+                                turn[a, b] += here.turn[k, a, c] * tree.ties[t, 30 + 9 * side + 3 * c + b]
+                    _action(turn, at, screw)
+                    _pair(met.ends[t, side], -screw, sites[row, :, f + closures + 2 * t + side])
+        for i in range(f if len(motions) else 0):
+            k = places[0, i]
+            _compose(here.turn[k], here.origin[k], numbers[i], turn, at)
+            for b in range(6):
+                motions[row, i, b, 3:] = met.motion[k, 3:, b]
+                _cross(met.motion[k, 3:, b], at, motions[row, i, b, :3])
+                for a in range(3):
+                    motions[row, i, b, a] += met.motion[k, a, b]
+        if len(gravity):
+            gravity[row] = 0.0
+            for k in range(1, count):
+                _point(here, k, tree.elements[k, 16:19], at)
+                for b in range(6):
+                    _cross(met.motion[k, 3:, b], at, turn[0])
+                    for a in range(3):
+                        gravity[row, b, a] += tree.elements[k, 15] * (met.motion[k, a, b] + turn[0, a])
+
+
+@called
+def _pair(field, motions, found):
+    """Fill the (6, 6) answers to (6, 6) spatial motions."""
+    for b in range(6):
+        for c in range(6):
+            found[b, c] = 0.0
+            for a in range(6):
+                found[b, c] += field[a, b] * motions[a, c]
+
+
+@called
+def _slots(tree, t, force, found):
+    """Fill the (6, 6) answers to a closure's twist."""
+    for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+        for b in range(6):
+            for c in range(6):
+                found[b, c] += force[r, b] * tree.rows[r, c]
+
+
 def compile_everything() -> None:
     """Compile what is not yet kept, by asking about no rows."""
     none = np.zeros((0, 6))
     tree = Tree(
-        np.zeros((2, 20)), np.full((4, 1), RIGID), np.zeros(1, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 32)),
+        np.zeros((2, 20)), np.full((4, 1), RIGID), np.zeros(1, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 48)),
         np.zeros((0, 6), dtype=np.int64), none, np.zeros(0, dtype=np.int64),
     )  # fmt: skip
     laws, plain = LawStack((), ()).numbers, np.zeros((0, 0))
     loads, pushed = np.zeros((0, 0, 6)), (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)))
     arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, plain, none, np.zeros(0)
     rest_rows(tree, laws.compliance, laws.offset, *pushed, plain, True, 0, np.zeros(0), plain, *arrays)
+    frames = np.zeros(13), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12))
+    answers = np.zeros((0, 6, 0, 6)), np.zeros((0, 6, 0)), np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 6, 6))
+    answers += np.zeros((0, 6, 3)), np.zeros((0, 0, 4, 4)), loads
+    respond_rows(tree, laws.compliance, *pushed, plain, plain, plain, loads, plain, *frames, *answers)
 
 
 def is_kept() -> bool:
     """Return whether nothing has to be compiled."""
-    return kept_code.is_kept(rest_rows)
+    return kept_code.is_kept(rest_rows) and kept_code.is_kept(respond_rows)

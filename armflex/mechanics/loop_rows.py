@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import NOT_PUSHED, Pushes, displaced_from, loop_kernel
 from armflex.mechanics.mechanism import Closing, Mechanism
-from armflex.mechanics.pinocchio_model import FlexModel
+from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
 from armflex.mechanics.spring import CoilSpring, GasSpring
 from armflex.mechanics.ties import Pin, Ties
 from armflex.rows.wrench import Wrench, same_objects
@@ -58,14 +59,16 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
     everything, rows, at = (*ties.loops, *ties.cylinders), [], 0
     count = len(ties.names) + len(ties.springs)
     numbers, joins, carried = (
-        np.zeros((count, 32)),
+        np.zeros((count, 48)),
         np.zeros((count, 6), dtype=np.int64),
         np.zeros((count, model.njoints)),
     )
     ends = {**dict(enumerate(everything)), **dict(enumerate(ties.sprung_rods, len(ties.names)))}
     for t, one in ends.items():
         for side, end in zip((-1.0, 1.0), one.ends, strict=True):
-            numbers[t, 0 if side < 0 else 3 :][:3] = end.point
+            second = side > 0.0
+            numbers[t, 3 * second : 3 * second + 3] = end.point
+            numbers[t, 30 + 9 * second : 39 + 9 * second] = end.axes.ravel()
             carried[t, list(model.supports[end.joint])] += side
         joins[t, 1:3] = [end.joint for end in one.ends]
     for t, one in enumerate(everything):
@@ -96,6 +99,21 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
     return compiled.Tree(chain.elements, kinds, parents, carried, numbers, joins, closes, flexures)
 
 
+def trees(loaded: LoadedArm) -> tuple[Any, Any, Any]:
+    """Return the mechanism, as the controller knows it where that is another, and with its tool as an element."""
+    mechanics, corrections, flex = loaded.mechanics, loaded.arm.corrections, loaded.with_tool
+    assert isinstance(mechanics, Mechanism)
+    if mechanics.trees is None:
+        nominal = mechanics.nominal if corrections.move else None
+        ties = Ties(flex.model, flex.model.createData(), mechanics.linkage, loaded.arm.springs, corrections.geometry)
+        mechanics.trees = (
+            tree_of(mechanics.flex, mechanics.tied, mechanics.true),
+            nominal and tree_of(loaded.rigid, nominal.ties, nominal),
+            tree_of(flex, ties, mechanics.true),
+        )
+    return mechanics.trees
+
+
 class LoopSolver:
     """One thread's compiled mechanism under some loads."""
 
@@ -103,9 +121,7 @@ class LoopSolver:
         mechanics = loaded.mechanics
         assert isinstance(mechanics, Mechanism)
         self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
-        self._tree, self._nominal = tree_of(mechanics.flex, mechanics.tied, mechanics.true), None
-        if loaded.arm.corrections.move:
-            self._nominal = tree_of(loaded.rigid, mechanics.nominal.ties, mechanics.nominal)
+        self._tree, self._nominal = trees(loaded)[:2]
         self._idle, self._ask = np.zeros((len(self._tree.rows),) * 2), loop_kernel().rest_rows
         self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), len(self._idle), len(self._tree.parents)
         self._differs = loaded.arm.stack.rows_differ
@@ -123,7 +139,7 @@ class LoopSolver:
         laws, pushes, mechanics = self._laws, self._pushes, self._mechanics
         if self._differs:
             laws.know(row)
-        plain = not (laws.curved or laws.bent or pushes.posed)
+        plain = self.answers
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
         known, found = (laws.compliance, laws.offset, pushes.links, loads, q), _room(len(q), self._sizes)
         nominal = _room(0 if self._nominal is None else len(q), (*self._sizes[:1], 0, 0, 0))
@@ -147,6 +163,11 @@ class LoopSolver:
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
         return found
 
+    @property
+    def answers(self) -> bool:
+        """Whether compiled code knows these laws and loads."""
+        return not (self._laws.curved or self._laws.bent or self._pushes.posed)
+
     def in_model(self, q: Array, found: Rested) -> tuple[Array, Array, Array]:
         """Return rigid configuration, motion and torque of the first row, at (nq,) positions; see `mechanism.Rest`."""
         mechanics, flex = self._mechanics, self._mechanics.flex
@@ -157,6 +178,15 @@ class LoopSolver:
         motion[flex.flexure_v] = found.twists[0].ravel()
         motion[flex.free_v] = found.flexed[0] - found.closed[0]
         return mechanics.configuration(q, found.closed[0]), motion, torque
+
+    def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array | None) -> None:
+        """Put where `Mechanism` has row i at rest into the arrays; the reverse of `in_model`."""
+        mechanics, flex = self._mechanics, self._mechanics.flex
+        assert torque is not None
+        into.closed[i] = rigid[flex.free_q]
+        into.flexed[i] = mechanics.flexed(rigid, motion)[flex.free_q]
+        into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
+        into.forces[i] = -mechanics.tied.rows @ torque[mechanics.model.nv :]
 
     def _follow(
         self,
@@ -186,6 +216,65 @@ class LoopSolver:
                 if ends:
                     break
             at = done + 1
+
+
+@dataclass(frozen=True, eq=False)
+class LoopRows:
+    """Some rows of one payload of an arm with loops, where compiled code has them: see `few_rows.MechanismRows`.
+
+    Attributes:
+        loaded: The arm with the payload.
+        tree, links: See `loop_kernel.Tree` and `Pushes`; the tool is an element of its own.
+        rows: (M,) their numbers.
+        wrenches, tangents: (1 or M, L, 9) and (1 or M, n, 6, 6) of links and laws.
+        closed, flexed: (M, p) passive joints where nothing gives, and where it rests.
+        forces: (M, m) in the closures.
+    """
+
+    loaded: LoadedArm
+    tree: Any
+    links: np.ndarray
+    rows: np.ndarray
+    wrenches: Array
+    tangents: Array
+    closed: Array
+    flexed: Array
+    forces: Array
+
+    def among(self, number: np.ndarray) -> LoopRows:
+        """See `FewRows`."""
+        own = np.flatnonzero(number[self.rows] >= 0)
+        arrays = self.wrenches, self.tangents, self.closed, self.flexed, self.forces
+        some = (one[own] if len(one) > 1 or not len(self.rows) else one for one in arrays)
+        return LoopRows(self.loaded, self.tree, self.links, number[self.rows[own]], *some)
+
+    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
+        """See `FewRows`."""
+        return self.asked("laws", end, q, twists)
+
+    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array | None = None) -> Array:
+        """See `FewRows`; "laws" are (M, 6, n, 6)."""
+        loaded, count, linkage = self.loaded, len(self.rows), self.loaded.arm.robot.linkage
+        links, tip = loaded.link_frames, loaded.tip_frame
+        at = tip if end is None else links.some([links.names.index(end)])
+        frames = {"tip": tip, "links": links, "motions": links}.get(what, loaded.sites)
+        f, sites = len(frames.numbers), len(frames.numbers) + len(linkage.closures) + len(linkage.pins)
+        shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "joints": (6, q.shape[1])}
+        shapes |= {"sites": (6, sites, 6), "motions": (f, 6, 6), "gravity": (6, 3)}
+        shapes |= {"poses": (f, 4, 4), "loads": (sites, 6)}
+        kind = "poses" if what in ("tip", "links") else what
+        found = {name: np.empty((count if name == kind else 0, *shape)) for name, shape in shapes.items()}
+        there = np.append(float(at.places[0, 0]), at.numbers[0]), frames.places, frames.numbers
+        state = (self.closed, self.flexed, np.ascontiguousarray(twists), self.forces)
+        given = (self.tree, self.tangents, self.links, self.wrenches, np.ascontiguousarray(q), *state)
+        loop_kernel().respond_rows(*given, *there, *found.values())
+        return found[kind]
+
+
+def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, tangents: Array) -> LoopRows:
+    """Return rows that rest as compiled code found, or as `LoopSolver.fill` has them."""
+    pushes, state = Pushes(loaded, case.wrenches, sited=True), (rested.closed, rested.flexed, rested.forces)
+    return LoopRows(loaded, trees(loaded)[2], pushes.links, rows, pushes.wrenches(case.q), tangents, *state)
 
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:

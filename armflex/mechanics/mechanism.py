@@ -297,7 +297,8 @@ class Mechanism(Mechanics):
         self._of_tree_places = np.flatnonzero(places < self.model.nv)
         self.given = places[self._of_tree_places]
         self.flexures = np.ix_(self.given, self.given)
-        self.solver: tuple[tuple[Any, ...], Any] | None = None  # of `loop_rows`, which keeps it here
+        self.solver: tuple[tuple[Any, ...], Any] | None = None  # of `loop_rows`, which keeps them here
+        self.trees: tuple[Any, Any, Any] | None = None
         self._same: Array | None = None
         self._yielding: tuple[Array, Array] | None = None
 

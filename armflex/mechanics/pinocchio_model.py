@@ -146,12 +146,12 @@ def build_model(
     tip = model.getFrameId(robot.tip, pin.FrameType.BODY)
     if payload is not None:
         model.appendBodyToJoint(model.frames[tip].parentJoint, payload, model.frames[tip].placement)
-    closures, free = robot.linkage.closures, robot.linkage.free
+    joined, free = robot.linkage.joined, robot.linkage.free
     driven = (joint.name for joint in robot.jointed if joint.name not in free)
     joints, freed = ([model.joints[model.getJointId(name)] for name in names] for names in (driven, free))
     starts = [
-        model.nv + 6 * closures.index(site.joint)
-        if site.joint in closures
+        model.nv + 6 * joined.index(site.joint)
+        if site.joint in joined
         else model.joints[model.getJointId(_flexure_name(site))].idx_v
         for site in sites
     ]
@@ -165,7 +165,7 @@ def build_model(
         base=model.getFrameId(robot.base, pin.FrameType.BODY),
         free_q=np.array([joint.idx_q for joint in freed], dtype=int),
         free_v=np.array([joint.idx_v for joint in freed], dtype=int),
-        size=model.nv + 6 * len(closures),
+        size=model.nv + 6 * len(robot.linkage.closures),
     )
 
 

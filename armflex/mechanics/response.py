@@ -26,6 +26,7 @@ from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small
 from armflex.mechanics.few_rows import FewRows, MechanismRows, linearised, linearised_mechanism, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
+from armflex.mechanics.loop_rows import LoopRows, responding, solver_of
 from armflex.mechanics.many_rows import (
     Pushed,
     Pushes,
@@ -35,6 +36,7 @@ from armflex.mechanics.many_rows import (
     flexed,
     kernel,
     kernel_pays,
+    loop_kernel_pays,
 )
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_pieces, in_threads
@@ -110,7 +112,7 @@ class Response:
     laws: Array
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
-    _parts: tuple[_Part | FewRows | MechanismRows, ...]
+    _parts: tuple[_Part | FewRows | MechanismRows | LoopRows, ...]
     case: LoadCase
     end: str | None = None
 
@@ -198,7 +200,7 @@ class Response:
         part = next(one for one in self._parts if row in one.rows)
         mechanics, case = part.loaded.mechanics, self.case.some(row)
         case = case._replace(wrenches=tuple(one.under(part.loaded.robot.gravity) for one in case.wrenches))
-        if isinstance(part, MechanismRows):
+        if isinstance(part, MechanismRows | LoopRows):
             return find_equilibrium(part.loaded, case, allow_large=True)
         motion = np.zeros(mechanics.model.nv)
         motion[mechanics.flex.flexure_v] = self.flexure_twists[row]
@@ -268,8 +270,10 @@ def respond(
     few = not arm.chain
     few = few or (len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q)))
     solve = _solved_alone if few else _solved
+    if arm.robot.linkage and loop_kernel_pays(len(q)):
+        solve = _solved_loops
 
-    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows | MechanismRows:
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows | MechanismRows | LoopRows:
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
@@ -323,15 +327,40 @@ def _solved(
 
 def _solved_alone(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows | MechanismRows, Solution]:
+) -> tuple[FewRows | MechanismRows | LoopRows, Solution]:
     """Return the same of few rows, each by Pinocchio."""
     found = Solution.empty(len(rows), len(loaded.arm.sites))
     each = _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
     tangents = tangents_of(loaded.arm.stack, loaded, case, found.wrenches)
     if not loaded.arm.robot.linkage:
-        part = linearised(loaded, rows, case, found.twists.reshape(len(rows), -1), tangents)
+        part: FewRows | MechanismRows | LoopRows = linearised(
+            loaded, rows, case, found.twists.reshape(len(rows), -1), tangents
+        )
     else:
         part = linearised_mechanism(loaded, rows, case, each, tangents)
+    into[rows] = part.by_law(None, case.q, found.twists)
+    return part, found
+
+
+def _solved_loops(
+    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
+) -> tuple[FewRows | MechanismRows | LoopRows, Solution]:
+    """Return the same of an arm with loops, by compiled code where it knows the loads."""
+    if Pushes(loaded, case.wrenches).posed:
+        return _solved_alone(loaded, rows, case, into, allow_large)
+    solver, row, others = solver_of(loaded, case.wrenches), loaded.row(case.q, case.covariates), {}
+
+    def alone(i: int) -> None:
+        others[i] = find_equilibrium(loaded, case.some(i), "exact", allow_large)
+
+    rested = solver.rest(case.q, row, alone)
+    for i, one in others.items():
+        solver.fill(rested, i, one.rigid, one.motion, one.torque)
+    found, laws = Solution.empty(len(rows), len(loaded.arm.sites)), RowLaws(loaded.arm.stack, row)
+    found.twists[:], found.wrenches[:] = rested.twists, rested.loads
+    if laws.curved:
+        laws.expand(found.wrenches)
+    part = responding(loaded, rows, case, rested, laws.tangents(found.wrenches))
     into[rows] = part.by_law(None, case.q, found.twists)
     return part, found
 

@@ -101,7 +101,11 @@ class Linkage:
         return tuple(name for one in (*self.loops, *self.cylinders) for name in (one.name, f"{one.name}:to"))
 
     @cached_property
+    def joined(self) -> tuple[str, ...]:
+        """Names of loops and cylinders."""
+        return tuple(one.name for one in (*self.loops, *self.cylinders))
+
+    @cached_property
     def closures(self) -> tuple[str, ...]:
         """Names of what closes: loops, cylinders, followers."""
-        names = (one.name for one in (*self.loops, *self.cylinders))
-        return (*names, *self.followers)
+        return (*self.joined, *self.followers)

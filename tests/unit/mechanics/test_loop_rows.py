@@ -15,6 +15,7 @@ from armflex import Arm, Wrench
 from armflex.errors import ClosureError
 from armflex.mechanics import many_rows
 from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.response import respond
 from armflex.robot import Corrections
 
 FULL = "[[2e-8,1e-9,0,0,2e-9,0],[1e-9,3e-8,0,1e-9,0,0],[0,0,1e-8,0,0,3e-9],[0,1e-9,0,5e-7,0,0],[2e-9,0,0,0,4e-7,1e-8],"
@@ -119,6 +120,30 @@ def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold
         np.testing.assert_allclose(found.drive_loads, expected.drive_loads, rtol=0, atol=1e-9 * size)
         assert [flag.code for flag in found.flags] == [flag.code for flag in expected.flags]
         assert found.load_factor == pytest.approx(expected.load_factor, rel=1e-6)
+
+
+RESPONSE = ("flexure_wrenches", "flexure_twists", "laws", "per_load", "tip", "links", "joints", "twists", "wrenches")
+RESPONSE = (*RESPONSE, "link_loads", "gravity")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_compiled_responses_are_those_of_pinocchio(name: str, tmp_path: Path, cold: None, monkeypatch) -> None:
+    make, machine = CASES[name]
+    arm = make(tmp_path)
+    q = poses(machine, 3) if machine else np.random.default_rng(1).uniform(-0.2, 0.2, (3, len(arm.joint_names)))
+    loads, end = tuple(one for one in LOADS if one.frame in arm.link_names), arm.link_names[len(arm.link_names) // 2]
+    few = respond(arm, q, ["none"], wrenches=loads)
+    asked = [{one: getattr(line, one) for one in RESPONSE} for line in (few, few.some(np.array([2, 0])), few.of(end))]
+    assert not many_rows._loops
+    compiled(monkeypatch)
+    many = respond(replace(arm), q, ["none"], wrenches=loads)
+    for found, line in zip(asked, (many, many.some(np.array([2, 0])), many.of(end)), strict=True):
+        for one in RESPONSE:
+            expected = found[one]
+            far = 1e-9 * np.abs(expected).max()
+            np.testing.assert_allclose(getattr(line, one), expected, rtol=0, atol=far, err_msg=one)
+    assert many.equilibrium(1).motion == pytest.approx(few.equilibrium(1).motion, abs=1e-12)
 
 
 def test_rows_that_compiled_code_does_not_answer_are_asked_in_their_turn(tmp_path: Path, monkeypatch) -> None:
