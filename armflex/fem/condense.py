@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
+from scipy.linalg import eigh
 from scipy.sparse import linalg
 
 from armflex.conventions import Array
@@ -20,6 +21,9 @@ from armflex.storage.trust import sha256_of
 
 MODES = 6
 """Natural frequencies that are found."""
+
+DENSE = 500
+"""Unknowns whose frequencies are found from dense matrices."""
 
 ACCURATE = 1e-6
 """Share of a load that the solution may leave: more of it means that something is free to move."""
@@ -164,12 +168,13 @@ def _interfaces(
 
 
 def _frequencies(stiffness: Any, mass: Any, solver: Any) -> Array:
-    """Return the lowest natural frequencies [1/s]."""
+    """Return the lowest natural frequencies [1/s]; of what has fewer masses than modes, as many as there are."""
     size = stiffness.shape[0]
+    if size <= DENSE:
+        inverse = eigh(mass.toarray(), stiffness.toarray(), eigvals_only=True)[::-1][:MODES]
+        return 1.0 / np.sqrt(inverse[inverse > 1e-12 * inverse[0]]) / (2.0 * np.pi)
     operator: Any = linalg.LinearOperator  # whose __new__ and __init__ the checker takes for one
     back = operator((size, size), matvec=solver.solve, dtype=float)
     start = np.ones(size)
-    found = linalg.eigsh(
-        stiffness, min(MODES, size - 1), mass, sigma=0.0, OPinv=back, return_eigenvectors=False, v0=start
-    )
+    found = linalg.eigsh(stiffness, MODES, mass, sigma=0.0, OPinv=back, return_eigenvectors=False, v0=start)
     return np.sort(np.sqrt(np.maximum(found, 0.0))) / (2.0 * np.pi)

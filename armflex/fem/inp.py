@@ -342,7 +342,7 @@ class _Reader:
                 sets.setdefault(name, set()).update(*(elements[key][1] for key in keys if key in elements))
             for name, faces in part.surfaces.items():
                 sets.setdefault(name, set()).update(self.faces(part, prefix, faces, rows, elements))
-        if all(kind in FLAT for kind, *_ in elements.values()):
+        if not self.springs and all(kind in FLAT for kind, *_ in elements.values()):
             self.fail(f"has no solid elements ({', '.join(SOLIDS)})", 0)
         groups: dict[tuple[str, str], list[tuple[int, list[int], int]]] = {}
         for key, (kind, nodes, number, line) in elements.items():

@@ -21,6 +21,9 @@ SUFFIXES = (".sti", ".mtx")
 COLUMNS = ("node", "x", "y", "z", "set")
 MODAL = -1
 
+HELD = 1e36
+"""What Abaqus writes on the diagonal of a freedom that is held."""
+
 
 @dataclass(frozen=True, eq=False)
 class Matrices:
@@ -60,43 +63,32 @@ def of_mesh(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None) -
 
 
 def read_matrices(path: Path, unit: str = "m") -> Matrices:
-    """Read JOB.sti with JOB.mas, JOB.dof and JOB.inp, or NAME.mtx with NAME.mass.mtx and NAME.nodes.csv.
+    """Read matrices, and the nodes that they are of.
 
-    The table of nodes has `node`, `x`, `y`, `z` and `set`, a row for each; the matrices have their three or six
-    components in its order, and after six further ones of what no node moves by (modes of a Craig-Bampton part).
+    CalculiX's JOB.sti stands beside JOB.mas, JOB.dof and JOB.inp, Abaqus' JOB_STIF2.mtx beside JOB_MASS2.mtx and
+    JOB.inp, and any other NAME.mtx, of Abaqus' rows or Matrix Market's, beside NAME.mass.mtx and NAME.nodes.csv.
+
+    The table of nodes has `node`, `x`, `y`, `z` and `set`, a row for each. Matrix Market's matrices have their three or
+    six components in its order, and after six further ones of what no node moves by (modes of a Craig-Bampton part).
 
     Raises:
         MeshError: A file is missing, damaged, or does not fit the others; file and line.
     """
-    length = UNITS[unit][0]
+    job, abaqus, number = path.stem.upper().rpartition("_STIF")
+    listed, heavy = path.with_suffix(".nodes.csv"), path.with_suffix(".mass.mtx")
     if path.suffix.lower() == ".sti":
-        mesh = read_inp(path.with_suffix(".inp"), unit, springs=True)
-        row = {int(number): place for place, number in enumerate(mesh.ids)}
-        listed = path.with_suffix(".dof")
-        found = []
-        for line, text in enumerate(text_lines(listed), 1):
-            node, _, axis = text.strip().partition(".")
-            if not (node.isdigit() and axis in ("1", "2", "3") and int(node) in row):
-                more = "nodes of shells and beams are CalculiX's own"
-                raise MeshError(Place(listed, line), f"{text.strip()!r} is no freedom of {mesh.path.name}: {more}")
-            found.append((row[int(node)], int(axis) - 1))
-        freedoms = np.array(found, dtype=int).reshape(-1, 2)
-        pair: list[Any] = [_triangle(path.with_suffix(end), len(freedoms)) for end in (".sti", ".mas")]
+        mesh, heavy = read_inp(path.with_suffix(".inp"), unit, springs=True), path.with_suffix(".mas")
+    elif abaqus and not listed.exists():
+        own = path.stem[: len(job)]
+        mesh, heavy = read_inp(path.with_name(f"{own}.inp"), unit, True), path.with_name(f"{own}_MASS{number}.mtx")
     else:
-        mesh = _nodes(path.with_suffix(".nodes.csv"), length)
-        pair = [_market(path)]
-        count, size = len(mesh.points), pair[0].shape[0]
-        if (heavy := path.with_suffix(".mass.mtx")).exists():
-            pair.append(_market(heavy))
-            if pair[1].shape != pair[0].shape:
-                raise MeshError(Place(heavy), f"is {pair[1].shape[0]} square, {path.name} is {size}")
-        each = 6 if size >= 6 * count else 3
-        if size != each * count and each == 3:
-            raise MeshError(Place(path), f"is {size} square: {count} nodes have {3 * count} or {6 * count} components")
-        places = np.arange(size)
-        freedoms = np.column_stack([places // each, places % each])
-        freedoms[each * count :] = MODAL, 0
-    root = np.where((freedoms[:, 0] != MODAL) & (freedoms[:, 1] < 3), length**-0.5, length**0.5)
+        mesh = _nodes(listed, UNITS[unit][0])
+    files = [path, heavy] if heavy.exists() or path.suffix.lower() == ".sti" else [path]
+    if next(text_lines(path), "").startswith("%%MatrixMarket"):
+        pair, freedoms = _market(files, len(mesh.points))
+    else:
+        pair, freedoms = _triangles(files, mesh)
+    root = np.where((freedoms[:, 0] != MODAL) & (freedoms[:, 1] < 3), UNITS[unit][0] ** -0.5, UNITS[unit][0] ** 0.5)
     scaling = sparse.diags_array(root)  # N and mm: a stiffness in N/mm and a mass in t scale alike
     stiffness, *more = ((scaling @ one @ scaling).tocsc() for one in pair)
     mass = more[0] if more else sparse.csc_array(stiffness.shape)
@@ -113,28 +105,83 @@ def rigid_motion(arms: Array) -> Array:
     return found.reshape(-1, 6)
 
 
-def _triangle(path: Path, size: int) -> Any:
-    """Return a symmetric matrix of CalculiX's rows `i j value`."""
-    try:
-        rows = np.loadtxt(path, ndmin=2)
-        i, j = rows[:, :2].astype(int).T - 1
-        half = sparse.coo_array((rows[:, 2], (i, j)), (size, size)).tocsc()
-    except (OSError, ValueError, IndexError) as error:
-        raise MeshError(Place(path), f"is no matrix of {size} freedoms: {error}") from None
-    return half + half.T - sparse.diags_array(half.diagonal())
+def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
+    """Return the symmetric matrices of files of rows: CalculiX's `i j value`, whose freedoms are in JOB.dof, or Abaqus'
+    `node, component, node, component, value`; and their freedoms. Abaqus' freedoms that are held are left out.
+    """
+    calculix = files[0].suffix.lower() == ".sti"
+    sign, cells = (None, "i j value") if calculix else (",", "node, component, node, component, value")
+    tables = []
+    for file in files:
+        lines = [(line, text) for line, text in enumerate(text_lines(file), 1) if not text.startswith("*")]
+        try:
+            tables.append(np.loadtxt([text for _, text in lines], ndmin=2, delimiter=sign))
+            if tables[-1].shape[1] != len(cells.split()) or not np.isfinite(tables[-1]).all():
+                raise ValueError
+        except ValueError:
+            wrong = [line for line, text in lines if text.strip() and not _finite(text.split(sign), len(cells.split()))]
+            text = f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * (not calculix)
+            raise MeshError(Place(file, wrong[0] if wrong else 0), text) from None
+    if calculix:
+        names = [tuple(line.strip().partition(".")[::2]) for line in text_lines(files[0].with_suffix(".dof"))]
+    else:
+        stiff = tables[0]
+        held = {tuple(row[:2]) for row in stiff[stiff[:, 4] >= HELD].astype(int).tolist()}
+        names = sorted(
+            {*map(tuple, stiff[:, :2].astype(int).tolist()), *map(tuple, stiff[:, 2:4].astype(int).tolist())}
+        )
+        names = [name for name in names if name not in held]
+    row, freedoms = {str(number): place for place, number in enumerate(mesh.ids.tolist())}, []
+    for line, (node, axis) in enumerate(names, 1):
+        if str(node) not in row or str(axis) not in "123456":
+            place = Place(files[0].with_suffix(".dof"), line) if calculix else Place(files[0])
+            text = f"'{node}.{axis}' is no freedom of {mesh.path.name}: nodes of shells and beams are CalculiX's own"
+            raise MeshError(place, text if calculix else text.partition(":")[0])
+        freedoms.append((row[str(node)], int(axis) - 1))
+    found, size = [], len(names)
+    at = {name: place for place, name in enumerate(names)}
+    for file, table in zip(files, tables, strict=True):
+        pairs = table[:, :-1].astype(int)
+        if calculix:
+            ends = pairs - 1
+        else:
+            ends = np.array([[at.get((a, b), -1), at.get((c, d), -1)] for a, b, c, d in pairs.tolist()]).reshape(-1, 2)
+            table, ends = table[(ends >= 0).all(axis=1)], ends[(ends >= 0).all(axis=1)]
+        if len(ends) and (ends.min() < 0 or ends.max() >= size):
+            raise MeshError(Place(file), f"is no matrix of {size} freedoms: it names {ends.max() + 1}")
+        ends, first = np.unique(np.sort(ends, axis=1), axis=0, return_index=True)  # one triangle of a square
+        half = sparse.coo_array((table[first, -1], (ends[:, 0], ends[:, 1])), (size, size)).tocsc()
+        found.append(half + half.T - sparse.diags_array(half.diagonal()))
+    return found, np.array(freedoms, dtype=int).reshape(-1, 2)
 
 
-def _market(path: Path) -> Any:
-    """Return a symmetric matrix of a Matrix Market file."""
+def _finite(cells: list[str], count: int) -> bool:
+    """Return whether cells are as many finite numbers."""
     try:
-        found: Any = sparse.csc_array(io.mmread(path))
-    except (OSError, ValueError) as error:
-        raise MeshError(Place(path), f"is no Matrix Market file: {error}") from None
-    if found.shape[0] != found.shape[1] or not np.isfinite(found.data).all():
-        raise MeshError(Place(path), f"is {found.shape[0]} x {found.shape[1]}, expected a finite square matrix")
-    if abs(found - found.T).max() > 1e-8 * abs(found).max():
-        raise MeshError(Place(path), "is not symmetric")
-    return 0.5 * (found + found.T)
+        return len(cells) == count and bool(np.isfinite([float(cell) for cell in cells]).all())
+    except ValueError:
+        return False
+
+
+def _market(files: list[Path], count: int) -> tuple[list[Any], np.ndarray]:
+    """Return the symmetric matrices of Matrix Market files, and their freedoms."""
+    found: list[Any] = []
+    for file in files:
+        try:
+            found.append(sparse.csc_array(io.mmread(file)))
+        except (OSError, ValueError) as error:
+            raise MeshError(Place(file), f"is no Matrix Market file: {error}") from None
+        one, size = found[-1], found[0].shape[0]
+        if one.shape != (size, size) or not np.isfinite(one.data).all():
+            raise MeshError(Place(file), f"is {one.shape[0]} x {one.shape[1]}, expected {size} square and finite")
+        if abs(one - one.T).max() > 1e-8 * abs(one).max():
+            raise MeshError(Place(file), "is not symmetric")
+    each = 6 if size >= 6 * count else 3
+    if size != each * count and each == 3:
+        raise MeshError(Place(files[0]), f"is {size} square: {count} nodes have {3 * count} or {6 * count} components")
+    freedoms = np.column_stack(np.divmod(np.arange(size), each))
+    freedoms[each * count :] = MODAL, 0
+    return [0.5 * (one + one.T) for one in found], freedoms
 
 
 def _nodes(path: Path, length: float) -> Mesh:

@@ -48,7 +48,7 @@ from armflex.files.linkage_table import read_linkage
 from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import read_spring
 from armflex.laws import read_law
-from armflex.laws.declared import law_name, soft
+from armflex.laws.declared import law_name, read_drawing, soft
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
@@ -341,10 +341,10 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
         raise table.fail("joint", f"no joint {joint!r} {where}{hint} (known: {listing(places)})")
     if table.has("joint_stiffness"):
         table = _by_joint_stiffness(table, places[joint])
-    law = read_law(table, joint, _ranges(robot))
+    law, drawing = read_law(table, joint, _ranges(robot)), read_drawing(table)
     learn = read_learning(table, law_name(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
-    return Flexure(name, joint, law, learn=learn)
+    return Flexure(name, joint, law, learn=learn, drawing=drawing)
 
 
 def _by_joint_stiffness(table: Declaration, joint: Joint) -> Declaration:

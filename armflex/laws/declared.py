@@ -14,7 +14,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import Flag, LawError, ModelFileError, UnknownNameError, listing
 from armflex.fem.part import Part, read_part
-from armflex.fem.surface import Drawing
+from armflex.fem.surface import Drawing, surface_path
 from armflex.laws.joint.beam import Beam, MeshedBeam, Section, stiffness
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import read_linear, softness
@@ -96,6 +96,15 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
     return law
+
+
+def read_drawing(table: Declaration) -> Drawing | None:
+    """Return the mesh of a flexure whose `file` is a condensed part."""
+    if not table.has("file") or (path := table.path.parent / table.text("file")).suffix != ".toml":
+        return None
+    part = read_part(path)
+    turn, place = (table.numbers(key, (3,)) if table.has(key) else np.zeros(3) for key in ("rpy", "node"))
+    return Drawing(surface_path(path), part.sha256, part.origin, pin.SE3(pin.rpy.rpyToMatrix(turn), place))
 
 
 def _read_meshed(table: Declaration, part: Part) -> MeshedLaw:

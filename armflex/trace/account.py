@@ -17,7 +17,6 @@ from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
 from armflex.trace.asking import Ask, lacking, next_measurement
 from armflex.trace.findings import (
-    ALMOST,
     LARGER,
     Found,
     FoundFamily,
@@ -32,7 +31,7 @@ from armflex.trace.findings import (
 )
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, competing, sampled
-from armflex.trace.screen import MOVED
+from armflex.trace.screen import ALMOST, MOVED
 from armflex.trace.search import Standing, refitted, standing
 from armflex.trace.selection import SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses

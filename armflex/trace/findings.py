@@ -34,9 +34,6 @@ from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.state import State, lost_in, lost_of, lost_rows
 from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely
 
-ALMOST = 1e-4
-"""Tolerance: share of a column's square below which what is left of it cannot be seen at any plausible size."""
-
 UNLIKELY = 1e-4
 """Confidence: probability below which a residual larger than the repeats' scatter is no chance."""
 

@@ -20,11 +20,13 @@ from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.context import Context
+from armflex.laws.effects.deadband import DEADBAND
 from armflex.laws.effects.effect import EffectLaw, Solved, Values
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.friction_windup import FRICTION_WINDUP
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
+from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
 from armflex.laws.effects.shapes import ABOVE
 from armflex.laws.effects.unnamed import candidate_columns, shaped_places
@@ -44,6 +46,12 @@ PLAIN = 0.01
 
 RARE = 0.05
 """Prior: share of machines on which a value inside a law is not the usual one: parts are made to fit at 20 degC."""
+
+ACROSS = 0.3
+"""Prior: how much rarer lost motion is in translation across a drive than about it or along: bearings are preloaded."""
+
+LOST_MOTION = (DEADBAND, HYSTERESIS)
+"""Laws of it that act on any axis of a joint."""
 
 FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)
 """Laws that every drive of a machine may have."""
@@ -104,11 +112,14 @@ def hypotheses(context: Context) -> list[Hypothesis]:
         terms.setdefault(spot, set()).add(one.location.terms)
         values.setdefault((spot, one.location.terms), []).append(one.inner)
     laws = {law.name: _of_law(law) for law in EVERY.values()}
+    drives = {joint.name: drive_axis(joint) for joint in context.robot.moving}
     found = []
     for one, spot in zip(known, spots, strict=True):
         beside = values[spot, one.location.terms]
         prior = laws[one.law.name] - _share(one, places[one.law.name])
         prior += float(np.log(RARE)) * _rare(one, beside, context)
+        if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives[one.location.site]:
+            prior += float(np.log(ACROSS))
         found.append(Hypothesis((one,), prior - float(np.log(len(terms[spot]) * len(beside)))))
     return found
 

@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.refine import Refiner
-from armflex.trace.screen import Dense, Screen
+from armflex.trace.screen import ALMOST, Dense, Screen
 from armflex.trace.selection import Chosen, Model, rivals
 
 SWEEPS = 60
@@ -52,12 +52,16 @@ class Credible:
 def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dict[int, int]]:
     """Return the evidence of what competes for any place in a model, its own hypotheses there, and their numbers.
 
-    The last is of every hypothesis of the screen that competes, its number among those that do.
+    The last is of every hypothesis of the screen that competes, its number among those that do. What fitted parameters
+    take over does not: no reading could show it, and no prediction lacks it.
     """
+    aliased = {number for number, (whole, inside) in screen.single().items() if inside <= ALMOST * whole}
     refiner, found, charges = Refiner(screen), dict[int, float](), dict[int, float]()
     for i in range(len(model) + 1):
         rest = tuple(one for j, one in enumerate(model) if j != i)
         for one in rivals(screen.beside(rest), refiner, within=COMPETING, most=AT_MOST):
+            if one.chosen.number in aliased:
+                continue
             number, odds = one.chosen.number, float(screen.beside(rest).odds[one.chosen.number].max())
             if one.odds > found.get(number, -np.inf):  # of the size that it has where it competes most
                 found[number], charges[number] = one.odds, max(odds - one.odds, 0.0)

@@ -34,6 +34,9 @@ MOVED = 1e-3
 PIECE = 32
 """Tolerance: hypotheses whose columns are held at a time where the likeliest of many are sought."""
 
+ALMOST = 1e-4
+"""Tolerance: share of a column's square below which what is left of it cannot be seen at any plausible size."""
+
 STILL = 1e-12
 """Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 

@@ -13,7 +13,7 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Effect, EffectLaw
+from armflex.laws.effects.effect import LEAST_WEIGHT, Act, Effect, EffectLaw
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import Location, resolve
 from armflex.laws.joint.linear import SOFTEST
@@ -60,7 +60,7 @@ def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Contex
     sizes = amplitudes / np.array([law.amplitudes[i].usual for i in location.terms])
     much = float((sizes**2).sum())
     if law.act in (Act.TWIST, Act.LOAD):
-        force = USUAL_SHARE * view.arm.weight
+        force = USUAL_SHARE * max(view.arm.weight, LEAST_WEIGHT)
         usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
         whole = np.einsum("mka,k->ma", law.features(location, candidate.inner, view, context), amplitudes)
         much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))

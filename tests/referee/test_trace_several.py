@@ -53,6 +53,13 @@ def test_what_machines_may_have_is_possible(kind, seed, arm):
     assert found.verdict == "exact" and found.after < 1.06 * found.floor, found
 
 
+@pytest.mark.slow
+def test_what_no_hose_pulls_is_no_rival_of_an_encoder_scale():
+    """As a dress pack it would be one of 900 Nm/rad; beside the scale nothing of it is left to be charged."""
+    found = score("encoder_scale", 2, "boom", 0.25)
+    assert found.verdict == "exact" and found.stated[0][0] > 0.9, found
+
+
 def calibrated(kind: str, folder: Path) -> State:
     truth = draw(kind, 1000, "boom").write(folder)
     arm = load_arm(truth.arm)

@@ -553,6 +553,7 @@ def _parts(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> I
         if flexure.drawing is None or flexure.joint is None:
             continue
         link = child[flexure.joint]
+        name = flexure.name if flexure.joint == f"{flexure.name}:end" else f"part:{flexure.name}"  # a link, or a joint
         twist = factor * shown.twists[arm.flexure_names.index(flexure.name)]
         for group, own, magnified in (("rigid", np.zeros(6), 0.0), ("flexed", twist, factor)):
             if (found := flexure.drawing.bent(own)) is None:
@@ -566,7 +567,7 @@ def _parts(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> I
             data = bytes(80) + np.uint32(len(facets)).tobytes() + facets.tobytes()  # an STL file
             shape = Shape("mesh", np.ones(3), color=color, opacity=opacity, data=data, data_format="stl")
             poses = np.array([frame.link_poses(magnified)[link] for frame in motion.frames])
-            yield Node(f"{group}/{_leaf(flexure.name)}", poses, (shape,), link, flexed=group == "flexed")
+            yield Node(f"{group}/{_leaf(name)}", poses, (shape,), link, flexed=group == "flexed")
 
 
 def _flexure_of_link(arm: Arm) -> dict[str, str]:

@@ -194,6 +194,59 @@ def test_finished_matrices_give_the_same_part(tmp_path: Path) -> None:
     np.testing.assert_allclose(found["frequencies_hz"], expected["frequencies_hz"], rtol=5e-3)
 
 
+ABAQUS = """** as *MATRIX OUTPUT, STIFFNESS, FORMAT=MATRIX INPUT writes it: a triangle, or the square
+1,1, 1,1,  2.000000000000000e+06
+1,2, 1,2,  1.000000000000000e+36
+4,1, 1,1, -2.000000000000000e+06
+1,1, 4,1, -2.000000000000000e+06
+4,1, 4,1,  2.000000000000000e+06
+4,2, 4,2,  2.000000000000000e+06
+4,3, 4,3,  2.000000000000000e+06
+2,1, 2,1,  2.000000000000000e+06
+5,1, 2,1, -2.000000000000000e+06
+5,1, 5,1,  2.000000000000000e+06
+5,2, 5,2,  2.000000000000000e+06
+5,3, 5,3,  2.000000000000000e+06
+6,1, 6,1,  2.000000000000000e+06
+6,2, 6,2,  2.000000000000000e+06
+6,3, 6,3,  2.000000000000000e+06
+"""
+"""Three points, each held by 2 MN/m along x, y and z; node 3 has no stiffness, and 1 is held along y."""
+
+
+@pytest.mark.parametrize("beside", ["model", "table"])
+def test_matrices_that_abaqus_wrote_are_read(tmp_path: Path, beside: str) -> None:
+    """By hand from the documentation of *MATRIX INPUT: node, component, node, component, value; held ones have 1e36."""
+    points = {1: (0, 0, 0), 2: (0.3, 0, 0), 3: (0, 0.3, 0), 4: (0, 0, 0.5), 5: (0.3, 0, 0.5), 6: (0, 0.3, 0.5)}
+    rows = [f"{n}, {x}., {y}, {z}".replace(".3.", ".3") for n, (x, y, z) in points.items()]
+    if beside == "model":
+        name = "job_STIF2.mtx"
+        text = ["*NODE", *rows, "*ELEMENT, TYPE=C3D6, ELSET=E", "1, 1, 2, 3, 4, 5, 6", "*NSET, NSET=ROOT", "1, 2, 3"]
+        (tmp_path / "job.inp").write_text("\n".join([*text, "*NSET, NSET=TIP", "4, 5, 6"]))
+        (tmp_path / "job_MASS2.mtx").write_text("4,1, 4,1, 2.\n4,2, 4,2, 2.\n4,3, 4,3, 2.\n")
+    else:
+        name = "part.mtx"
+        named = [f"{row.replace(' ', '')},{'ROOT' if n < 4 else 'TIP'}" for n, row in enumerate(rows, 1)]
+        (tmp_path / "part.nodes.csv").write_text("\n".join(["node,x,y,z,set", *named]))
+        (tmp_path / "part.mass.mtx").write_text("4,1, 4,1, 2.\n4,2, 4,2, 2.\n4,3, 4,3, 2.\n")
+    (tmp_path / name).write_text(ABAQUS)
+    found = condensed(tmp_path, tmp_path / name)
+    assert found["origin"] == pytest.approx([0.1, 0.1, 0.5]) and found["mass"] == pytest.approx(2.0)
+    stiffness = np.zeros((6, 6))
+    for x, y in ((-0.1, -0.1), (0.2, -0.1), (-0.1, 0.2)):
+        motion = np.array([[1, 0, 0, 0, 0, -y], [0, 1, 0, 0, 0, x], [0, 0, 1, y, -x, 0]])
+        stiffness += 2e6 * motion.T @ motion
+    np.testing.assert_allclose(found["compliance"], np.linalg.inv(stiffness), atol=1e-15)
+    given = ["fem", tmp_path / name, "--fixed", "ROOT", "--loaded", "TIP", "-o", "q.toml"]
+    for spoilt, problem in (
+        (ABAQUS + "9,1, 9,1, 1.\n", "'9.1' is no freedom of"),
+        ("1 1 2e6\n2 2 2e6\n", "(FORMAT=MATRIX INPUT)"),
+        (ABAQUS + "4,1, x\n", f"{name}:17: expected rows"),
+    ):
+        (tmp_path / name).write_text(spoilt)
+        assert problem in fine(run_here(tmp_path, *given), 2).stderr
+
+
 def test_an_average_interface_is_softer_than_a_rigid_one(tmp_path: Path) -> None:
     mesh = small(tmp_path)
     rigid, average = (

@@ -58,13 +58,28 @@ def test_the_page_draws_the_mesh_of_a_link(tmp_path: Path) -> None:
     (tmp_path / "arm.toml").write_text(head + '[link.boom]\nfile = "bar.toml"\n')
     arm = armflex.load_arm(tmp_path / "arm.toml")
 
-    def drawn() -> bytes:
-        from armflex.show.view.arm_scene import Motion, arm_scene
-
-        scene = arm_scene(arm, Motion(np.zeros(1), (arm.deflection(arm.position()),), 0))
-        return b"".join(one.data for node in scene.nodes if node.name == "flexed/boom" for one in node.shapes)
-
-    mesh = drawn()
+    mesh = drawn(arm, "flexed/boom")
     assert len(mesh) == 84 + 50 * int.from_bytes(mesh[80:84], "little")
     (tmp_path / "bar.surface.safetensors").unlink()
-    assert drawn() == b""  # a rod stands for it
+    assert drawn(arm, "flexed/boom") == b""  # a rod stands for it
+
+
+def drawn(arm: armflex.Arm, name: str) -> bytes:
+    from armflex.show.view.arm_scene import Motion, arm_scene
+
+    scene = arm_scene(arm, Motion(np.zeros(1), (arm.deflection(arm.position()),), 0))
+    return b"".join(one.data for node in scene.nodes if node.name == name for one in node.shapes)
+
+
+def test_the_page_draws_the_mesh_of_a_joint(tmp_path: Path) -> None:
+    """Its loaded interface is at `node`, turned by `rpy`: the bar ends there and begins 2 m below."""
+    part(tmp_path, "C3D10")
+    (tmp_path / "r.urdf").write_text(URDF)
+    head = '[robot]\nurdf = "r.urdf"\ntip = "hook"\ngravity = [0.0, 0.0, -9.81]\n'
+    turned = f"node = [0.0, 0.0, 0.5]\nrpy = [0.0, {-np.pi / 2.0}, 0.0]\n"
+    (tmp_path / "arm.toml").write_text(head + '[flexure.boom]\njoint = "luff"\nfile = "bar.toml"\n' + turned)
+    mesh = drawn(armflex.load_arm(tmp_path / "arm.toml"), "rigid/part:boom")
+    facets = np.frombuffer(mesh[84:], np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")]))
+    corners = facets["corners"].reshape(-1, 3)
+    np.testing.assert_allclose(corners.min(axis=0), [-0.1, -0.05, -1.5], atol=1e-6)
+    np.testing.assert_allclose(corners.max(axis=0), [0.1, 0.05, 0.5], atol=1e-6)

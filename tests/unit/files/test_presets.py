@@ -110,11 +110,8 @@ def beam(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return both.T @ free_end @ both
 
 
-def test_composed_joint_is_the_assembly_by_hand(tarm_preset: Preset) -> None:
-    """Two bearings that hold translations, a drive that holds the turn about z, and two fork arms to the tip."""
-    arm = tarm_preset("paper_A4_composed")
-    law = next(flexure.law for flexure in arm.flexures if flexure.name == "A4")
-    assert isinstance(law, StructuralLaw)
+def by_hand() -> np.ndarray:
+    """Return the (6, 6) compliance of the bundled nodes, with Table I's rows at the bearings."""
     nodes = [np.array(node) for node in ((0, 0, 0.25), (0, 0, -0.25), (0.3, 0, 0))]
     stiffness = np.zeros((18, 18))
     bearing = np.linalg.inv(fitted("um"))
@@ -127,9 +124,25 @@ def test_composed_joint_is_the_assembly_by_hand(tarm_preset: Preset) -> None:
     tip = np.linalg.inv(stiffness)[12:, 12:]
     to_origin = np.eye(6)  # motion of the joint's origin when the tip node moves as a rigid body
     to_origin[:3, 3:] = skew_parts(nodes[2])
-    expected = to_origin @ tip @ to_origin.T
+    return to_origin @ tip @ to_origin.T
+
+
+def test_composed_joint_is_the_assembly_by_hand(tarm_preset: Preset, tmp_path: Path) -> None:
+    """Two bearings that hold translations, a drive that holds the turn about z, and two fork arms to the tip.
+
+    So is the paper's linear model, learned on 91 random loads of that assembly: its elements are linear.
+    """
+    arm, expected = tarm_preset("paper_A4_composed"), by_hand()
+    law = next(flexure.law for flexure in arm.flexures if flexure.name == "A4")
+    assert isinstance(law, StructuralLaw)
+    rows = np.random.default_rng(0).uniform(-5e3, 5e3, (91, 6))
+    head = "fx_N,fy_N,fz_N,mx_Nm,my_Nm,mz_Nm,dx_mm,dy_mm,dz_mm,rx_mrad,ry_mrad,rz_mrad"
+    np.savetxt(tmp_path / "r.csv", np.c_[rows, 1e3 * rows @ expected.T], "%.17g", ",", header=head, comments="")
+    learned = train(read_joint_data(tmp_path / "r.csv")).trained.law.constant
+    assert learned is not None
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    np.testing.assert_allclose(law.constant / scale, expected / scale, atol=1e-7)
+    np.testing.assert_allclose(law.constant / scale, expected / scale, atol=1e-9)
+    np.testing.assert_allclose(learned / scale, law.constant / scale, atol=1e-9)
 
 
 def test_composed_joint_loads_and_is_a_machine(tarm_preset: Preset) -> None:

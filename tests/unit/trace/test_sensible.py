@@ -191,6 +191,20 @@ def test_an_axis_that_poses_load_a_little_may_be_soft_which_counts_against_it(be
     assert against == pytest.approx([0.0, 4.0 * np.log(3.0), 4.0 * np.log(30.0)])
 
 
+def test_a_hose_that_pulls_more_than_hoses_do_counts_against_a_dress_pack(before):
+    pack = candidate_of(before, "dress_pack", "J2", "ry")
+    usual, large = (unusual(pack, np.array([k]), before.fit.view, before.context) for k in (150.0, 2000.0))
+    assert usual == 0.0 and large > 9.0
+
+
+def test_a_force_is_compared_with_that_of_a_person_where_an_arm_has_no_weight(before, monkeypatch):
+    monkeypatch.setattr(Arm, "weight", property(lambda arm: 0.0))
+    force = candidate_of(before, "tip_force", "tool", "dx")
+    with np.errstate(all="raise"):
+        against = [unusual(force, np.array([f]), before.fit.view, before.context) for f in (0.0, 5.0, 500.0)]
+    assert against[0] == against[1] == 0.0 < against[2]
+
+
 @pytest.mark.parametrize("name", ["base_compliance", "link_flexure"])
 def test_a_compliance_about_several_axes_is_symmetric_and_positive(before, name):
     law = CATALOGUE[name]
