@@ -88,7 +88,9 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             own = [whole(cell, line) for cell in cells[2:] if cell.strip()]
             if len(own) not in CARDS[word]:
                 fail(f"{word} {cells[0]} has {len(own)} nodes, expected {' or '.join(map(str, CARDS[word]))}", line)
-            elements[whole(cells[0], line)] = (word, whole(cells[1] or cells[0], line), own, line)
+            if (one := whole(cells[0], line)) in elements:
+                fail(f"element {one} stands twice", line)
+            elements[one] = (word, whole(cells[1] or cells[0], line), own, line)
         elif word in FLAT:
             made_of = whole(cells[1] or cells[0], line)
             faces.setdefault(made_of, (word, line))

@@ -60,6 +60,7 @@ class _Part:
     elsets: dict[str, list[int | str]] = field(default_factory=dict)
     surfaces: dict[str, list[tuple[int | str, str]]] = field(default_factory=dict)
     sections: list[tuple[str, str, int]] = field(default_factory=list)
+    begun: dict[str, int] = field(default_factory=dict)  # line of each set of nodes
 
 
 def _parameters(given: list[str]) -> dict[str, str]:
@@ -181,6 +182,7 @@ class _Reader:
         return one.parameters[key].upper()
 
     def node(self, one: _Statement) -> None:
+        self.now.begun.setdefault(one.parameters.get("NSET", "").upper(), one.line)
         own = self.now.nsets.setdefault(one.parameters["NSET"].upper(), []) if "NSET" in one.parameters else []
         if one.parameters.get("SYSTEM", "R").upper() != "R":
             self.fail("*NODE in cylindrical or spherical coordinates is not read", one.line)
@@ -236,6 +238,7 @@ class _Reader:
                 found.append(number if number is not None and not place else f"{place}{cell.upper()}")
 
     def nset(self, one: _Statement) -> None:
+        self.now.begun.setdefault(self.name(one, "NSET"), one.line)
         if "ELSET" in one.parameters:  # the nodes of elements
             found = self.now.nsets.setdefault(self.name(one, "NSET"), [])
             found.append(f"@{one.parameters['ELSET'].upper()}")
@@ -332,11 +335,13 @@ class _Reader:
                     made[key] = (material, line)
             for name in part.nsets:
                 own = sets.setdefault(name, set())
-                for key in self.members(part, prefix, name, "nsets", 0):
+                for key in self.members(part, prefix, name, "nsets", part.begun[name]):
                     if key in rows:
                         own.add(rows[key])
                     elif key in elements:
                         own.update(elements[key][1])
+                    elif not self.springs:  # with them, elements that are CalculiX's alone are in no list
+                        self.fail(f"set {name!r} names {key!r}, which is not there", part.begun[name])
             for name in part.elsets.keys() - part.nsets.keys():  # whose nodes are the set
                 keys = self.members(part, prefix, name, "elsets", 0)
                 sets.setdefault(name, set()).update(*(elements[key][1] for key in keys if key in elements))

@@ -165,7 +165,7 @@ def check_size(mesh: Mesh) -> None:
 
 
 def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
-    """Raise where a node belongs to no element, interfaces share nodes, or a part of the mesh is not connected.
+    """Raise where nodes or parts are not connected, elements stand twice, or interfaces share nodes.
 
     Args:
         mesh: The mesh.
@@ -183,6 +183,12 @@ def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
         text = f"node {mesh.ids[lost[0]]} belongs to no element"
         more = f" (nor do {len(lost) - 1} others)" if len(lost) > 1 else ""
         raise mesh.fail(f"{text}{more}: remove it, or mesh what it belongs to", mesh.lines[lost[0]])
+    for block in mesh.blocks:
+        _, first, same = np.unique(np.sort(block.nodes, axis=1), axis=0, return_index=True, return_inverse=True)
+        twice = np.flatnonzero(first[same.ravel()] != np.arange(len(same.ravel())))
+        if len(twice):
+            text = f"elements {block.ids[first[same.ravel()[twice[0]]]]} and {block.ids[twice[0]]} have the same nodes"
+            raise mesh.fail(f"{text}: the solid is counted twice", block.lines[twice[0]])
     names = list(interfaces)
     for place, name in enumerate(names):
         for other in names[:place]:

@@ -30,7 +30,7 @@ def read_msh(path: Path, unit: str = "m") -> Mesh:
     except Exception as error:  # meshio raises whatever its parsers do
         raise MeshError(
             Place(path),
-            f"is no gmsh mesh that meshio reads: {error or type(error).__name__}"
+            f"is no gmsh mesh that meshio reads: {str(error) or type(error).__name__}"
             " (with physical groups, save what is in one alone)",
         ) from None
     names = {(int(tag), int(size)): name for name, (tag, size) in found.field_data.items()}

@@ -347,6 +347,18 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], tuple[object, ...], str]] = {
         (),
         "bar.inp:2: node 999 belongs to no element",
     ),
+    "an element twice": (
+        edited(
+            lambda t: t + "*ELEMENT, TYPE=C3D10, ELSET=ALL\n900," + t.split("ELSET=ALL\n1,")[1].split("\n")[0] + "\n"
+        ),
+        (),
+        "and 900 have the same nodes",
+    ),
+    "a set of nodes that are not there": (
+        edited(lambda t: t + "*NSET, NSET=Q\n777\n"),
+        ("--loaded", "q"),
+        "bar.inp:110: set 'Q' names '777', which is not there",
+    ),
     "an inverted element": (edited(swapped), (), "element 1 (C3D10) has no positive volume"),
     "a brick whose corners alone are exchanged": (
         folded,
