@@ -15,15 +15,13 @@ from scipy.sparse import coo_array, csc_array
 
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
-from armflex.fem.mesh import Block, Mesh, volume_error
+from armflex.fem.mesh import EDGES, Block, Mesh, volume_error
 
 AT_ONCE = 4096
 """Elements whose matrices are held in memory together."""
 
 _TET = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _HEX = np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))])
-_TET_EDGES = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
-_HEX_EDGES = tuple((i, (i + 1) % 4 + 4 * (i // 4)) for i in range(8)) + tuple((i, i + 4) for i in range(4))
 
 
 class Rule(NamedTuple):
@@ -47,7 +45,7 @@ def rule(kind: str) -> Rule:
         from skfem.quadrature import get_quadrature
     except ImportError:
         raise UnsupportedError("a mesh is assembled with scikit-fem: pip install 'armflex[fem]'") from None
-    corners, edges = (_TET, _TET_EDGES) if kind in ("C3D4", "C3D10") else (_HEX, _HEX_EDGES)
+    corners = _TET if kind in ("C3D4", "C3D10") else _HEX
     made: Any
     made, degree = {
         "C3D4": (elements.ElementTetP1, 1),
@@ -58,7 +56,7 @@ def rule(kind: str) -> Rule:
     }[kind]
     one = made()
     places = one.doflocs
-    wanted = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in edges]])[: len(places)]
+    wanted = np.vstack([corners, [corners[list(edge)].mean(axis=0) for edge in EDGES[len(corners)]]])[: len(places)]
     order = [int(np.abs(places - place).sum(axis=1).argmin()) for place in wanted]
 
     points, weights = get_quadrature(one.refdom, degree)

@@ -17,19 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from armflex.conventions import Array
 from armflex.errors import Flag, MeshError, Place
-from armflex.fem.mesh import OTHERS, SOLIDS, UNITS, Block, Material, Mesh, text_lines
-
-FACES = {
-    4: ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)),
-    8: ((0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
-}
-"""Corners of an element -> corners of its faces S1, S2 ..."""
-
-EDGES = {
-    4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    8: ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
-}
-"""Corners of an element -> ends of the edges whose middles are its further nodes, in their order."""
+from armflex.fem.mesh import EDGES, FACES, OTHERS, SOLIDS, UNITS, Block, Material, Mesh, text_lines
 
 BEYOND = (
     *("TIE", "EQUATION", "MPC", "RIGID BODY", "COUPLING", "DISTRIBUTING COUPLING", "KINEMATIC COUPLING"),

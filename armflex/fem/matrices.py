@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -106,53 +107,56 @@ def rigid_motion(arms: Array) -> Array:
 
 
 def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
-    """Return the symmetric matrices of files of rows: CalculiX's `i j value`, whose freedoms are in JOB.dof, or Abaqus'
-    `node, component, node, component, value`; and their freedoms. Abaqus' freedoms that are held are left out.
+    """Return the symmetric matrices of files of rows, a triangle or the square, and their freedoms.
+
+    CalculiX's are `i j value`, whose freedoms are in JOB.dof; Abaqus' name them. What Abaqus holds is left out.
     """
-    calculix = files[0].suffix.lower() == ".sti"
-    sign, cells = (None, "i j value") if calculix else (",", "node, component, node, component, value")
-    tables = []
-    for file in files:
-        lines = [(line, text) for line, text in enumerate(text_lines(file), 1) if not text.startswith("*")]
-        try:
-            tables.append(np.loadtxt([text for _, text in lines], ndmin=2, delimiter=sign))
-            if tables[-1].shape[1] != len(cells.split()) or not np.isfinite(tables[-1]).all():
-                raise ValueError
-        except ValueError:
-            wrong = [line for line, text in lines if text.strip() and not _finite(text.split(sign), len(cells.split()))]
-            text = f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * (not calculix)
-            raise MeshError(Place(file, wrong[0] if wrong else 0), text) from None
-    if calculix:
-        names = [tuple(line.strip().partition(".")[::2]) for line in text_lines(files[0].with_suffix(".dof"))]
+    if files[0].suffix.lower() == ".sti":
+        listed = files[0].with_suffix(".dof")
+        names = [line.strip() for line in text_lines(listed)]
+        wrong = [place for place, name in enumerate(names, 1) if not re.fullmatch(r"\d+\.[1-6]", name)]
+        if wrong:
+            raise MeshError(Place(listed, wrong[0]), f"expected NODE.COMPONENT, got {names[wrong[0] - 1]!r}")
+        keys = np.array([int(name.replace(".", "")) for name in names])  # a node's number, then the component's digit
+        tables = [_rows(file, None, "i j value") for file in files]
+        ends = [table[:, :2].astype(int) - 1 for table in tables]
+        strange = ": nodes of shells and beams are CalculiX's own"
     else:
-        stiff = tables[0]
-        held = {tuple(row[:2]) for row in stiff[stiff[:, 4] >= HELD].astype(int).tolist()}
-        names = sorted(
-            {*map(tuple, stiff[:, :2].astype(int).tolist()), *map(tuple, stiff[:, 2:4].astype(int).tolist())}
-        )
-        names = [name for name in names if name not in held]
-    row, freedoms = {str(number): place for place, number in enumerate(mesh.ids.tolist())}, []
-    for line, (node, axis) in enumerate(names, 1):
-        if str(node) not in row or str(axis) not in "123456":
-            place = Place(files[0].with_suffix(".dof"), line) if calculix else Place(files[0])
-            text = f"'{node}.{axis}' is no freedom of {mesh.path.name}: nodes of shells and beams are CalculiX's own"
-            raise MeshError(place, text if calculix else text.partition(":")[0])
-        freedoms.append((row[str(node)], int(axis) - 1))
-    found, size = [], len(names)
-    at = {name: place for place, name in enumerate(names)}
-    for file, table in zip(files, tables, strict=True):
-        pairs = table[:, :-1].astype(int)
-        if calculix:
-            ends = pairs - 1
-        else:
-            ends = np.array([[at.get((a, b), -1), at.get((c, d), -1)] for a, b, c, d in pairs.tolist()]).reshape(-1, 2)
-            table, ends = table[(ends >= 0).all(axis=1)], ends[(ends >= 0).all(axis=1)]
-        if len(ends) and (ends.min() < 0 or ends.max() >= size):
-            raise MeshError(Place(file), f"is no matrix of {size} freedoms: it names {ends.max() + 1}")
-        ends, first = np.unique(np.sort(ends, axis=1), axis=0, return_index=True)  # one triangle of a square
-        half = sparse.coo_array((table[first, -1], (ends[:, 0], ends[:, 1])), (size, size)).tocsc()
+        listed, strange = files[0], ""
+        tables = [_rows(file, ",", "node, component, node, component, value") for file in files]
+        named = [(10 * table[:, [0, 2]] + table[:, [1, 3]]).astype(int) for table in tables]
+        keys = np.setdiff1d(named[0], named[0][tables[0][:, 4] >= HELD])
+        ends = [np.where(np.isin(one, keys), np.searchsorted(keys, one), -1) for one in named]
+        kept = [(one >= 0).all(axis=1) for one in ends]
+        tables, ends = ([one[own] for one, own in zip(several, kept, strict=True)] for several in (tables, ends))
+    nodes, axes = np.divmod(keys, 10)
+    if len(lost := np.flatnonzero(~np.isin(nodes, mesh.ids) | (axes < 1) | (axes > 6))):
+        text = f"'{nodes[lost[0]]}.{axes[lost[0]]}' is no freedom of {mesh.path.name}{strange}"
+        raise MeshError(Place(listed, int(lost[0]) + 1 if strange else 0), text)
+    order, size, found = np.argsort(mesh.ids), len(keys), []
+    for file, table, own in zip(files, tables, ends, strict=True):
+        if len(own) and not 0 <= own.min() <= own.max() < size:
+            raise MeshError(Place(file), f"is no matrix of {size} freedoms: it names {own.max() + 1}")
+        _, first = np.unique(own.min(axis=1) * size + own.max(axis=1), return_index=True)
+        half = sparse.coo_array((table[first, -1], np.sort(own[first], axis=1).T), (size, size)).tocsc()
         found.append(half + half.T - sparse.diags_array(half.diagonal()))
-    return found, np.array(freedoms, dtype=int).reshape(-1, 2)
+    return found, np.column_stack([order[np.searchsorted(mesh.ids, nodes, sorter=order)], axes - 1])
+
+
+def _rows(path: Path, sign: str | None, cells: str) -> Array:
+    """Return the finite numbers of a file, in rows of such cells apart by a sign; lines of keywords are left out."""
+    lines = [(line, text) for line, text in enumerate(text_lines(path), 1) if not text.startswith("*")]
+    count = len(cells.split())
+    try:
+        found = np.loadtxt([text for _, text in lines], ndmin=2, delimiter=sign)
+        if found.shape[1] == count and np.isfinite(found).all():
+            return found
+    except ValueError:
+        pass
+    wrong = [line for line, text in lines if text.strip() and not _finite(text.split(sign), count)]
+    raise MeshError(
+        Place(path, wrong[0] if wrong else 0), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign)
+    )
 
 
 def _finite(cells: list[str], count: int) -> bool:

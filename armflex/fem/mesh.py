@@ -8,14 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from armflex.conventions import Array
 from armflex.errors import Flag, MeshError, Place, UnitError, UnknownNameError, listing
 
 SOLIDS = {"C3D4": 4, "C3D10": 10, "C3D8": 8, "C3D20": 20, "C3D20R": 20}
 """Element type, by CalculiX's names -> its nodes."""
+
+FACES = {
+    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
+    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+}
+"""Corners of an element -> corners of its faces S1, S2 .., seen from outside against the clock."""
+
+EDGES = {
+    4: ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    8: ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+}
+"""Corners of an element -> ends of the edges whose middles are its further nodes, in their order."""
 
 OTHERS = "shells (S3, S4, S6, S8), beams, springs and wedges"
 """What meshes have and this room does not read."""
@@ -174,6 +184,9 @@ def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
     Raises:
         MeshError: Which node, set or part, and its line.
     """
+    from scipy.sparse import coo_matrix  # here: an arm that names a part starts without scipy
+    from scipy.sparse.csgraph import connected_components
+
     count = len(mesh.points)
     used = np.zeros(count, dtype=bool)
     for block in mesh.blocks:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -101,45 +102,35 @@ class Part(Result):
         return self.compliance @ self.weight @ gravity
 
 
+def _shapes(count: int) -> dict[str, tuple[int, ...]]:
+    """Return the arrays of a PART.toml with so many loaded interfaces: their shapes."""
+    size = 6 * count
+    return {
+        "fixed_origin": (3,),
+        "origins": (count, 3),
+        "com": (3,),
+        "inertia": (3, 3),
+        "compliance": (size, size),
+        "mass_matrix": (size, size),
+        "weight": (size, 3),
+        "spin": (size, 3),
+    }
+
+
 def write_part(part: Part, path: Path) -> Path:
     """Write a PART.toml, and beside it PART.surface.safetensors for pages, whole or not at all."""
+    import tomlkit
 
-    def rows(matrix: Array) -> str:
-        return "[\n" + "".join(f"    [{', '.join(f'{x:.16e}' for x in row)}],\n" for row in matrix) + "]"
-
-    def row(values: Array) -> str:
-        return f"[{', '.join(f'{x:.12g}' for x in values)}]"
-
-    def text(value: str) -> str:
-        import tomlkit
-
-        return tomlkit.string(value).as_string()
-
-    lines = [
-        f"# Condensed from {part.mesh!r} by `armflex fem`: {part.nodes} nodes. Axes of the mesh, SI.",
-        f"format = {text(FORMAT)}",
-        f"mesh = {text(part.mesh)}",
-        f"sha256 = {text(part.sha256)}",
-        f"nodes = {part.nodes}",
-        f"fixed = {text(part.fixed)}",
-        f"fixed_origin = {row(part.fixed_origin)}  # m",
-        f"loaded = [{', '.join(map(text, part.loaded))}]",
-        f"origins = {rows(part.origins)}  # m",
-        f"interface = {text(part.interface)}",
-        f"young_std = {part.young_std!r}  # relative, of the whole compliance",
-        f"mass = {part.mass!r}  # kg",
-        f"com = {row(part.com)}  # m",
-        f"inertia = {rows(part.inertia)}  # kg m^2, about the centre of mass",
-        f"frequencies_hz = {row(part.frequencies_hz)}",
-        "# m/N, rad/Nm and mixed",
-        f"compliance = {rows(part.compliance)}",
-        "# kg, kg m, kg m^2",
-        f"mass_matrix = {rows(part.mass_matrix)}",
-        "# load on the interfaces per m/s^2 of gravity",
-        f"weight = {rows(part.weight)}",
-        f"# load on the interfaces per rad/s^2 of turning about {part.loaded[0]!r}",
-        f"spin = {rows(part.spin)}",
-    ]
+    about = tomlkit.document()
+    about.add(tomlkit.comment(f"Condensed from {part.mesh!r} by `armflex fem`. Axes of the mesh, SI."))
+    names = ("mesh", "sha256", "nodes", "fixed", "loaded", "interface", "young_std", "mass")
+    for name, value in (("format", FORMAT), *((name, getattr(part, name)) for name in names)):
+        about.add(name, list(value) if isinstance(value, tuple) else value)
+    lines = [about.as_string().rstrip(), f"frequencies_hz = {part.frequencies_hz.tolist()}"]
+    for name, shape in _shapes(len(part.loaded)).items():
+        values = getattr(part, name).tolist()
+        rows = "".join(f"    {row},\n" for row in values)
+        lines.append(f"{name} = [\n{rows}]" if len(shape) > 1 else f"{name} = {values}")
     with together():
         if part.surface is not None:
             write_surface(part.surface, surface_path(path), part.sha256)
@@ -157,27 +148,20 @@ def read_part(path: Path) -> Part:
     names = table.texts("loaded")
     if not 1 <= len(names) <= MOST:
         raise table.fail("loaded", f"expected 1 to {MOST} names, got {len(names)}")
-    size = 6 * len(names)
+    arrays: dict[str, Any] = {name: table.numbers(name, shape) for name, shape in _shapes(len(names)).items()}
     frequencies = table.raw("frequencies_hz")
     count = len(frequencies) if isinstance(frequencies, list) else 0
     found = Part(
-        table.text("mesh"),
-        table.text("sha256", ""),
-        table.text("fixed"),
-        table.numbers("fixed_origin", (3,)),
-        names,
-        table.numbers("origins", (len(names), 3)),
-        table.choice("interface", ("rigid", "average")),
-        _compliance(table, size),
-        table.number("mass"),
-        table.numbers("com", (3,)),
-        table.numbers("inertia", (3, 3)),
-        table.numbers("mass_matrix", (size, size)),
-        table.numbers("weight", (size, 3)),
-        table.numbers("spin", (size, 3)),
-        table.numbers("frequencies_hz", (count,)) if count else np.zeros(0),
-        table.std("young_std", 0.0),
-        int(table.number("nodes", 0.0)),
+        mesh=table.text("mesh"),
+        sha256=table.text("sha256", ""),
+        nodes=int(table.number("nodes", 0.0)),
+        fixed=table.text("fixed"),
+        loaded=names,
+        interface=table.choice("interface", ("rigid", "average")),
+        young_std=table.std("young_std", 0.0),
+        mass=table.number("mass"),
+        frequencies_hz=table.numbers("frequencies_hz", (count,)) if count else np.zeros(0),
+        **arrays | {"compliance": _definite(table, arrays["compliance"])},
     )
     table.finish()
     if found.mass < 0.0:
@@ -185,9 +169,8 @@ def read_part(path: Path) -> Part:
     return found
 
 
-def _compliance(table: Declaration, size: int) -> Array:
-    """Return a compliance that is symmetric and positive definite."""
-    found = table.numbers("compliance", (size, size))
+def _definite(table: Declaration, found: Array) -> Array:
+    """Return a compliance, symmetric and positive definite."""
     diagonal = np.diag(found)
     if diagonal.min() <= 0.0:
         raise table.fail(

@@ -4,23 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.fem.mesh import FACES, Mesh
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
-
-if TYPE_CHECKING:  # a mesh needs scipy, an arm that names a part does not
-    from armflex.fem.mesh import Mesh
-
-FACES = {
-    4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
-    8: ((0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
-}
-"""Corners of an element -> corners of its faces, seen from outside against the clock."""
 
 LAYOUT = Layout(
     "the surface of a part",

@@ -11,8 +11,10 @@ import pytest
 
 pytest.importorskip("skfem")
 
+from armflex.errors import MeshError
 from armflex.fem.assembly import assembled
 from armflex.fem.condense import condense
+from armflex.fem.matrices import read_matrices
 from armflex.fem.read import read_mesh
 
 STORED = Path(__file__).parent / "calculix"
@@ -51,6 +53,24 @@ def test_the_stored_matrices_are_calculix(kind: str, tmp_path: Path) -> None:
         whole[row.astype(int) - 1, column.astype(int) - 1] = value
         found[f"{kind}_{name}"] = _upper(whole)
     assert max(difference(kind, tmp_path, found)) < 1e-12
+
+
+@pytest.mark.slow
+def test_matrices_that_calculix_stored_are_a_part(tmp_path: Path) -> None:
+    """JOB.sti, JOB.mas and JOB.dof give what the mesh does; a freedom that is none is named by line."""
+    if shutil.which("ccx") is None:
+        pytest.skip("CalculiX (ccx) is not installed")
+    shutil.copy(STORED / "c3d10.inp", tmp_path)
+    subprocess.run(["ccx", "c3d10"], cwd=tmp_path, capture_output=True, check=True, timeout=60)
+    found = condense(read_matrices(tmp_path / "c3d10.sti"), "ROOT", ["TIP"])
+    expected = condense(read_mesh(tmp_path / "c3d10.inp"), "ROOT", ["TIP"])
+    for name in ("compliance", "mass_matrix", "weight", "inertia", "frequencies_hz"):
+        values = getattr(expected, name)
+        np.testing.assert_allclose(getattr(found, name), values, rtol=1e-9, atol=1e-9 * np.abs(values).max())
+    freedoms = (tmp_path / "c3d10.dof").read_text().splitlines()
+    (tmp_path / "c3d10.dof").write_text("\n".join([*freedoms[:4], "7001.2", *freedoms[5:]]) + "\n")
+    with pytest.raises(MeshError, match=r"c3d10\.dof:5: '7001\.2' is no freedom of c3d10\.inp"):
+        read_matrices(tmp_path / "c3d10.sti")
 
 
 def _upper(whole: np.ndarray) -> np.ndarray:
