@@ -149,6 +149,7 @@ def read_part(path: Path) -> Part:
     if not 1 <= len(names) <= MOST:
         raise table.fail("loaded", f"expected 1 to {MOST} names, got {len(names)}")
     arrays: dict[str, Any] = {name: table.numbers(name, shape) for name, shape in _shapes(len(names)).items()}
+    arrays["compliance"] = _definite(table, arrays["compliance"])
     frequencies = table.raw("frequencies_hz")
     count = len(frequencies) if isinstance(frequencies, list) else 0
     found = Part(
@@ -161,7 +162,7 @@ def read_part(path: Path) -> Part:
         young_std=table.std("young_std", 0.0),
         mass=table.number("mass"),
         frequencies_hz=table.numbers("frequencies_hz", (count,)) if count else np.zeros(0),
-        **arrays | {"compliance": _definite(table, arrays["compliance"])},
+        **arrays,
     )
     table.finish()
     if found.mass < 0.0:
