@@ -55,6 +55,7 @@ class Factor:
     """
 
     def __init__(self, matrix: Any, places: Array, tick: Callable[[int, int], None] = lambda *_: None) -> None:
+        tick(0, len(places))
         pieces = _dissected(matrix, places)
         self.order = np.concatenate([own for own, _ in pieces])
         matrix = matrix[self.order][:, self.order].tocsc()
