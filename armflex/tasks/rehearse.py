@@ -36,7 +36,7 @@ from armflex.rows import Rows
 from armflex.rows.rows import last_motion
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import CREDIBLE
-from armflex.trace.screen import MOVED, Screen, unit_of
+from armflex.trace.screen import UNIT_MOTION, Screen, unit_of
 from armflex.trace.search import standing
 from armflex.trace.state import begin
 
@@ -226,7 +226,7 @@ def _rehearsed(
     mean, within, sizes = np.zeros(len(places.titles)), 0, []
     for _ in range(draws):
         amplitudes = group.scale * _direction(group.hypothesis, rng)
-        moved = MOVED * float(np.sqrt(((columns @ amplitudes) ** 2).sum() / unit))
+        moved = UNIT_MOTION * float(np.sqrt(((columns @ amplitudes) ** 2).sum() / unit))
         if not 0.0 < moved < np.inf:
             return Rehearsed(*what, 0.0, 0.0, 0.0, 1.0)
         amplitudes, moved = amplitudes * size / moved, size

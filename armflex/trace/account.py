@@ -17,7 +17,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
 from armflex.trace.asking import Ask, lacking, next_measurement
 from armflex.trace.findings import (
-    LARGER,
+    VARIANCE_RATIO,
     Found,
     FoundFamily,
     Kin,
@@ -31,7 +31,7 @@ from armflex.trace.findings import (
 )
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, competing, sampled
-from armflex.trace.screen import ALMOST, MOVED
+from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, refitted, standing
 from armflex.trace.selection import SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
@@ -227,7 +227,7 @@ def _family(known: Weighed, number: int) -> FoundFamily:
 def _undecided(known: Weighed) -> Undecided | None:
     """Return what is left where it is much and the best hypothesis is no better than chance, None elsewhere."""
     state, fit = known.here.state, known.here.state.fit
-    if fit.noise**2 < LARGER:
+    if fit.noise**2 < VARIANCE_RATIO:
         return None
     best = max((odds for _, odds in known.credible[-1].ranking), default=-np.inf)
     poses, stated = int(state.groups.max()) + 1, fit.view.rms(fit.view.sigma)
@@ -269,6 +269,8 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
             continue
         information = inside * float(group.scale[0]) ** 2
         needed = np.log1p(SCALES**2 * information) - 2.0 * (hypothesis.prior - np.log(len(SCALES)))
-        size = MOVED * noise * float(np.sqrt((needed / information * (1.0 + 1.0 / (SCALES**2 * information))).min()))
+        size = (
+            UNIT_MOTION * noise * float(np.sqrt((needed / information * (1.0 + 1.0 / (SCALES**2 * information))).min()))
+        )
         found.setdefault(hypothesis.one.law.name, []).append(size)
     return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())

@@ -52,13 +52,10 @@ class Candidate:
         return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)
 
 
-FLUSHED, TOGETHER = 2**22, 4096
-"""Tolerance: numbers of a bank's columns that are made at a time, or so many columns of a long campaign."""
+MADE_AT_ONCE = 2**23
+"""Tolerance: numbers of a bank's columns that are made at a time."""
 
-TOLD = 256
-"""Tolerance: candidates after which progress is reported."""
-
-KEPT = 2**26
+BANK_HELD = 2**26
 """Tolerance: numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""
 
 
@@ -155,7 +152,7 @@ class Bank:
     @property
     def parts(self) -> Iterable[Part]:
         """All columns, part by part."""
-        return self._kept if self.starts[-1] * len(self.fit.view.rows) <= KEPT else self._made()
+        return self._kept if self.starts[-1] * len(self.fit.view.rows) <= BANK_HELD else self._made()
 
     @cached_property
     def _kept(self) -> tuple[Part, ...]:
@@ -211,8 +208,7 @@ class Bank:
         here: Any = None  # of the law and place before
         of_load, before = False, None
         for index, candidate in enumerate(self.candidates):
-            if index % TOLD == 0:
-                self.tell("screening candidates", index, len(self.candidates))
+            self.tell("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
             place = (law.name, location.site, location.axis, location.covariates, location.partner)
             if before != place:  # they come in a row
@@ -231,7 +227,7 @@ class Bank:
                 held += view.sigma.size * len(location.terms) if law.changes_model else found.size
             along = b"" if direction is None else direction.tobytes()
             waiting.setdefault((law.act, law.changes_model, of_load, location.site, along), []).append((index, found))
-            if held > max(FLUSHED, TOGETHER * len(view.rows)):
+            if held > MADE_AT_ONCE:
                 yield from (self._part(key, some, known) for key, some in waiting.items())
                 waiting, held = {}, 0
         yield from (self._part(key, some, known) for key, some in waiting.items())

@@ -32,12 +32,12 @@ from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.state import State, lost_in, lost_of, lost_rows
-from armflex.trace.unrecorded import NOTICED, PoseBlock, RandomTwist, as_likely
+from armflex.trace.unrecorded import NOTICED_RATIO, PoseBlock, RandomTwist, as_likely
 
 UNLIKELY = 1e-4
 """Confidence: probability below which a residual larger than the repeats' scatter is no chance."""
 
-LARGER = 2.0
+VARIANCE_RATIO = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""
 
 HELD_OUT_IS_OF = (
@@ -479,7 +479,7 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
         rms = state.fit.view.rms(predictable_residual(state) - state.fit.view.residual)
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
     place = places[0]
-    if place.ratio >= NOTICED:
+    if place.ratio >= NOTICED_RATIO:
         rms = place.std * state.fit.view.rms(state.fit.view.to_twist(place.site)[:, :, TWIST_NAMES.index(place.axis)])
         return Unexplained(place.site, place.axis, place.std, place.unit, rms, as_likely(places))
     # Without a place, where it is larger than what repeats show, by an F test.
@@ -493,7 +493,7 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     )  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
-    if left < LARGER * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:
+    if left < VARIANCE_RATIO * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 

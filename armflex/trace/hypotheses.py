@@ -1,8 +1,8 @@
 """What an arm may lack, and how probable each of it is before anything was read.
 
-A machine is expected to lack `EFFECTS` effects. Each law of the catalogue is as likely as another but for `PLAIN`; its
-places share its probability, at a place the choices of acting terms share that, and values inside the law that are not
-linear share what is left: to have chosen among many costs what it should. Unnamed shapes have `NAMELESS` of all,
+A machine is expected to lack `EFFECTS` effects. Each law of the catalogue is as likely as another but for `PLAINER`;
+its places share its probability, at a place the choices of acting terms share that, and values inside the law that are
+not linear share what is left: to have chosen among many costs what it should. Unnamed shapes have `NAMELESS` of all,
 one law at every drive `FAMILIAL`.
 """
 
@@ -41,10 +41,10 @@ NAMELESS = 0.05
 FAMILIAL = 0.1
 """Prior: share of them that all drives have in common."""
 
-PLAIN = 0.01
+PLAINER = 0.01
 """Prior: a law is less likely than the one before it in the catalogue by this share, and a link by it than a joint."""
 
-RARE = 0.05
+RARE_VALUE = 0.05
 """Prior: share of machines on which a value inside a law is not the usual one: parts are made to fit at 20 degC."""
 
 ACROSS = 0.3
@@ -56,7 +56,7 @@ LOST_MOTION = (DEADBAND, HYSTERESIS)
 FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)
 """Laws that every drive of a machine may have."""
 
-LEAST, FEWEST = 0.1, 2
+LEAST_SHARE, FEWEST_DRIVES = 0.1, 2
 """Tolerance: share of the largest shape of a law at any drive below which another's is left out of a family, since no
 load shows no compliance; and drives that make one."""
 
@@ -117,7 +117,7 @@ def hypotheses(context: Context) -> list[Hypothesis]:
     for one, spot in zip(known, spots, strict=True):
         beside = values[spot, one.location.terms]
         prior = laws[one.law.name] - _share(one, places[one.law.name])
-        prior += float(np.log(RARE)) * _rare(one, beside, context)
+        prior += float(np.log(RARE_VALUE)) * _rare(one, beside, context)
         if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives[one.location.site]:
             prior += float(np.log(ACROSS))
         found.append(Hypothesis((one,), prior - float(np.log(len(terms[spot]) * len(beside)))))
@@ -146,14 +146,14 @@ def _spot(one: Candidate) -> tuple:
 
 
 def _share(one: Candidate, places: int) -> float:
-    return float(np.log(places)) + PLAIN * one.location.site.startswith(LINK)
+    return float(np.log(places)) + PLAINER * one.location.site.startswith(LINK)
 
 
 def _of_law(law: EffectLaw) -> float:
     """Return the log of how many effects of a law are expected."""
     alike = [one for one in EVERY.values() if one.physical == law.physical]
     share = (1.0 - NAMELESS - FAMILIAL) if law.physical else NAMELESS
-    return float(np.log(EFFECTS * share / len(alike))) - PLAIN * alike.index(law)
+    return float(np.log(EFFECTS * share / len(alike))) - PLAINER * alike.index(law)
 
 
 def sought(law: EffectLaw, locations: Sequence[Location], context: Context) -> Iterator[Hypothesis]:
@@ -190,8 +190,8 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
     found = []
     for kind, members in grouped.items():
         most = np.max([size for _, size in members], axis=0)
-        kept = [(one, size) for one, size in members if (size > LEAST * most).all()]
-        if len(kept) >= FEWEST:
+        kept = [(one, size) for one, size in members if (size > LEAST_SHARE * most).all()]
+        if len(kept) >= FEWEST_DRIVES:
             prior = float(np.log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]]))
             units = np.concatenate([1.0 / size for _, size in kept])
             found.append(Hypothesis(tuple(one for one, _ in kept), prior, units))

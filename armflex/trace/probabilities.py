@@ -21,11 +21,8 @@ from armflex.trace.selection import Chosen, Model, rivals
 SWEEPS = 60
 """Tolerance: sweeps of the sampler."""
 
-COMPETING, AT_MOST = 10.0, 40
-"""Tolerance: log odds below the best at which a hypothesis still competes for a place, and how many do at most."""
-
-NEGLIGIBLE = 1e-6
-"""Tolerance: probability that is not added up."""
+MOST_COMPETING = 40
+"""Tolerance: hypotheses that compete for a place at most."""
 
 CREDIBLE = 0.95
 """Confidence: probability of a credible set."""
@@ -59,7 +56,7 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     refiner, found, charges = Refiner(screen), dict[int, float](), dict[int, float]()
     for i in range(len(model) + 1):
         rest = tuple(one for j, one in enumerate(model) if j != i)
-        for one in rivals(screen.beside(rest), refiner, within=COMPETING, most=AT_MOST):
+        for one in rivals(screen.beside(rest), refiner, most=MOST_COMPETING):
             if one.chosen.number in aliased:
                 continue
             number, odds = one.chosen.number, float(screen.beside(rest).odds[one.chosen.number].max())
@@ -97,8 +94,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
             weights = np.exp(logs - whole)
             empty[i], counted[i] = empty[i] + np.exp(-whole), counted[i] + 1.0
             for number, weight in enumerate(weights.sum(axis=1).tolist()):
-                if weight > NEGLIGIBLE:
-                    chances[i][names[number]] += weight
+                chances[i][names[number]] += weight
             if i < len(own):
                 # Effects may have changed places: one that is in another's is there.
                 held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)

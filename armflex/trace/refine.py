@@ -19,17 +19,15 @@ from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.screen import Screen
 from armflex.trace.selection import SCALES, Beside, Rival, log_likelihood
 
-STEPS, TRIALS, FLAT = 12, 6, 0.02
+MOST_STEPS, TRIALS, LEAST_RISE = 12, 6, 0.02
 """Tolerance: steps, dampings of one, and rise of the log evidence that ends them."""
 
-FINE = 1e-3
+DIFFERENCE = 1e-3
 """Tolerance: step of numerical derivatives, of a cell of the grid."""
 
-FIRST = 3
-"""Tolerance: the best of some hypotheses, which are refined beside others than they were refined beside before."""
-
-STARTS = 4
-"""Tolerance: places in space from which one that a law pulls towards is sought."""
+MOST_STARTS = 4
+"""Tolerance: places in space from which one that a law pulls towards is sought; and the best of some hypotheses, which
+are refined beside others than they were refined beside before."""
 
 MOMENTS = 12
 """Tolerance: every moment is tried within this part of all of them to either side of the grid's best."""
@@ -49,13 +47,13 @@ class Refiner:
         for place, rival in enumerate(rivals):
             hypothesis = screen.groups[rival.chosen.number].hypothesis
             before = screen.refined.setdefault(hypothesis.spot, set())
-            if others in before or (before and place >= FIRST):
+            if others in before or (before and place >= MOST_STARTS):
                 continue
             before.add(others)
             starts = [hypothesis]
             if hypothesis.one.law.spatial:
                 like = [i for i, one in enumerate(screen.groups) if one.hypothesis.spot == hypothesis.spot]
-                starts = [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:STARTS]]
+                starts = [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_STARTS]]
             tried = [_Search(screen, beside, one, SCALES[rival.chosen.scale]).best() for one in starts]
             values = [one for one in tried if one is not None]
             if values:
@@ -170,11 +168,11 @@ class _Search:
         holding = np.array([0.0 if one.spread is None else (cell / one.spread) ** 2
                             for one, cell in zip(inners, cells, strict=True)])  # fmt: skip
         count, slopes = len(here.amplitudes), np.zeros((len(here.columns), 0))
-        for _ in range(STEPS):
+        for _ in range(MOST_STEPS):
             slopes = np.stack([
                 (self.columns(moved(here.inner, step)) - self.columns(moved(here.inner, -step))) @ here.amplitudes
-                / (2.0 * FINE)
-                for step in FINE * np.eye(len(free))
+                / (2.0 * DIFFERENCE)
+                for step in DIFFERENCE * np.eye(len(free))
             ], axis=1)  # fmt: skip
             if not np.isfinite(slopes).all():
                 break
@@ -194,7 +192,7 @@ class _Search:
             if trial is None:
                 break
             gain, here, damping = trial.value - here.value, trial, damping / 5.0
-            if gain < FLAT:
+            if gain < LEAST_RISE:
                 break
         return here, self._occam(here, slopes, holding)
 

@@ -28,16 +28,16 @@ from armflex.trace.selection import (
 )
 from armflex.trace.sensible import sensible, unusual
 
-MOVED = 1e-3
+UNIT_MOTION = 1e-3
 """Prior: by how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
 
-PIECE = 32
+SOUGHT_AT_ONCE = 32
 """Tolerance: hypotheses whose columns are held at a time where the likeliest of many are sought."""
 
 ALMOST = 1e-4
 """Tolerance: share of a column's square below which what is left of it cannot be seen at any plausible size."""
 
-STILL = 1e-12
+ROUNDED_AWAY = 1e-12
 """Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 
 IMPOSSIBLE = 8.0
@@ -52,9 +52,9 @@ def batched(some: Iterable[Hypothesis], count: int) -> Iterator[list[Hypothesis]
 
 
 def unit_of(fit: Fit) -> float:
-    """Return the square of a whitened column that moves the target by `MOVED`, RMS over the rows."""
+    """Return the square of a whitened column that moves the target by `UNIT_MOTION`, RMS over the rows."""
     sigma = fit.view.sigma[:, fit.view.foremost]
-    return len(fit.view.rows) * MOVED**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
+    return len(fit.view.rows) * UNIT_MOTION**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
 
 
 class Table:
@@ -205,7 +205,7 @@ class Screen(Evidence):
         """Return the hypotheses that are most probable beside any of some models, of many that are made in pieces."""
         best: list[tuple[float, Hypothesis]] = []
         known = [(beside, *self.columns_of(beside)) for beside in map(self.beside, models)]
-        for piece in batched(more, PIECE):
+        for piece in batched(more, SOUGHT_AT_ONCE):
             made = [(one, self.made(one.members)) for one in piece]
             made = [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
             if not made:
@@ -250,7 +250,7 @@ class Screen(Evidence):
         kinds = [(one.law.name, one.location.turns, one.location.terms) for one in some]  # of a unit
         for kind, square in zip(kinds, whole.tolist(), strict=True):
             most[kind] = max(square, most.get(kind, 0.0))
-        moves = whole > STILL**2 * np.array([most[kind] for kind in kinds])
+        moves = whole > ROUNDED_AWAY**2 * np.array([most[kind] for kind in kinds])
         pairs = zip(np.where(moves, whole, 0.0).tolist(), np.where(moves, left, 0.0).tolist(), strict=True)
         return dict(zip(first.tolist(), pairs, strict=True))
 

@@ -23,21 +23,18 @@ from armflex.trace.candidates import bank
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import Screen
-from armflex.trace.selection import BETTER, MOST, ROUGH, SCALES, Chosen, Model, climbed, rivals
+from armflex.trace.selection import BETTER, GRID_ERROR, MOST_EFFECTS, SCALES, Chosen, Model, climbed, rivals
 from armflex.trace.state import Added, State, sorted_out, with_hypotheses, with_random
 from armflex.trace.unrecorded import PoseBlock, RandomTwist, as_likely, localise
 
-ROUNDS = 12
+MOST_STATES = 12
 """Tolerance: fits of the arm with what was found at most."""
 
-AT_ONCE = 4
+MOST_NEW = 4
 """Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing;
 once there are as many, as many as there are."""
 
-FEW = 2
-"""Tolerance: effects with which a random twist is compared at first; more may imitate one."""
-
-SHAPED, LIKELY = 10, 4
+MOST_SHAPED, LIKELY = 10, 4
 """Tolerance: places of free shapes at which waves and bumps are sought, and of random twists at which products are."""
 
 
@@ -147,7 +144,7 @@ def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: N
         passing: Called after every state that is accepted.
     """
     here = _settled(_begun(begun), passing)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_STATES):
         after = _rethought(here, passing)
         if after is None:
             break
@@ -161,7 +158,7 @@ def _begun(here: Standing) -> Standing:
     if place is None or here.state.random is not None:
         return here
     refiner = Refiner(here.screen)
-    few = climbed(here.screen, here.model, refiner, most=FEW)
+    few = climbed(here.screen, here.model, refiner, most=int(EFFECTS))  # more may imitate a random twist
     if here.screen.log_posterior(few) > here.value + _odds(place, here.places):
         return here
     with contextlib.suppress(ArmflexError):
@@ -170,8 +167,8 @@ def _begun(here: Standing) -> Standing:
 
 
 def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
-    """Return the state that no further model of its own linear problem improves; one with `MOST` stays as it is."""
-    for _ in range(ROUNDS):
+    """Return the state that no further model of its own linear problem improves; a full one stays as it is."""
+    for _ in range(MOST_STATES):
         if _is_full(here):
             return here
         model = modelled(here)
@@ -187,13 +184,13 @@ def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
 
 def _is_full(here: Standing) -> bool:
     """Return whether more is missing than can be named: which of it is then makes little difference."""
-    return len(here.model) >= MOST
+    return len(here.model) >= MOST_EFFECTS
 
 
 def modelled(here: Standing, more: int = 0) -> Model:
     """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
-    more = more or max(AT_ONCE, len(here.model))
-    return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + more, MOST))
+    more = more or max(MOST_NEW, len(here.model))
+    return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + more, MOST_EFFECTS))
 
 
 def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
@@ -232,13 +229,13 @@ def _shaped(screen: Screen, model: Model) -> list[Location]:
     """Return places at which free shapes explain most of what a model leaves."""
     found: dict[Location, None] = {}
     whole = screen.beside(()).odds.max(axis=1)
-    for odds, least in ((screen.beside(model).odds.max(axis=1), 0.0), (whole, (1.0 - ROUGH) * whole.max())):
+    for odds, least in ((screen.beside(model).odds.max(axis=1), 0.0), (whole, (1.0 - GRID_ERROR) * whole.max())):
         free = [
             i
             for i, group in enumerate(screen.groups)
             if odds[i] > max(least, 0.0) and _is_free(group.hypothesis) and group.hypothesis.one.law is not LEVEL
         ]
-        for i in sorted(free, key=lambda i: -odds[i])[:SHAPED]:
+        for i in sorted(free, key=lambda i: -odds[i])[:MOST_SHAPED]:
             location = screen.groups[i].hypothesis.one.location
             if len(location.covariates) == 1:
                 found.setdefault(Location(location.site, location.axis, location.covariates))

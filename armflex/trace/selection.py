@@ -34,22 +34,22 @@ from armflex.trace.hypotheses import Hypothesis
 SCALES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
 """Prior: standard deviations tau of an amplitude, by how far it moves the target [mm], all equally likely."""
 
-MOST = 24
+MOST_EFFECTS = 24
 """Tolerance: hypotheses in a model at most."""
 
-PAIRS = 3
+MOST_PAIRS = 3
 """Tolerance: pairs of hypotheses, those that share most, that are taken out together once nothing else improves it."""
 
 RANKED = 512
 """Tolerance: the best of a scan, among which an exchange is sought once a climb has changed the model."""
 
-KEPT = 64
+MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
 
 BETTER = 1e-2
 """Tolerance: rise of the log posterior below which a model is not changed."""
 
-LINEAR = 0.02
+LINEAR_ERROR = 0.02
 """Tolerance: share of what a climb has gained by which the linear problem may be wrong; what adds less is not added."""
 
 
@@ -216,7 +216,7 @@ class Evidence(ABC):
         """Return the problem beside a model."""
         found = self._known.pop(model, None) or Beside(self, model)
         self._known[model] = found  # the last used last
-        if len(self._known) > KEPT:
+        if len(self._known) > MODELS_HELD:
             del self._known[next(iter(self._known))]
         return found
 
@@ -429,20 +429,18 @@ Refine = Callable[[Beside, Sequence[Rival]], None]
 Only = Callable[[Hypothesis], bool]
 """Whether a hypothesis may come into a model."""
 
-WITHIN, ROUGH, SHORT = 12.0, 0.2, 8
+WITHIN, GRID_ERROR, SHORT = 12.0, 0.2, 8
 """Tolerance: log odds below the best at which a hypothesis still competes; the share of the best's odds below them at
 which one competes whose inner values lie on a grid, and how many of each do at most."""
 
 
-def rivals(
-    beside: Beside, refine: Refine | None = None, only: Only | None = None, within: float = WITHIN, most: int = SHORT
-) -> list[Rival]:
+def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = None, most: int = SHORT) -> list[Rival]:
     """Return the best hypotheses beside a model, one of each law and place, the best first."""
     evidence, found = beside.evidence, list[Rival]()
     known, rough = len(evidence.groups), list[Rival]()
     odds = beside.odds
     best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
-    some = np.flatnonzero(best >= -within)
+    some = np.flatnonzero(best >= -WITHIN)
     order = some[np.argsort(-best[some], kind="stable")]
     evidence.ranked = np.union1d(evidence.ranked, order[:RANKED])
     _, first = np.unique(evidence.spots[order], return_index=True)
@@ -451,10 +449,10 @@ def rivals(
         if len(found) + len(rough) >= 4 * most:
             break
         hypothesis = evidence.groups[number].hypothesis
-        if best[number] < top - max(within, ROUGH * top) or (only is not None and not only(hypothesis)):
+        if best[number] < top - max(WITHIN, GRID_ERROR * top) or (only is not None and not only(hypothesis)):
             continue
         coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
-        if not coarse and best[number] < top - within:
+        if not coarse and best[number] < top - WITHIN:
             continue
         scale = int(odds[number].argmax())
         charged = float(best[number]) - evidence.charge(number, beside.amplitudes_of(number, scale))
@@ -463,12 +461,12 @@ def rivals(
     if refine is not None and rough:
         refine(beside, sorted(rough, key=lambda one: -one.odds)[:most])
         if len(evidence.groups) > known:
-            return rivals(evidence.beside(beside.model), None, only, within, most)
-    found = [one for one in (*found, *rough) if one.odds >= top - within]
+            return rivals(evidence.beside(beside.model), None, only, most)
+    found = [one for one in (*found, *rough) if one.odds >= top - WITHIN]
     return sorted(found, key=lambda one: -one.odds)[:most]
 
 
-def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None, most: int = MOST) -> Model:
+def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None, most: int = MOST_EFFECTS) -> Model:
     """Return the model that no addition, deletion or exchange of one hypothesis, or of a pair, makes more probable.
 
     Args:
@@ -510,7 +508,7 @@ def _extended(
         return model, value
     for rival in rivals(evidence.beside(model), refine)[:2]:
         found = evidence.log_posterior((*model, rival.chosen))
-        if found > value + max(BETTER, LINEAR * (found - begun)):
+        if found > value + max(BETTER, LINEAR_ERROR * (found - begun)):
             return (*model, rival.chosen), found
     return model, value
 
@@ -554,4 +552,4 @@ def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:
     alone = [worth(i) for i in range(len(model))]
     shared = {pair: worth(*pair) - alone[pair[0]] - alone[pair[1]] for pair in combinations(range(len(model)), 2)}
     pairs = sorted((pair for pair in shared if shared[pair] > 1.0), key=lambda pair: -shared[pair])
-    return pairs[:PAIRS]
+    return pairs[:MOST_PAIRS]

@@ -19,7 +19,7 @@ from armflex.laws.effects.location import Location, resolve
 from armflex.laws.joint.linear import SOFTEST
 from armflex.trace.candidates import Candidate
 
-ROWS = 15
+ROWS_ASKED = 15
 """Tolerance: rows looked at."""
 
 IMPLAUSIBLE = 3.0
@@ -29,24 +29,24 @@ USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
 """Prior: RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that
 machines have without anybody knowing."""
 
-SOFT = 100.0
+SOFTER = 100.0
 """Prior: times the softest joint of steel that is plausible: what would have to bend more is no compliance."""
 
-SLACK = 2.0
+COUPLING_SLACK = 2.0
 """Prior: coupling over the most that two compliances allow: while it is missing, calibration bends them to make
 up for it."""
 
-AGAINST = 0.1
+MOST_AGAINST = 0.1
 """Prior: part of what an axis gives over the rows that it may give against the load in some of them: a polynomial fits
 most of a joint's travel, not its end, but a joint makes no energy."""
 
 MOST_GIVE = 10.0
 """Prior: times what is plausible by which an axis gives at most under the largest load on its joint, either way.
 
-More counts against a candidate, and is refused of an axis that poses load by less than `LOADED` of that.
+More counts against a candidate, and is refused of an axis that poses load by less than `LEAST_LOADED` of that.
 """
 
-LOADED = 1e-3
+LEAST_LOADED = 1e-3
 """Tolerance: share of the largest load on a joint that is more than what tilts and deflections put on any axis."""
 
 
@@ -112,7 +112,7 @@ def _given(effect: Effect, view: View, context: Context) -> Array:
 
 def _some(view: View) -> np.ndarray:
     """Return the numbers of the rows looked at."""
-    return np.unique(np.linspace(0, len(view.rows) - 1, ROWS).astype(int))
+    return np.unique(np.linspace(0, len(view.rows) - 1, ROWS_ASKED).astype(int))
 
 
 def _largest(site: str, context: Context) -> Array:
@@ -130,7 +130,7 @@ def _gives(effect: Effect, fit: Fit, context: Context) -> bool:
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     good = _is_stiff(np.abs(np.einsum("...ii->...i", own)))
     # Poses may load an axis hardly at all: it does not give more than the others under their loads.
-    loaded = np.abs(context.wrenches[effect.location.site]).max(axis=0) >= LOADED * _largest(
+    loaded = np.abs(context.wrenches[effect.location.site]).max(axis=0) >= LEAST_LOADED * _largest(
         effect.location.site, context
     )
     good &= ((_given(effect, view, context) <= 1.0) | loaded).all(axis=1)
@@ -150,12 +150,12 @@ def _gives(effect: Effect, fit: Fit, context: Context) -> bool:
             along = along + np.maximum(np.einsum("...ii->...i", more), 0.0)
         held = np.maximum(along, 0.0)
         # While a coupling is missing calibration bends the two compliances to make up for it.
-        slack = 1.0 if bound.here.base_law is None else SLACK
+        slack = 1.0 if bound.here.base_law is None else COUPLING_SLACK
         root = np.sqrt(held)
         coupled = np.abs(0.5 * (total + total.transpose(0, 2, 1))) * (1.0 - np.eye(6))
         least = 1e-9 * np.abs(total).max(axis=(1, 2), keepdims=True)
         against = np.maximum(-along, 0.0).sum(axis=0)
-        if (against > AGAINST * held.sum(axis=0) + 1e-9 * np.abs(along).sum()).any():
+        if (against > MOST_AGAINST * held.sum(axis=0) + 1e-9 * np.abs(along).sum()).any():
             return False
         good &= (along >= -1e-9 * np.abs(along).max(axis=1, keepdims=True)).all(axis=1)
         good &= (coupled <= slack * root[:, :, None] * root[:, None, :] + least).all(axis=(1, 2))
@@ -166,4 +166,4 @@ def _gives(effect: Effect, fit: Fit, context: Context) -> bool:
 
 def _is_stiff(own: Array) -> np.ndarray:
     """Return (...,) whether a (..., 6) compliance is no softer than a joint can be."""
-    return np.all(own < SOFT * np.repeat(SOFTEST, 3), axis=-1)
+    return np.all(own < SOFTER * np.repeat(SOFTEST, 3), axis=-1)

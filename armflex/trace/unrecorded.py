@@ -24,18 +24,16 @@ from armflex.laws.effects.location import LINK, Here, Location
 from armflex.parameters import ArmParameter, Group, ParameterKind
 from armflex.rows.rows import POSE
 from armflex.trace.projection import Projection
+from armflex.trace.sensible import USUAL_SHIFT, USUAL_TURN
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
 """Tolerance: variances tried, in units of what the mean pose could show at all."""
 
-LEVEL = 1.0
+LINK_BEHIND = 1.0
 """Prior: log-likelihood ratio by which a link's end must be likelier than a joint."""
 
-NOTICED = 10.0
+NOTICED_RATIO = 10.0
 """Confidence: log-likelihood ratio from which a place counts; noise alone stays below about 3."""
-
-LARGEST_SHIFT, LARGEST_TURN = 0.02, 0.005
-"""Prior: standard deviation from pose to pose [m, rad] beyond which an arm is broken and somebody knows."""
 
 AS_LIKELY = 3.0
 """Confidence: log-likelihood within which places are not distinguished."""
@@ -67,7 +65,7 @@ class RandomTwist:
     @property
     def plausible(self) -> bool:
         """Whether a machine that works can be that far off from pose to pose."""
-        return self.std <= (LARGEST_SHIFT if self.unit == "m" else LARGEST_TURN)
+        return self.std <= (USUAL_SHIFT if self.unit == "m" else USUAL_TURN)
 
 
 def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndarray) -> tuple[RandomTwist, ...]:
@@ -100,7 +98,7 @@ def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndar
             ratio, variance = _likelihood(score, square, total, view.count)
             found.append(RandomTwist(site, name, ratio, float(np.sqrt(variance))))
     # What stands level goes by its joint rather than by the link that ends there.
-    return tuple(sorted(found, key=lambda place: -place.ratio + LEVEL * place.site.startswith(LINK)))
+    return tuple(sorted(found, key=lambda place: -place.ratio + LINK_BEHIND * place.site.startswith(LINK)))
 
 
 def _likelihood(score: Array, square: Array, total: float, count: int) -> tuple[float, float]:

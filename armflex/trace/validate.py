@@ -19,7 +19,7 @@ from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
 from armflex.trace.selection import SCALES, Model, climbed, log_likelihood
 
-FLIPS = 100
+SIGN_FLIPS = 100
 """Tolerance: random signs of the residual that chance is read from."""
 
 SHOWING = 2.0
@@ -151,13 +151,13 @@ def chance(here: Standing, seed: int = 0) -> float:
     """Return the best log odds of any hypothesis where the residual of every pose has a random sign.
 
     Winkler et al. 2014 (NeuroImage 92): signs of exchangeable blocks, reduced-model residuals, maximum statistic. Over
-    `FLIPS` draws; the largest.
+    `SIGN_FLIPS` draws; the largest.
     """
     screen, state = here.screen, here.state
     beside = screen.beside(here.model)
     amplitudes, projection = np.concatenate([np.zeros(0), *beside.amplitudes]), screen.projection
     residual = projection.residual - projection.cleared(screen.columns(beside.places) @ amplitudes)
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(state.groups.max()) + 1, FLIPS))
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(state.groups.max()) + 1, SIGN_FLIPS))
     flipped = residual[:, None] * np.repeat(signs[state.groups], len(residual) // len(state.rows), axis=0)
     every, seen, best = screen.scores_of(flipped), projection.half @ flipped, -np.inf
     pulls = beside.inverse @ (every[beside.places] * beside.scale[:, None])

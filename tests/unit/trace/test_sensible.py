@@ -22,7 +22,7 @@ from armflex.laws.effects.shapes import told_from_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
 from armflex.trace.candidates import Candidate, grid
-from armflex.trace.sensible import MOST_GIVE, SOFT, sensible, unusual
+from armflex.trace.sensible import MOST_GIVE, SOFTER, sensible, unusual
 from armflex.trace.state import State
 from armflex.trace.validate import session_folds
 
@@ -121,8 +121,8 @@ def test_hysteresis_is_no_softer_than_a_joint_can_be(before, axis, softest):
     state = replace(before, fit=fit, context=replace(before.context, wrenches=loads))
     play = Candidate(CATALOGUE["hysteresis"], Location("J6", axis), (1e-6,))
     for side in (1.0, -1.0):
-        assert is_sensible(state, play, side * 0.99 * SOFT * softest)
-        assert not is_sensible(state, play, side * 1.01 * SOFT * softest)
+        assert is_sensible(state, play, side * 0.99 * SOFTER * softest)
+        assert not is_sensible(state, play, side * 1.01 * SOFTER * softest)
 
 
 def test_a_joint_gives_no_more_against_its_load_than_along_it(before):
