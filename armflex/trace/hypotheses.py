@@ -118,7 +118,7 @@ def hypotheses(context: Context) -> list[Hypothesis]:
         beside = values[spot, one.location.terms]
         prior = laws[one.law.name] - _share(one, places[one.law.name])
         prior += float(np.log(RARE_VALUE)) * _rare(one, beside, context)
-        if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives[one.location.site]:
+        if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives.get(one.location.site):
             prior += float(np.log(ACROSS))
         found.append(Hypothesis((one,), prior - float(np.log(len(terms[spot]) * len(beside)))))
     return found
