@@ -81,7 +81,8 @@ POLISHED = 1e-9
 class Closing:
     """A mechanism whose flexures do not give: where its joints without a drive are.
 
-    They are followed from where they were asked last; at first from `q0`, or from home, where none is given.
+    They are followed from where they were asked last; at first, and where that is no way, from `q0`, or from home where
+    none is given.
     """
 
     def __init__(self, robot: Robot, flex: FlexModel, ties: Ties, corrections: Corrections) -> None:
@@ -114,7 +115,9 @@ class Closing:
         """
         if self.last is not None and np.array_equal(self.last[0], q):
             return self.last[1]
-        free = self._first(q) if self.last is None else self._followed(*self.last, q)
+        free = None if self.last is None else self._followed(*self.last, q)
+        if free is None:  # rows in no order: the straight way to one may leave what the loops allow
+            free = self._first(q)
         if free is None:
             raise self._open(q)
         gaps, ways = self.gaps(q, self.configuration(q, free))

@@ -106,7 +106,6 @@ def plan(
         UnsupportedError: What an effect in question does depends on the rows before.
         ArmflexError: The campaign cannot be that of this arm, see `calibrate`.
     """
-    arm.check_tree("plan")
     after = None if after is None else as_measurements(after, arm)
     along = None if along is None else as_trajectory(along, arm)
     settable, tick = covariates or {}, progress or (lambda done, total: None)

@@ -135,7 +135,6 @@ def rehearse(
         InputError: A number is out of its range, or [prior] frees nothing and no rows are given.
         IdentifiabilityError: The rows do not determine where the instrument stands.
     """
-    arm.check_tree("rehearse")
     for name, value in (("sigma", sigma), ("size", size)):
         if not 0.0 < value < 1.0:
             raise InputError(f"{name} is {value:g} m, expected more than 0 and less than 1 m")

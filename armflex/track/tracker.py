@@ -86,7 +86,6 @@ class Tracker:
 
     @checked_kinds
     def __init__(self, arm: Arm, rates: Mapping[str, float] | None = None, sigma: float = 0.0) -> None:
-        arm.check_tree("track")
         self._arm, self._model, self._sigma = arm, model_of(arm), number(sigma, "sigma")
         if self._sigma:
             sensible(self._sigma, "sigma")
