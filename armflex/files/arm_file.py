@@ -179,6 +179,10 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         bent.append(flexure)
         flags = (*flags, *more)
     locked = root.table["robot"].get("locked", {})
+    for kind, told in robot.urdf.declared.items():  # of an MJCF; what stands in the arm.toml comes first
+        own = root.table.get(kind, [] if kind == "loop" else {})
+        if told:
+            root.table[kind] = [*own, *told] if kind == "loop" else {**told, **own}
     robot, tied = read_linkage(root, robot, tuple(locked))
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
     tables, presets = root.subs("flexure"), root.subs("preset")
@@ -284,7 +288,7 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
     how = {"strict": strict, "allow_massless": massless, "locked": locked}
     how |= {"tool": tool, "mount": None if mount is None else mount.rotation}
     try:
-        robot = load_robot(urdf, tip, None if base == "-" else base, gravity, **how)
+        robot = load_robot(urdf, tip, None if base == "-" else base, gravity, loops=True, **how)
     except UnknownNameError as error:
         raise table.fail({tip: "tip", base: "base"}.get(error.name, "locked"), str(error)) from None
     except UrdfError as error:

@@ -158,8 +158,8 @@ def build_model(
     return FlexModel(
         model=model,
         neutral=pin.neutral(model),
-        q_index=np.array([joint.idx_q for joint in joints]),
-        v_index=np.array([joint.idx_v for joint in joints]),
+        q_index=np.array([joint.idx_q for joint in joints], dtype=int),
+        v_index=np.array([joint.idx_v for joint in joints], dtype=int),
         flexure_v=np.array([start + axis for start in starts for axis in range(6)], dtype=int),
         tip=tip,
         base=model.getFrameId(robot.base, pin.FrameType.BODY),

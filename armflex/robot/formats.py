@@ -33,9 +33,14 @@ from armflex.robot.urdf import (
 )
 from armflex.storage.trust import is_trusted, sha256_of
 
+ALIGNED = 1e-6
+"""By which a weld may want links otherwise than they are in the reference configuration, as numbers of a rotation."""
 
-def read_other(path: Path, root: etree._Element, strict: bool = True) -> Urdf:
+
+def read_other(path: Path, root: etree._Element, strict: bool = True, loops: bool = False) -> Urdf:
     """Return the robot of a xacro file (by its suffix), MJCF or SDF (by their root elements).
+
+    With `loops` those of an MJCF are `Urdf.declared`; they are refused otherwise.
 
     Raises:
         UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
@@ -43,7 +48,7 @@ def read_other(path: Path, root: etree._Element, strict: bool = True) -> Urdf:
     """
     if path.suffix.lower() == ".xacro":
         return read_urdf(path, strict, parse_xml(path, _expanded(path)), translated=True)
-    return _read_mjcf(path, root) if root.tag == "mujoco" else read_sdf(path, root)
+    return _read_mjcf(path, root, loops) if root.tag == "mujoco" else read_sdf(path, root)
 
 
 def _expanded(path: Path) -> bytes:
@@ -66,7 +71,7 @@ def _expanded(path: Path) -> bytes:
     raise UrdfError(Place(path), said)
 
 
-def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
+def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
     """Return the bodies and joints of MJCF as MuJoCo compiles them; sites are links as well, without mass.
 
     Joints turn and slide from where `ref` says that they stand. Meshes are opened where masses follow from them.
@@ -90,7 +95,8 @@ def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
             for i in np.flatnonzero(~(np.abs(found.reshape(len(names), -1)) <= LARGEST).all(axis=1)):
                 where, numbers = Place(path, lines.get((kind, names[i]), 0)), listing(map(str, np.ravel(found[i])))
                 raise UrdfError(where, f"{kind} {names[i]!r}: {key} is {numbers}, expected finite numbers")
-    loops = _loops(mujoco, model, bodies)
+    joined = _joined(mujoco, model, bodies) if declares else {}
+    loops = _loops(mujoco, model, bodies, joined)
     efforts = np.where(model.jnt_actfrclimited, np.abs(model.jnt_actfrcrange).max(axis=1, initial=0.0), np.inf)
     for i in range(model.nu):
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_forcelimited[i]:
@@ -149,6 +155,12 @@ def _read_mjcf(path: Path, root: etree._Element) -> Urdf:
             ends = (bodies[model.site_bodyid[i]], name)
             tree.joint(f"{name}_fixed", "fixed", ends, place, pin.SE3.Identity(), np.eye(3)[0], line=line)
     tree.flags += flags
+    tree.declared = _declared(mujoco, model, (bodies, joints), joined) if declares else {}
+    for i in range(model.ntendon if declares else 0):
+        name = model.tendon(i).name or f"tendon{i}"
+        if name not in tree.declared.get("spring", {}):
+            text = f"{path}: tendon {name!r} is no spring between two sites: it is left out"
+            tree.flags.append(Flag("tendon", text))
     if root.find("option[@gravity]") is not None:
         x, y, z = model.opt.gravity.tolist()
         tree.gravity = (x, y, z)
@@ -191,24 +203,85 @@ def _with_meshes_or_without(mujoco: Any, path: Path) -> tuple[Any, list[Flag]]:
         raise UrdfError(Place(path, int(line[1]) if line else 0), f"MuJoCo cannot read it: {told}") from None
 
 
-def _loops(mujoco: Any, model: Any, bodies: list[str]) -> dict[int, str]:
-    """Return what is said of the bodies that close a loop with others, by number."""
+def _joined(mujoco: Any, model: Any, bodies: list[str]) -> dict[int, dict[str, Any]]:
+    """Return the equalities that are loops, by number, as tables of an arm.toml.
+
+    A weld is one where its links are as it wants them in the reference configuration.
+    """
+    data, found = mujoco.MjData(model), {}
+    mujoco.mj_kinematics(model, data)
+    connect, weld = int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)
+    for i in np.flatnonzero(model.eq_active0).tolist():
+        kind, numbers = int(model.eq_type[i]), model.eq_data[i]
+        if kind not in (connect, weld):
+            continue
+        ends = [int(model.eq_obj1id[i]), int(model.eq_obj2id[i])]
+        # What MuJoCo keeps of a weld between bodies begins with the second one's point.
+        points = [numbers[:3], numbers[3:6]] if kind == connect else [numbers[3:6], numbers[:3]]
+        turns, wanted = data.xmat, rotation_of(numbers[6:10]) if kind == weld else np.eye(3)
+        if int(model.eq_objtype[i]) == int(mujoco.mjtObj.mjOBJ_SITE):
+            points, turns, wanted = [model.site_pos[end] for end in ends], data.site_xmat, np.eye(3)
+            sites, ends = ends, [int(model.site_bodyid[end]) for end in ends]
+        else:
+            sites = ends
+        first, second = (turns[one].reshape(3, 3) for one in sites)
+        if kind == weld and np.abs(first.T @ second - wanted).max() > ALIGNED:
+            continue
+        name, what = model.equality(i).name or f"equality{i}", "spherical" if kind == connect else "fixed"
+        table = {"name": name, "link": bodies[ends[0]], "at": points[0].tolist(), "kind": what}
+        found[i] = {**table, "to": bodies[ends[1]], "at_to": points[1].tolist()}
+    return found
+
+
+def _declared(
+    mujoco: Any, model: Any, names: tuple[list[str], list[str]], joined: dict[int, dict[str, Any]]
+) -> dict[str, Any]:
+    """Return loops, springs and passive joints as tables of an arm.toml.
+
+    In a file with actuators the joints around its loops that none of them moves are passive.
+    """
+    (bodies, joints), springs, moved, around, site = names, {}, set(), set(), int(mujoco.mjtWrap.mjWRAP_SITE)
+    driving = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
+    for i in range(model.ntendon):
+        first, rate, (short, long) = model.tendon_adr[i], float(model.tendon_stiffness[i]), model.tendon_lengthspring[i]
+        sites = model.wrap_objid[first : first + model.tendon_num[i]].tolist()
+        plain = len(sites) == 2 and set(model.wrap_type[first : first + 2].tolist()) == {site}
+        if plain and rate > 0.0 and short == long > 0.0:
+            ends = [(bodies[model.site_bodyid[one]], model.site_pos[one].tolist()) for one in sites]
+            table = dict(zip(("link", "at", "to", "at_to"), (*ends[0], *ends[1]), strict=True))
+            springs[model.tendon(i).name or f"tendon{i}"] = {**table, "rate": rate, "free_length": float(long)}
+    for i in range(model.nu):
+        if int(model.actuator_trntype[i]) in driving:
+            moved.add(int(model.actuator_trnid[i, 0]))
+    for loop in joined.values():
+        around |= _ways(model, bodies.index(loop["link"])) ^ _ways(model, bodies.index(loop["to"]))
+    free = [i for i in range(model.njnt) if int(model.jnt_bodyid[i]) in around and i not in moved] if model.nu else []
+    return {"loop": [*joined.values()], "spring": springs, "joint": {joints[i]: {"passive": True} for i in free}}
+
+
+def _ways(model: Any, body: int) -> set[int]:
+    """Return a body and all between it and the world."""
+    found = set()
+    while body:
+        found.add(body)
+        body = int(model.body_parentid[body])
+    return found
+
+
+def _loops(mujoco: Any, model: Any, bodies: list[str], joined: dict[int, dict[str, Any]]) -> dict[int, str]:
+    """Return what is said of the bodies that close a loop with others, by number; not of loops that are declared."""
     found: dict[int, str] = {}
     tied, follows = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)), int(mujoco.mjtEq.mjEQ_JOINT)
     for i in np.flatnonzero(model.eq_active0):
+        if int(i) in joined:
+            continue
         ends = (int(model.eq_obj1id[i]), int(model.eq_obj2id[i]))
         if int(model.eq_type[i]) in tied:
             if int(model.eq_objtype[i]) == int(mujoco.mjtObj.mjOBJ_SITE):
                 ends = (int(model.site_bodyid[ends[0]]), int(model.site_bodyid[ends[1]]))
-            ways = []
-            for end in ends:
-                way = [end]
-                while way[-1]:
-                    way.append(int(model.body_parentid[way[-1]]))
-                ways.append(way)
             pair = " to ".join(repr(bodies[end]) for end in ends)
-            for body in set(ways[0]) ^ set(ways[1]):
-                found[body] = f"an equality ties body {pair}, which closes a loop; closed loops are not supported"
+            text = f"an equality ties body {pair}, which closes a loop: that needs an arm.toml, and a weld that is met"
+            found |= dict.fromkeys(_ways(model, ends[0]) ^ _ways(model, ends[1]), text)
         elif int(model.eq_type[i]) == follows:
             joint, master = ends
             whom = repr(model.joint(master).name) if master >= 0 else "a constant"

@@ -250,6 +250,7 @@ def load_robot(
     locked: Mapping[str, float] | None = None,
     tool: pin.SE3 | None = None,
     mount: Array | None = None,
+    loops: bool = False,
 ) -> Robot:
     """Read and validate a robot; nothing reaches Pinocchio before it has passed.
 
@@ -265,6 +266,7 @@ def load_robot(
         tool: T_link_tool of a tool centre point that the file does not have, beyond the link `tip`: the tip is then a
             link of its own, "tcp", without mass.
         mount: (3, 3) how the base stands in a level world whose z is up; gravity follows where it is not given.
+        loops: Whether whoever asks makes loops and springs of those that an MJCF declares; they are refused otherwise.
 
     Raises:
         UrdfError: The file is no robot that can be computed with, or the chain or what it carries cannot be read; file
@@ -278,7 +280,7 @@ def load_robot(
         path = Path(urdf)
         element = parse_xml(path)
         other = element.tag in ("mujoco", "sdf") or path.suffix.lower() == ".xacro"
-        document = read_other(path, element, strict) if other else read_urdf(path, strict, element)
+        document = read_other(path, element, strict, loops) if other else read_urdf(path, strict, element)
     root = check_tree(document)
     base = base or root
     if base not in document.links:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,7 @@ class Tree:
         self.joints: dict[str, Joint] = {}
         self.flags: list[Flag] = []
         self.gravity: tuple[float, float, float] | None = None
+        self.declared: dict[str, Any] = {}
 
     def link(self, name: str, inertial: Inertial | None, line: int = 0, between: bool = False) -> None:
         """Add a link."""
@@ -79,7 +81,8 @@ class Tree:
         """
         if not self.links:
             raise UrdfError(Place(self.path), f"{name!r} has no links")
-        return Urdf(name, self.path, self.links, self.joints, tuple(self.flags), translated=True, gravity=self.gravity)
+        told = {"translated": True, "gravity": self.gravity, "declared": self.declared}
+        return Urdf(name, self.path, self.links, self.joints, tuple(self.flags), **told)
 
 
 def rotation_of(quaternion: Array) -> Array:

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -181,6 +181,7 @@ class Urdf:
 
     `dh` is the form of the Denavit-Hartenberg rows that it was made of, '' of others.
     `gravity` is that of the file in its root's axes [m/s^2], which a URDF has none of.
+    `declared` has the loops, springs and passive joints of an MJCF, as tables of an arm.toml.
     """
 
     name: str
@@ -191,6 +192,7 @@ class Urdf:
     translated: bool = False
     dh: str = ""
     gravity: tuple[float, float, float] | None = None
+    declared: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def children(self) -> dict[str, list[Joint]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ from support.arms import bundled
 from support.machines import MACHINES, poses
 from support.small_arms import ROBOTS
 
+import armflex
 from armflex import read_trajectory
+from armflex.errors import UrdfError
 from armflex.mechanics.mechanism import Mechanism
 from armflex.tasks.settle import settle
 
@@ -175,3 +179,54 @@ def test_bundled_machines_settle(name: str) -> None:
     assert len(report.via_points) == 3
     for one in report.via_points[1:]:  # the first is where it stands
         assert np.isfinite(one.settle_s) and 1e-6 < one.peak_m < 1e-2
+
+
+TREE = """[robot]
+urdf = "machine.xml"
+tip = "tool"
+base = "world"
+"""
+
+
+@pytest.mark.parametrize("name", ["parallelogram", "uneven", "five_bar"])
+def test_loops_and_springs_of_mjcf_are_those_of_an_arm_file(name: str, tmp_path) -> None:
+    """`connect`, tendons with a spring and joints without an actuator, beside the same machine declared."""
+    machine = MACHINES[name]
+    machine = replace(machine, loops={one: (*loop[:4], None) for one, loop in machine.loops.items()})
+    expected = machine.load(tmp_path)
+    motors = "".join(f'<motor joint="{one}"/>' for one in machine.driven)
+    text = replace(machine, gives={}).mjcf({}).replace("</mujoco>", f"<actuator>{motors}</actuator></mujoco>")
+    (tmp_path / "machine.xml").write_text(text)
+    flexures = machine.declared().split("[flexure.", 1)[1]
+    (tmp_path / "mjcf.toml").write_text(f"{TREE}\n[flexure.{flexures}")
+    arm = armflex.load_arm(tmp_path / "mjcf.toml")
+    assert arm.joint_names == expected.joint_names and len(arm.springs) == len(machine.springs)
+    for q in poses(name)[:2]:
+        found, other = arm.deflection(q), expected.deflection(q)
+        np.testing.assert_allclose(found.pose, other.pose, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.displacement, other.displacement, rtol=0, atol=1e-9)
+        assert found.passive == pytest.approx(other.passive, abs=1e-9)
+        np.testing.assert_allclose(found.drive_loads, other.drive_loads, rtol=1e-7, atol=1e-4)
+
+
+def test_a_weld_of_mjcf_is_a_fixed_loop(tmp_path) -> None:
+    """The rod of the parallelogram is welded to a pin's eye; a weld that wants it turned is refused."""
+    machine = replace(MACHINES["parallelogram"], loops={}, gives={})
+    text = machine.mjcf({}).replace("</worldbody>", "</worldbody>", 1)
+    eye = '<body name="eye" pos="-0.4 0 0"><joint name="pin" axis="0 1 0"/>'
+    eye += '<inertial mass="1" pos="0 0 0" diaginertia="1 1 1"/></body>'
+    place = text.index('<inertial mass="60.0"')
+    motors = "".join(f'<motor joint="{one}"/>' for one in machine.driven)
+    weld = '<weld name="tail" body1="eye" body2="rod" anchor="0 0 1.1"/>'
+    text = text[:place] + eye + text[place:]
+    text = text.replace("</mujoco>", f"<equality>{weld}</equality><actuator>{motors}</actuator></mujoco>")
+    (tmp_path / "machine.xml").write_text(text)
+    (tmp_path / "mjcf.toml").write_text(f'{TREE}\n[flexure.lower]\njoint = "lower"\njoint_stiffness = 3e5\n')
+    arm = armflex.load_arm(tmp_path / "mjcf.toml")
+    (loop,) = arm.robot.linkage.loops
+    assert (loop.name, loop.kind, set(arm.robot.linkage.passive)) == ("tail", "fixed", {"elbow", "foot", "pin"})
+    found = arm.deflection([0.1, 0.3, -0.2]).passive
+    assert found["elbow"] == pytest.approx(-0.5, abs=2e-2)  # the rod keeps the forearm by the crank
+    (tmp_path / "machine.xml").write_text(text.replace('anchor="0 0 1.1"', 'relpose="0 0 0 0.9 0 0.4 0"'))
+    with pytest.raises(UrdfError, match="an equality ties body 'eye' to 'rod', which closes a loop"):
+        armflex.load_arm(tmp_path / "mjcf.toml")
