@@ -34,7 +34,7 @@ from armflex.robot.urdf import (
 from armflex.storage.trust import is_trusted, sha256_of
 
 ALIGNED = 1e-6
-"""By which a weld may want links otherwise than they are in the reference configuration, as numbers of a rotation."""
+"""How far links may be from where a weld wants them in the reference configuration, as numbers of a rotation."""
 
 
 def read_other(path: Path, root: etree._Element, strict: bool = True, loops: bool = False) -> Urdf:
