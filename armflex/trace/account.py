@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from armflex.errors import ArmflexError
 from armflex.estimate.fit import THOROUGH
@@ -70,7 +70,7 @@ def idle(state: State) -> int | None:
             block = state.effects[unit[0]]
             at = state.fit.places(block)[: len(block.effect.location.terms)]
             values, covariance = state.fit.values[at], state.fit.posterior.covariance[np.ix_(at, at)]
-            shares[number] = values @ np.linalg.pinv(covariance, hermitian=True) @ values / chi2.isf(ZERO, len(at))
+            shares[number] = values @ np.linalg.pinv(covariance, hermitian=True) @ values / chdtri(len(at), ZERO)
     return int(shares.argmin()) if shares.min(initial=1.0) < 1.0 else None
 
 

@@ -162,18 +162,19 @@ def chance(here: Standing, seed: int = 0) -> float:
     every, seen, best = screen.scores_of(flipped), projection.half @ flipped, -np.inf
     pulls = beside.inverse @ (every[beside.places] * beside.scale[:, None])
     objective = (flipped * projection.cleared(flipped)).sum(axis=0) - (seen**2).sum(axis=0) - (pulls**2).sum(axis=0)
-    tight, here_value = SCALES[:, None, None] ** -2.0, log_likelihood(objective, screen.count)
+    here_value = log_likelihood(objective, screen.count)
     for which, scores in enumerate(screen.parted(every)):
         block = screen.blocks[which]
         left = scores - beside.across(which) @ pulls
         for (numbers, at, scale, *_), inside in zip(block.batches, beside.reduced(which)[0], strict=True):
             values, axes = np.linalg.eigh(inside)
             turned = np.einsum("gki,gkf->gif", axes, left[at] * scale[:, :, None])
-            held = np.maximum(values, 0.0)[None] + tight
-            gain = (turned[None] ** 2 / held[..., None]).sum(axis=2)
-            logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.count) - here_value
-            logs = logs - 0.5 * np.log(held / tight).sum(axis=2)[..., None] + block.priors[numbers][None, :, None]
-            best = max(best, float(logs.max()))
+            for tight in (SCALES**-2.0).tolist():  # one after the other, which takes less memory
+                held = np.maximum(values, 0.0) + tight
+                gain = (turned**2 / held[:, :, None]).sum(axis=1)
+                logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.count) - here_value
+                logs = logs - (0.5 * np.log(held / tight).sum(axis=1) - block.priors[numbers])[:, None]
+                best = max(best, float(logs.max(initial=-np.inf)))
     return best
 
 
