@@ -52,7 +52,7 @@ class Candidate:
         return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)
 
 
-MADE_AT_ONCE = 2**23
+MADE_AT_ONCE = 2**22
 """Tolerance: numbers of a bank's columns that are made at a time."""
 
 BANK_HELD = 2**26
