@@ -45,6 +45,9 @@ AXIS, FIXED, ROD, GEAR, COIL, GAS = range(6)
 NEAR_SINGULAR = 1e-8
 """Squared share of the closures' singular values below which `Mechanism` looks at them."""
 
+SQUARED = 1e-8
+"""Step of passive joints [m, rad] after which the next would be rounding, as it is about the square."""
+
 
 class Tree(NamedTuple):
     """Numbers of a mechanism with its payload: T ties, first m rows of closures and then springs.
@@ -347,7 +350,7 @@ def _close(tree, q, free, here):
         if not size < np.inf:
             return False
         shrinks = size <= 0.5 * before
-        ends = size <= CLOSED or (size <= ROUNDED and not shrinks)
+        ends = size <= CLOSED or (size <= SQUARED and shrinks) or (size <= ROUNDED and not shrinks)
         if not (ends or shrinks):
             return False
         for a in range(p):
@@ -754,14 +757,19 @@ def _distance(tree, here, links, wrenches, scale, driven):
     virtual = _virtual(tree, here, total)
     _step(tree, here, y, right[m:], driven, virtual.step)
     _spread(tree, here, links, wrenches, np.zeros((0, total)), virtual)
-    square = 0.0
+    hessian, square = np.zeros((total, total)), 0.0
+    for k in range(1, len(tree.parents)):
+        own = tree.kinds[1, k]
+        if tree.kinds[0, k] & 3 == RIGID or (tree.kinds[0, k] & 3 != FLEXURE and own < driven):
+            continue
+        for i in range(6):
+            for a in range(total):
+                value = virtual.field[k, i, a]
+                for b in range(total):
+                    hessian[a, b] += value * virtual.step[k, i, b]
     for a in range(total):
         for b in range(total):
-            value = 0.0
-            for k in range(len(tree.parents)):
-                for i in range(6):
-                    value += virtual.field[k, i, a] * virtual.step[k, i, b]
-            square += value**2
+            square += hessian[a, b] ** 2
     return math.sqrt(square)
 
 

@@ -199,7 +199,7 @@ class LoopSolver:
         ends: bool = False,
     ) -> None:
         """Go through the rows, each from where the one before it closed; `ask` about those that are not answered."""
-        q, at, free = known[4], 0, np.empty(self._sizes[0])
+        q, at, free, asked = known[4], 0, np.empty(self._sizes[0]), -1
         while at < len(q):
             done = at
             if closing.last is None:
@@ -211,6 +211,12 @@ class LoopSolver:
             if done > at:
                 into.fine[at:done] = True
                 closing.last = q[done - 1].copy(), into.closed[done - 1].copy()
+            if plain and done < len(q) and asked < done:
+                asked = done
+                with suppress(ClosureError):  # a row far from the one before it is closed in smaller steps
+                    closing.closed(q[done])
+                at = done
+                continue
             if done < len(q):
                 ask(done)
                 if ends:
