@@ -173,3 +173,16 @@ def test_the_branch_is_that_of_the_row_before(tmp_path: Path, cold: None, monkey
     compiled(monkeypatch)
     found = armflex.load_arm(file).deflection(q)
     np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("off", [0.0, 5e-6, 5e-5])
+def test_a_parallelogram_that_is_not_quite_one_near_its_singular_pose(off: float, tmp_path, cold, monkeypatch) -> None:
+    pin = ("rod", (off, 0.5 * off, 1.1), "fore", (-0.4, 0.0, off), (0.0, 1.0, 0.0))
+    machine = replace(PARALLELOGRAM, loops={"tail": pin}, springs=UNEVEN.springs)
+    arm = machine.load(tmp_path)
+    q = np.array([[0.0, 0.0, 0.5 * np.pi - angle] for angle in (1.2, 0.6, 0.3, 0.1, 0.03, 0.003)])
+    expected = arm.deflection(q)
+    compiled(monkeypatch)
+    found = replace(arm).deflection(q)
+    np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
