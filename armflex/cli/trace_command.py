@@ -146,10 +146,10 @@ def print_trace(found: Trace) -> None:
         ["with what was found", found.rms, held_out[1]],
         ["stated noise", found.noise_rms, None],
     ]
-    rows = [[name, *("-" if rms is None else number(rms * 1e3, 3) for rms in pair)] for name, *pair in figures]
     readings = found.state.measurements.readings
+    unit, factor = SHOWN[readings.unit]
+    rows = [[name, *("-" if rms is None else number(rms * factor, 3) for rms in pair)] for name, *pair in figures]
     title = f"RMS of the {readings.error_title} over {len(found.rows) + len(found.unjudged)} rows"
-    unit = SHOWN[readings.unit][0]
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
     if found.found:
@@ -162,7 +162,7 @@ def print_trace(found: Trace) -> None:
             f"held out {unit}",
             "in folds",
         ]
-        print_table("Effects identified", columns, [row for one in found.found for row in _lines(one)])
+        print_table("Effects identified", columns, [row for one in found.found for row in _lines(one, factor)])
     if found.families:
         columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
         rows = [
@@ -170,7 +170,7 @@ def print_trace(found: Trace) -> None:
                 one.title.removesuffix(" at every drive"),
                 f"{number(one.kin.std, 2)} {one.unit}",
                 f"{one.kin.worth:.0f}",
-                f"{number(one.proof.before * 1e3, 3)} -> {number(one.proof.after * 1e3, 3)}",
+                f"{number(one.proof.before * factor, 3)} -> {number(one.proof.after * factor, 3)}",
             ]
             for one in found.families
         ]
@@ -178,10 +178,13 @@ def print_trace(found: Trace) -> None:
     say(*_remarks(found))
 
 
-def _lines(found: Found) -> Iterator[list[str]]:
-    """Yield one line for each value of an effect; the first one says which effect it is."""
+def _lines(found: Found, factor: float) -> Iterator[list[str]]:
+    """Yield one line for each value of an effect; the first one says which effect it is.
+
+    `factor` is that of errors in the unit that they are shown in.
+    """
     effect, proof = found.effect, found.proof
-    held_out = f"{number(proof.before * 1e3, 3)} -> {number(proof.after * 1e3, 3)}"
+    held_out = f"{number(proof.before * factor, 3)} -> {number(proof.after * factor, 3)}"
     depends = ", ".join(effect.location.covariates) or "-"
     head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
     again = f"{found.survives:.0%}"
@@ -218,9 +221,9 @@ def _remarks(found: Trace) -> Iterator[str]:
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
         yield f"Probability: {one.probability:.0%} {title}{others}."
     readings = found.state.measurements.readings
-    unit = SHOWN[readings.unit][0]
+    unit, factor = SHOWN[readings.unit]
     for gone in found.withdrawn:
-        calibrated, after = (number(rms * 1e3, 4) for rms in gone.errors)
+        calibrated, after = (number(rms * factor, 4) for rms in gone.errors)
         yield (
             f"Withdrawn: {gone.title}; with it poses held out are predicted to {after} {unit}, "
             f"by the calibrated arm to {calibrated} {unit}."
@@ -230,7 +233,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
         others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
         also = f" (or {others})" if others else ""
-        yield f"Left unexplained: {number(left.rms * 1e3, 3)} {unit} RMS {where}{size}{also}; no column explains it."
+        yield f"Left unexplained: {number(left.rms * factor, 3)} {unit} RMS {where}{size}{also}; no column explains it."
     elif found.undecided is not None:
         yield found.undecided.text
     elif not found.found and not found.families and not found.withdrawn:
@@ -239,8 +242,8 @@ def _remarks(found: Trace) -> Iterator[str]:
         least = min(found.smallest, key=lambda one: one.least)
         median = float(np.median([one.least for one in found.smallest]))
         yield (
-            f"Effects are observable from {number(median * 1e3, 2)} {unit} RMS {readings.where_read} "
-            f"(median over laws; {least.effect} from {number(least.least * 1e3, 2)} {unit})."
+            f"Effects are observable from {number(median * factor, 2)} {unit} RMS {readings.where_read} "
+            f"(median over laws; {least.effect} from {number(least.least * factor, 2)} {unit})."
         )
     for advice in found.next_measurement[:MOST_ADVICE]:
         yield f"Next: {advice}"

@@ -261,7 +261,7 @@ def largest_motion(view: View) -> float:
 def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
     """Return (k,) prior standard deviations: amplitudes that move the tip by `largest_motion`, inner ones loosely."""
     jacobian = view.effect_jacobian(effect, context)
-    moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)])
+    moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)]) / view.per_metre
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, largest_motion(view) / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])

@@ -145,6 +145,16 @@ class View:
         """(M, d) changes of the readings, in their units, as what they see is shifted any way [per m]."""
         return self.readings.stacked(lambda kind: kind.by_shift(self.at))
 
+    @property
+    def per_metre(self) -> float:
+        """How much the size of the foremost readings, see `rms`, changes as what they see is shifted [per m].
+
+        It is 1 of all but pictures.
+        """
+        if self.readings.unit != "px":
+            return 1.0
+        return self.rms(self.by_shift[:, self.foremost]) / np.sqrt(3.0)  # the mean over directions
+
     def by_sensor(self, name: str, key: str = "") -> Array:
         """Return (M, d, K) changes of the readings per nuisance of a sensor, in their units; see `Kind.by_key`."""
         found = np.zeros((*self.residual.shape, len(self.arm.sensors[name].std)))

@@ -269,8 +269,7 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
             continue
         information = inside * float(group.scale[0]) ** 2
         needed = np.log1p(SCALES**2 * information) - 2.0 * (hypothesis.prior - np.log(len(SCALES)))
-        size = (
-            UNIT_MOTION * noise * float(np.sqrt((needed / information * (1.0 + 1.0 / (SCALES**2 * information))).min()))
-        )
+        charged = needed / information * (1.0 + 1.0 / (SCALES**2 * information))
+        size = UNIT_MOTION * screen.fit.view.per_metre * noise * float(np.sqrt(charged.min()))
         found.setdefault(hypothesis.one.law.name, []).append(size)
     return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())

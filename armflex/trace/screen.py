@@ -54,7 +54,8 @@ def batched(some: Iterable[Hypothesis], count: int) -> Iterator[list[Hypothesis]
 def unit_of(fit: Fit) -> float:
     """Return the square of a whitened column that moves the target by `UNIT_MOTION`, RMS over the rows."""
     sigma = fit.view.sigma[:, fit.view.foremost]
-    return len(fit.view.rows) * UNIT_MOTION**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
+    moved = UNIT_MOTION * fit.view.per_metre
+    return len(fit.view.rows) * moved**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
 
 
 class Table:
@@ -279,7 +280,7 @@ class Screen(Evidence):
         if block:
             return self._held.gram[at].T[self._further]
         rows = self._rows if self.blocks[0].kept is None else self._narrow_rows
-        missing = np.array([place for place in places.tolist() if place not in rows.place], dtype=int)
+        missing = np.array([place for place in dict.fromkeys(places.tolist()) if place not in rows.place], dtype=int)
         if len(missing):
             held, some = self._held, self._held_at(missing)
             if rows is self._rows:

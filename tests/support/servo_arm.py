@@ -122,8 +122,8 @@ class ServoArm:
             found.append(here)
         return found
 
-    def links(self, q: np.ndarray, came: np.ndarray | None = None) -> np.ndarray:
-        """Return (N, 5, 4, 4) poses of the links in the base at rest, for (N, 5) reports and directions -1, 0, 1."""
+    def rest(self, q: np.ndarray, came: np.ndarray | None = None) -> np.ndarray:
+        """Return (N, 5) angles at rest, for (N, 5) reports and directions -1, 0, 1 that the joints came in."""
         found = []
         for row, reported in enumerate(q):
             side, angles = np.zeros(5) if came is None else came[row], reported + self.offset
@@ -135,10 +135,14 @@ class ServoArm:
                         about = frames[k][:3, :3] @ AXES[k]
                         torque[k] += about @ np.cross(place - frames[k][:3, 3], [0.0, 0.0, -mass * GRAVITY])
                 loaded = np.clip(torque / self.friction, -1.0, 1.0)
-                rest = np.where(np.abs(loaded) < 1.0, loaded + (1.0 - np.abs(loaded)) * -side, loaded)
+                rest = loaded + (1.0 - np.abs(loaded)) * -side
                 angles = reported + self.offset + self.give * torque + 0.5 * self.play * rest
-            found.append(self._links(angles))
+            found.append(angles)
         return np.array(found)
+
+    def links(self, q: np.ndarray, came: np.ndarray | None = None) -> np.ndarray:
+        """Return (N, 5, 4, 4) poses of the links in the base at rest."""
+        return np.array([self._links(angles) for angles in self.rest(q, came)])
 
     def tips(self, q: np.ndarray, came: np.ndarray | None = None) -> np.ndarray:
         """Return (N, 3) the tip before the board, if that is on the table, else before the camera [m]."""

@@ -117,10 +117,11 @@ def by_instrument(trace: Trace) -> str:
 def by_session_and_pose(accurate: Accuracy, both: bool, unit: str) -> str:
     """Return held-out errors by session and by pose, in the unit that `SHOWN` has: before and after, or after alone."""
     figure, (left, right) = canvas(10.0, 3.3, 1, 2, gridspec_kw={"width_ratios": [1, 2.6]}, sharey=True)
+    shown, factor = SHOWN[unit]
     sessions = accurate.by(accurate.sessions)
     place = np.arange(len(sessions))
     for side, which, colour in ((-0.2, 1, BEFORE), (0.2, 2, AFTER)) if both else ((0.0, 2, AFTER),):
-        heights, stds = (1e3 * np.array([getattr(one[which], name) for one in sessions]) for name in ("rms", "std"))
+        heights, stds = (factor * np.array([getattr(one[which], name) for one in sessions]) for name in ("rms", "std"))
         left.bar(place + side, heights, 0.36, color=colour)
         left.errorbar(place + side, heights, stds, fmt="none", ecolor=INK, elinewidth=0.9)
     left.set_title("By session")
@@ -128,11 +129,11 @@ def by_session_and_pose(accurate: Accuracy, both: bool, unit: str) -> str:
     slanted = max(len(name) for name, *_ in sessions) > 5
     labels = [cut(name, 12) for name, *_ in sessions[::step]]
     left.set_xticks(place[::step], labels, rotation=40 if slanted else 0, ha="right" if slanted else "center")
-    left.set_ylabel(f"RMS error, poses held out [{SHOWN[unit][0]}]")
+    left.set_ylabel(f"RMS error, poses held out [{shown}]")
 
     poses = sorted(accurate.by(accurate.poses), key=lambda pose: -pose[1].rms)
     place = np.arange(len(poses))
-    before, after = (1e3 * np.array([pose.rms for pose in either]) for either in list(zip(*poses, strict=True))[1:])
+    before, after = (factor * np.array([pose.rms for pose in either]) for either in list(zip(*poses, strict=True))[1:])
     if both:
         right.vlines(place, before, after, color=RULE, linewidth=1.0, zorder=1)
         right.scatter(place, before, s=11, color=BEFORE, linewidths=0, label="before")
@@ -147,7 +148,7 @@ def by_session_and_pose(accurate: Accuracy, both: bool, unit: str) -> str:
         right.set_xlabel(f"{len(poses)} poses")
 
     for panel in (left, right):
-        panel.axhline(1e3 * accurate.stated, color=INK, linewidth=1.0, linestyle=DASHED)
+        panel.axhline(factor * accurate.stated, color=INK, linewidth=1.0, linestyle=DASHED)
         grid(panel, "y")
     left.set_ylim(bottom=0.0)
     right.legend(loc="upper right", ncols=3)
@@ -220,17 +221,17 @@ def detectable(smallest: Sequence[Smallest], noise: float, readings: Readings) -
     rows = sorted(smallest, key=lambda one: -one.most)
     place = np.arange(len(rows))
     figure, (panel,) = canvas(8.4, 0.6 + 0.21 * max(len(rows), 3))
-    least, most = (1e3 * np.array([getattr(one, which) for one in rows]) for which in ("least", "most"))
+    unit, factor = SHOWN[readings.unit]
+    least, most = (factor * np.array([getattr(one, which) for one in rows]) for which in ("least", "most"))
     panel.hlines(place, least, most, color=AFTER, linewidth=4.0, alpha=0.45)
     panel.scatter(least, place, s=20, color=AFTER, linewidths=0)
     panel.scatter(most, place, s=20, color=AFTER, linewidths=0)
-    panel.axvline(1e3 * noise, color=INK, linewidth=1.0, linestyle=DASHED)
+    panel.axvline(factor * noise, color=INK, linewidth=1.0, linestyle=DASHED)
     panel.set_xscale("log")
     panel.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     panel.xaxis.set_minor_locator(NullLocator())
     panel.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     panel.set_yticks(place, [words(one.effect).title for one in rows])
-    unit = SHOWN[readings.unit][0]
     panel.set_xlabel(f"RMS {readings.where_read}, best to worst place [{unit}] (dashed: noise)")
     grid(panel, "x")
     return inline(figure, "Smallest effects that would have been observable")

@@ -12,7 +12,7 @@ import pytest
 from support import servo_arm
 from support.servo_arm import CAMERA, DISTORTION, IMAGE, LENS, ServoArm, board_points, declared, pose, turn, written
 
-from armflex import calibrate, load_arm, plan, predict, read_measurements
+from armflex import calibrate, load_arm, plan, predict, read_measurements, trace
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import ArmFileError, TableError, UnsupportedError
 from armflex.estimate.robust import huber_weights
@@ -55,6 +55,22 @@ def test_lens_mounting_and_board_are_found_with_the_arm(tmp_path: Path, on_arm: 
     there = np.isfinite(read.sigma)
     whitened = ((read.values - kind.values) / np.hypot(read.sigma, sigma))[there]
     assert 0.90 < (np.abs(whitened) < 1.96).mean() < 0.98
+
+
+@pytest.mark.slow
+def test_play_is_traced_in_pictures(tmp_path: Path) -> None:
+    """A degree of play in servos, named and sized from 60 pictures; the tip is then known where none was taken."""
+    arm = ServoArm.draw(1)
+    q, came = arm.poses(80, 11)
+    corners = arm.pictures(q, came, seed=1)
+    file = declared(tmp_path)
+    found = trace(load_arm(file), written(tmp_path, q[:60], corners[:60], came[:60])).arm
+    play = {one.location.site: abs(one.amplitudes[0]) for one in found.effects if one.law.name == "backlash"}
+    assert play["pan"] == pytest.approx(np.radians(1.0), rel=0.05)
+    more = read_measurements(written(tmp_path, q[60:], corners[60:], came[60:], "more.csv"), found)
+    at, vector = (found.sensors["cam"].of(name, ("",))[0] for name in ("board_at", "board_turn"))
+    off = (predict(found, more).position - at) @ turn(vector) - arm.tips(q[60:], came[60:])
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 1e-3
 
 
 @pytest.mark.slow
