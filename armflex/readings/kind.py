@@ -168,7 +168,7 @@ class Kind(ABC):
         return self.some(rows).start(at.some(rows))
 
     def readable(self, at: Postures) -> np.ndarray:
-        """Return (N,) where the instrument is within its range."""
+        """Return (N,) where the instrument is within its range, or (N, d) of every number."""
         return np.ones(len(self.values), dtype=bool)
 
     def start(self, at: Postures) -> Array:

@@ -159,12 +159,12 @@ class Pixels(Kind):
         return replace(self, sigma=sigma.reshape(self.sigma.shape))
 
     def readable(self, at: Postures) -> np.ndarray:
-        """Return (N,) where the whole board is in the picture; of no size that is declared, twice its centre."""
+        """Return (N, 2 C) which corners are in the picture; of no size that is declared it is twice its centre."""
         size = self._camera(at).image
         own, pixels, _ = self._seen(at)
         edge = 2.0 * at.of(self.name, "centre") if size is None else np.broadcast_to(size, (len(own), 2))
         inside = np.all((pixels > 0.0) & (pixels < edge[:, None]), axis=2)
-        return np.all((own[..., 2] > NEAREST) & inside, axis=1)
+        return np.repeat((own[..., 2] > NEAREST) & inside, 2, axis=1)
 
     def start(self, at: Postures) -> Array:
         """Return where a fit may begin, from where it is: what is not known nearly is found in closed form."""

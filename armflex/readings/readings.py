@@ -140,7 +140,9 @@ class Readings:
     def within_range(self, at: Postures) -> Readings:
         """Return readings still to be taken without those that are beyond the range of their instrument."""
         kinds = [
-            replace(one, sigma=np.where(one.readable(at)[:, None], one.sigma, np.inf)) if one.name else one
+            replace(one, sigma=np.where(one.readable(at).reshape(self.count, -1), one.sigma, np.inf))
+            if one.name
+            else one
             for one in self.kinds
         ]
         return replace(self, kinds=tuple(kinds))

@@ -122,6 +122,12 @@ class Sensor:
         return tuple(dict.fromkeys((*self.kind.columns(self.name), *self.unread(0).headers)))
 
     @property
+    def foreseen(self) -> bool:
+        """Whether there is something to say of what it will read: not of gaps, nor of a camera that may be anywhere."""
+        unknown = [one.anywhere * LONGEST[one.unit] or np.inf for one in self.kind.nuisances for _ in one.axes]
+        return self.sockets is None and (bool(self.found) or bool(np.all(self.std < unknown)))
+
+    @property
     def free(self) -> np.ndarray:
         """(k,) places among the K numbers of those that a campaign has to find."""
         return np.flatnonzero(self.std)

@@ -230,7 +230,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         raise
     # The tip's position comes first; see `Readings`.
     wanted = [Position.unread(len(rows))]
-    read = {name: one for name, one in arm.sensors.items() if one.sockets is None}  # of a gap there is nothing to say
+    read = {name: one for name, one in arm.sensors.items() if one.foreseen}
     wanted += [one.unread(len(rows)) for one in read.values()]
     readings = Readings(len(rows), tuple(wanted))
     tip = readings.foremost

@@ -170,14 +170,14 @@ def simulated(arm: Arm, rows: Rows, sigma: float, rng: np.random.Generator) -> M
     rows = Rows(**{name: getattr(rows, name) for name in bare})
     read = np.array([not pose.startswith(RUN_UP) for pose in rows.pose])
     kinds: list[Kind] = [Position.unread(len(rows), sigma)]
-    kinds += [one.unread(len(rows)) for one in arm.sensors.values() if one.sockets is None]
+    kinds += [one.unread(len(rows)) for one in arm.sensors.values() if one.foreseen]
     rows = replace(rows, measured=read)
     at = look(Setup(arm, arm.instrument or Instrument()), rows, readings=Readings(len(rows), tuple(kinds))).at
     taken = []
-    for kind in kinds:
+    for kind in Readings(len(rows), tuple(kinds)).within_range(at).kinds:
         there = np.where(read[:, None], kind.sigma, np.inf)
-        noise = np.where(read[:, None], kind.sigma, 0.0) * rng.standard_normal(kind.values.shape)
-        taken.append(replace(kind, values=np.where(read[:, None], kind.predicted(at) + noise, 0.0), sigma=there))
+        noise = np.where(np.isfinite(there), there, 0.0) * rng.standard_normal(kind.values.shape)
+        taken.append(replace(kind, values=np.where(np.isfinite(there), kind.predicted(at) + noise, 0.0), sigma=there))
     return Measurements.of(rows, Readings(len(rows), tuple(taken)))
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -31,18 +32,19 @@ FITTED, HELD_OUT = 60, 30
 def by_hand_eye(arm: servo.ServoArm, q: np.ndarray, corners: np.ndarray, lens: tuple) -> np.ndarray:
     """Return (N, 3) tips before the board [m] as OpenCV's best hand-eye calibration of the first pictures has them.
 
-    It is given the true lens, the camera matrix and its distortion.
+    Poses of the board are by the true lens (camera matrix, distortion), or by one that OpenCV calibrates itself.
     """
     seen = [i for i in range(FITTED) if np.isfinite(corners[i]).all(axis=1).sum() >= 12]
     shown = [np.isfinite(corners[i]).all(axis=1) for i in seen]
-    boards = []
-    for i, own in zip(seen, shown, strict=True):
-        _, vector, shift = cv2.solvePnP(servo.board_points()[own], corners[i][own], *lens)
-        boards.append(servo.pose(cv2.Rodrigues(vector)[0], shift.ravel()))
+    points = [servo.board_points()[own].astype(np.float32) for own in shown]
+    places = [corners[i][own].astype(np.float32) for i, own in zip(seen, shown, strict=True)]
+    poses = [cv2.solvePnP(one, other, *lens)[1:] for one, other in zip(points, places, strict=True)]
+    every_pose = [poses, list(zip(*cv2.calibrateCamera(points, places, servo.IMAGE, None, None)[3:5], strict=True))]
     links = servo.ServoArm.nominal().links(q)[:, -1]
     tips = links[:, :3, :3] @ servo.TIP + links[:, :3, 3]
     truth, best = arm.tips(q[FITTED:], CAME[FITTED:]), (np.inf, tips)
-    for method in ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS"):
+    for number, method in product(range(2), ("TSAI", "PARK", "HORAUD", "ANDREFF", "DANIILIDIS")):
+        boards = [servo.pose(cv2.Rodrigues(vector)[0], np.ravel(shift)) for vector, shift in every_pose[number]]
         try:
             eye = servo.pose(*(np.squeeze(one) for one in cv2.calibrateHandEye(
                 links[seen, :3, :3], links[seen, :3, 3], [one[:3, :3] for one in boards],
@@ -54,7 +56,7 @@ def by_hand_eye(arm: servo.ServoArm, q: np.ndarray, corners: np.ndarray, lens: t
         board = np.linalg.inv(servo.pose(left @ right, np.median(every[:, :3, 3], axis=0)))
         found = tips @ board[:3, :3].T + board[:3, 3]
         error = rms(found[FITTED:] - truth)
-        best = min(best, (error, found), key=lambda one: one[0])  # the best of five, by the truth
+        best = min(best, (error, found), key=lambda one: one[0])  # the best of ten, by the truth
     return best[1]
 
 

@@ -73,6 +73,16 @@ def test_play_is_traced_in_pictures(tmp_path: Path) -> None:
     assert np.sqrt((off**2).sum(axis=1).mean()) < 1e-3
 
 
+def test_nothing_is_foretold_of_a_camera_that_may_be_anywhere(tmp_path: Path) -> None:
+    _, file, rows = campaign(tmp_path, 3, 6)
+    arm = load_arm(file)
+    assert not predict(arm, rows).sensors
+    known = "focal = [905.0, 902.0]\ncentre = [651.0, 353.0]\nanchor = [0.02, 0.0, 0.05]\nmounting = [0.0, 0.0, 0.0]\n"
+    known += "board_at = [0.3, 0.0, 0.0]\nboard_turn = [0.0, 3.1, 0.0]\nboard_turn_std = 0.1\n"
+    file.write_text(file.read_text().replace("distortion_std = 0.2\n", known))
+    assert [kind.name for kind, _ in predict(load_arm(file), rows).sensors] == ["cam"]
+
+
 @pytest.mark.slow
 def test_one_lost_corner_is_an_outlier_without_its_picture(tmp_path: Path) -> None:
     arm, file, _ = campaign(tmp_path, 3, 12)
