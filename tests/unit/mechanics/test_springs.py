@@ -43,6 +43,18 @@ def test_rates_are_the_change_of_the_tension(law):
     assert law.rate(length) == pytest.approx(quotient, rel=1e-8)
 
 
+@pytest.mark.parametrize("law", [BALANCER.law, TIE.law, STRUT.law])
+def test_tensions_change_with_what_is_found_as_by_finite_differences(law):
+    weak = replace(replace(BALANCER, law=law).moved(np.full(len(law.parameters), 0.03)).law, strength=0.7)
+    lengths, size = np.array([0.5, 0.8]), 1e-6
+    for i, change in enumerate(weak.by_found(lengths)):
+        step = size * np.eye(len(weak.parameters))[i]
+        ends = [replace(BALANCER, law=weak).moved(side * step).law for side in (1.0, -1.0)]
+        quotient = [(ends[0].tension(at) - ends[1].tension(at)) / (2.0 * size) for at in lengths]
+        np.testing.assert_allclose(change, quotient, rtol=1e-8)
+    assert replace(weak, strength=0.0).tension(0.8) == 0.0
+
+
 def test_tensions_as_declared():
     assert BALANCER.law.tension(0.7) == pytest.approx(6e3)
     assert TIE.law.tension(1.2) == pytest.approx(2.8e3)
