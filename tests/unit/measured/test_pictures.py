@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support import servo_arm
-from support.servo_arm import CAMERA, DISTORTION, IMAGE, LENS, ServoArm, board_points, declared, pose, turn, written
+from support.servo_arm import CAMERA, IMAGE, LENS, ServoArm, board_points, declared, pose, turn, written
 
 from armflex import calibrate, load_arm, plan, predict, read_measurements, trace
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import ArmFileError, TableError, UnsupportedError
 from armflex.estimate.robust import huber_weights
 from armflex.measured import pictures
+from armflex.plan.drive import write_plan
 from armflex.readings import Pixels
 from armflex.readings.board import Board, read_board
 from armflex.readings.lens import projected
@@ -300,14 +300,12 @@ def test_pictures_are_read_where_the_campaign_names_them(tmp_path: Path, monkeyp
 
 
 @pytest.mark.slow
-def test_poses_that_are_planned_show_the_board(tmp_path: Path) -> None:
-    """Once the camera is known, rows are proposed from which it sees the board."""
+def test_rows_are_planned_after_pictures(tmp_path: Path) -> None:
+    """Pictures of before count as known, and the plan's file has a column for those that are to be taken."""
     _, file, rows = campaign(tmp_path, 3, 30)
     loaded = load_arm(file)
-    found = calibrate(loaded, read_measurements(rows, loaded))
-    sensor = found.arm.sensors["cam"]
-    assert found.arm.certainty is not None and sensor.found
-    chosen = plan(found.arm, 4, after=read_measurements(rows, found.arm), seed=1)
-    at = chosen.rows.q[[not one.startswith("to ") for one in chosen.rows.pose]]
-    assert len(at) >= 4
-    assert DISTORTION.shape == (5,) and replace(sensor, found={}).found == {}
+    found = calibrate(loaded, read_measurements(rows, loaded)).arm
+    chosen = plan(found, 4, after=read_measurements(rows, found), instruments=["cam"], seed=1)
+    write_plan(chosen, tmp_path / "plan.csv")
+    header, *lines = (tmp_path / "plan.csv").read_text().splitlines()
+    assert "cam" in header.split(",") and len(lines) >= 4
