@@ -182,8 +182,8 @@ class EffectBlock(Block):
 
     @property
     def start(self) -> Array:
-        moved = np.array(self.effect.inner) - self._origin
-        return np.concatenate([self.effect.acting, moved[list(self.free)]])
+        free = list(self.free)
+        return np.concatenate([self.effect.acting, np.array(self.effect.inner)[free] - self._origin[free]])
 
     @property
     def _origin(self) -> Array:

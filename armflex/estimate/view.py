@@ -310,7 +310,8 @@ class View:
         """Return (M, d, 1) changes of the readings per tension between the ends of a spring [N]."""
         starts = [self._at(*end) for end in spring.ends]
         way = starts[1] - starts[0]
-        pull, found = way / np.linalg.norm(way, axis=1, keepdims=True), np.zeros((*self.residual.shape, 1))
+        pull: Array = way / np.linalg.norm(way, axis=1, keepdims=True)
+        found: Array = np.zeros((*self.residual.shape, 1))
         for (link, _), start, force in zip(spring.ends, starts, (pull, -pull), strict=True):
             moment = np.cross(start - self.pose_of(link)[:, :3, 3], force)
             found += self.to_load(link) @ np.concatenate([force, moment], axis=1)[:, :, None]

@@ -26,6 +26,9 @@ from armflex.mechanics.spring import CoilSpring, GasSpring
 from armflex.mechanics.ties import Pin, Ties
 from armflex.rows.wrench import Wrench, same_objects
 
+ROUNDING = 1e-12
+"""Tolerance: share of a compliance below which it is symmetric, and nowhere negative."""
+
 
 class Rested(NamedTuple):
     """Arrays of N rows; see `loop_kernel.rest_rows`. `fine` is (N,) of those that were answered and proven to stay."""
@@ -124,7 +127,9 @@ class LoopSolver:
         self._tree, self._nominal = trees(loaded)[:2]
         self._idle, self._ask = np.zeros((len(self._tree.rows),) * 2), loop_kernel().rest_rows
         self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), len(self._idle), len(self._tree.parents)
-        self._differs = loaded.arm.stack.rows_differ
+        self._differs, self._rooted = loaded.arm.stack.rows_differ, True
+        if not self._differs:
+            self._rooted = rooted(self._laws.compliance, symmetric=False)
         joints = [(joint.id, joint.idx_v) for joint in list(mechanics.model.joints)[1:] if joint.nv == 1]
         self._joints, self._joints_v = np.array(joints).reshape(-1, 2).T
 
@@ -139,6 +144,7 @@ class LoopSolver:
         laws, pushes, mechanics = self._laws, self._pushes, self._mechanics
         if self._differs:
             laws.know(row)
+            self._rooted = rooted(laws.compliance, symmetric=False)  # else it could buckle where the proof is blind
         plain = self.answers
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
         known, found = (laws.compliance, laws.offset, pushes.links, loads, q), _room(len(q), self._sizes)
@@ -166,7 +172,7 @@ class LoopSolver:
     @property
     def answers(self) -> bool:
         """Whether compiled code knows these laws and loads."""
-        return not (self._laws.curved or self._laws.bent or self._pushes.posed)
+        return self._rooted and not (self._laws.curved or self._laws.bent or self._pushes.posed)
 
     def in_model(self, q: Array, found: Rested) -> tuple[Array, Array, Array]:
         """Return rigid configuration, motion and torque of the first row, at (nq,) positions; see `mechanism.Rest`."""
@@ -281,6 +287,14 @@ def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rest
     """Return rows that rest as compiled code found, or as `LoopSolver.fill` has them."""
     pushes, state = Pushes(loaded, case.wrenches, sited=True), (rested.closed, rested.flexed, rested.forces)
     return LoopRows(loaded, trees(loaded)[2], pushes.links, rows, pushes.wrenches(case.q), tangents, *state)
+
+
+def rooted(compliance: Array, symmetric: bool = True) -> bool:
+    """Return whether (..., 6, 6) are all C = R R', as compiled code has them; without `symmetric`, their even parts."""
+    size = np.abs(compliance).max(axis=(-2, -1), initial=0.0)[..., None]
+    even = 0.5 * (compliance + compliance.swapaxes(-1, -2))
+    odd = np.abs(compliance - even).max(axis=-1, initial=0.0) if symmetric else np.zeros(1)
+    return bool((odd <= ROUNDING * size).all() and (np.linalg.eigvalsh(even) >= -ROUNDING * size).all())
 
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:

@@ -26,7 +26,7 @@ from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small
 from armflex.mechanics.few_rows import FewRows, MechanismRows, linearised, linearised_mechanism, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
-from armflex.mechanics.loop_rows import LoopRows, responding, solver_of
+from armflex.mechanics.loop_rows import LoopRows, responding, rooted, solver_of
 from armflex.mechanics.many_rows import (
     Pushed,
     Pushes,
@@ -360,7 +360,10 @@ def _solved_loops(
     found.twists[:], found.wrenches[:] = rested.twists, rested.loads
     if laws.curved:
         laws.expand(found.wrenches)
-    part = responding(loaded, rows, case, rested, laws.tangents(found.wrenches))
+    tangents = laws.tangents(found.wrenches)
+    if not rooted(tangents):
+        return _solved_alone(loaded, rows, case, into, allow_large)
+    part = responding(loaded, rows, case, rested, tangents)
     into[rows] = part.by_law(None, case.q, found.twists)
     return part, found
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from armflex.laws.effects.pin_play import PIN_PLAY
 from armflex.laws.effects.telescope import TELESCOPE
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
-from armflex.mechanics import deflection, equilibrium, response
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.readings.instrument import Instrument
@@ -97,18 +95,7 @@ def mechanism(folder: Path) -> tuple[Arm, Measurements]:
     scope="module",
     params=["boom", pytest.param("six", marks=pytest.mark.slow), pytest.param("mechanism", marks=pytest.mark.slow)],
 )
-def stage(request, tmp_path_factory) -> Iterator[Stage]:
-    with pytest.MonkeyPatch.context() as patch:
-        for user in (
-            response,
-            deflection,
-            equilibrium,
-        ):  # a quotient is of one engine
-            patch.setattr(user, "loop_kernel_pays", lambda rows: False)
-        yield _staged(request, tmp_path_factory)
-
-
-def _staged(request, tmp_path_factory) -> Stage:
+def stage(request, tmp_path_factory) -> Stage:
     if request.param == "mechanism":
         arm, rows = mechanism(tmp_path_factory.mktemp("campaign"))
     else:
