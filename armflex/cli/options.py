@@ -355,14 +355,17 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
     return found
 
 
-def declared_arm(path: Path, command: str, keep: bool = False, lax: bool = False) -> Arm:
-    """Return the arm of an arm.toml that a command fits; a bare URDF says nothing of what may move."""
+def declared_arm(path: Path, command: str, keep: bool | None = None, lax: bool = False) -> Arm:
+    """Return the arm of an arm.toml that a command fits; a bare URDF says nothing of what may move.
+
+    `keep` is None of a command that has no such option.
+    """
     if path.suffix != ".toml":
         raise InputError(f"{path}: {command} needs an arm.toml, whose [prior] says what may move")
     arm = load_arm(path, strict=not lax)
     if arm.certainty is not None and not keep:
-        text = f"{path} is calibrated already: {command} starts from the arm as declared, or with --keep from this one"
-        raise InputError(text)
+        other = "" if keep is None else ", or with --keep from this one"
+        raise InputError(f"{path} is calibrated already: {command} starts from the arm as declared{other}")
     if keep and arm.certainty is None:
         raise InputError(f"{path} is not calibrated: there is nothing to keep")
     return arm
