@@ -124,11 +124,14 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
         whole += both.T @ more @ both
     root, owner = _root(compliance)
     allowed = _of_mechanism if isinstance(mechanics, Mechanism) else _of_chain
-    turned, tested, moved, softened, by_drive = allowed(found, configuration, torque, root, row)
-    free, bent = moved
-    right, left = turned @ root @ free, tested @ root @ bent
-    inverse, ways = _slowest(bent.T @ free + left.T @ softened @ right, left.T @ whole @ right, count)
-    ways = free @ ways
+    turned, right, left, (free, bent), softened, by_drive = allowed(found, configuration, torque, root, row)
+    stiffness, mass = left.T @ softened @ right, left.T @ whole @ right
+    if free is None or bent is None:
+        stiffness.flat[:: len(stiffness) + 1] += 1.0
+        inverse, ways = _slowest(stiffness, mass, count)
+    else:
+        inverse, ways = _slowest(bent.T @ free + stiffness, mass, count)
+        ways = free @ ways
     motion = (root @ ways).T  # (m, 6 n)
     tip = motion @ turned.T @ mechanics.tip_jacobian(configuration).T
     shift, turn = np.linalg.norm(tip[:, :3], axis=1), np.linalg.norm(tip[:, 3:], axis=1)
@@ -152,24 +155,24 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     return Modes(frequencies, ratios, tip, twists, masses, 0.5 * shares, names, flags, momenta, drives)
 
 
-Allowed = tuple[Array, Array, tuple[Array, Array], Array, Callable[[Array], Array]]
-"""(nv, 6 n) body motion of everything per twist of the flexures, and per body motion of theirs; bases of coordinates of
-laws that nothing forbids, for the one and the other; (nv, nv) geometric stiffness; and from (6 n, nq) changes of laws
-with the drives to the (nv, nq) motion of everything with them."""
+Allowed = tuple[Array, Array, Array, tuple[Array | None, Array | None], Array, Callable[[Array], Array]]
+"""(nv, 6 n) body motion of everything per twist of the flexures; (nv, k) of it per coordinate of laws that nothing
+forbids, by twists and by body motions of the flexures; bases of those coordinates, None of all; (nv, nv) geometric
+stiffness; and from (6 n, nq) changes of laws with the drives to the (nv, nq) motion of everything with them."""
 
 
 def _of_chain(found: Equilibrium, configuration: Array, torque: Array, root: Array, row: Row) -> Allowed:
     mechanics, places = found.loaded.mechanics, found.loaded.mechanics.flex.flexure_v
-    tested, softened = np.eye(mechanics.model.nv)[:, places], mechanics.stiffness(configuration, found.case)
-    turned = tested @ mechanics.exponential_jacobian(found.rigid, found.motion)
+    softened, nv = mechanics.stiffness(configuration, found.case), mechanics.model.nv
+    turned, left = np.zeros((nv, len(places))), np.zeros((nv, root.shape[1]))
+    turned[places], left[places] = mechanics.exponential_jacobian(found.rigid, found.motion), root
 
     def by_drive(change: Array) -> Array:
         compliance, drives = root @ root.T, np.eye(len(softened))[:, mechanics.flex.v_index]
         given = change - compliance @ softened[np.ix_(places, mechanics.flex.v_index)]
         return drives + turned @ np.linalg.solve(np.eye(len(places)) + compliance @ softened[places] @ turned, given)
 
-    everything = np.eye(root.shape[1])
-    return turned, tested, (everything, everything), softened, by_drive
+    return turned, turned @ root, left, (None, None), softened, by_drive
 
 
 def _of_mechanism(found: Equilibrium, configuration: Array, torque: Array, root: Array, row: Row) -> Allowed:
@@ -199,7 +202,8 @@ def _of_mechanism(found: Equilibrium, configuration: Array, torque: Array, root:
         drives = np.concatenate([linear.by_motion[:, flex.v_index], linear.by_gap[:, linear.lengths]], axis=1)
         return drives + linear.by_law @ change
 
-    return maps[0], maps[1], (bases[0], bases[1]), linear.turned, by_drive
+    right, left = (moved @ root @ base for moved, base in zip(maps, bases, strict=True))
+    return maps[0], right, left, (bases[0], bases[1]), linear.turned, by_drive
 
 
 def _root(compliance: Array) -> tuple[Array, np.ndarray]:
@@ -229,7 +233,7 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
     from scipy.linalg.lapack import dsygvd  # pyright: ignore[reportAttributeAccessIssue] - not in its stubs
 
     even, inert = 0.5 * (stiffness + stiffness.T), 0.5 * (mass + mass.T)
-    found, ways, failed = dsygvd(inert, even)
+    found, ways, failed = dsygvd(inert.T, even.T)  # the same, in the order of columns that LAPACK has
     if failed:
         least = float(np.linalg.eigvalsh(even)[0])
         text = "the arm would not stay where its loads balance: there is nothing to swing about"

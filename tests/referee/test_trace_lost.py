@@ -22,6 +22,7 @@ from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
 from armflex.plan.design import instead
+from armflex.readings import Position, Readings
 from armflex.rows.rows import pose_groups
 from armflex.show.report import render_report
 from armflex.trace import trace
@@ -109,7 +110,7 @@ def test_rows_far_off_together_that_nothing_explains_are_left_out_at_last_and_sa
 def seen(length: np.ndarray) -> SimpleNamespace:
     """Return what the question needs of a view: residuals of so many standard deviations."""
     whitened = np.outer(length, [1.0, 0.0, 0.0])
-    readings = SimpleNamespace(groups=(slice(0, 3),))  # of one instrument
+    readings = Readings(len(length), (Position(np.zeros((len(length), 3)), np.ones((len(length), 3))),))
     return SimpleNamespace(whitened=whitened, residual=whitened, sigma=np.ones_like(whitened), readings=readings)
 
 

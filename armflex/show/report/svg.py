@@ -69,11 +69,16 @@ def drawing() -> Iterator[None]:
         yield
 
 
-def canvas(width: float, height: float, rows: int = 1, columns: int = 1, **more) -> tuple[Figure, list[Axes]]:
-    """Return a figure [inch] and its axes row by row."""
+def blank(width: float = 1.0, height: float = 1.0) -> Figure:
+    """Return a figure [inch] with nothing on it."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def canvas(width: float, height: float, rows: int = 1, columns: int = 1, **more) -> tuple[Figure, list[Axes]]:
+    """Return a figure [inch] and its axes row by row."""
+    figure = blank(width, height)
     axes = figure.subplots(rows, columns, squeeze=False, **more)
     return figure, list(axes.ravel())
 

@@ -10,7 +10,7 @@ from armflex.arm import Arm
 from armflex.errors import ArmflexError
 from armflex.measured.measurements import Measurements
 from armflex.rows.wrench import wrenches_in
-from armflex.show.report.svg import INK, MARK, inline
+from armflex.show.report.svg import INK, MARK, blank, inline
 from armflex.show.view.mode_picture import MOST, swing_on
 
 
@@ -33,9 +33,7 @@ def swing(arm: Arm, measurements: Measurements, rows: np.ndarray) -> SimpleNames
         modes = arm.modes(measurements.q[row], carried[row], count=MOST, **given)
     except ArmflexError as error:
         return SimpleNamespace(figure="", rows=(), text=f"Not computed: {error}")
-    from matplotlib.figure import Figure
-
-    figure = Figure(layout="constrained")
+    figure = blank()
     swing_on(figure, rest, modes, MARK, INK)
     stiffest = modes.sensitivities.argmax(axis=1)
     decays = 1.0 / (2.0 * np.pi * modes.damping_ratios * modes.frequencies)
