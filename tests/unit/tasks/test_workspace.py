@@ -65,6 +65,20 @@ def same(one: WorkspaceMap, other: WorkspaceMap) -> bool:
     return all(np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b for a, b in pairs)
 
 
+def near(one: WorkspaceMap, other: WorkspaceMap) -> bool:
+    """Return whether two maps agree to rounding."""
+    pairs = ((getattr(one, field.name), getattr(other, field.name)) for field in fields(WorkspaceMap))
+    close = [
+        np.allclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True)
+        if isinstance(a, np.ndarray) and a.dtype.kind == "f"
+        else np.array_equal(a, b)
+        if isinstance(a, np.ndarray)
+        else a == b
+        for a, b in pairs
+    ]
+    return all(close)
+
+
 def test_a_plain_loop_finds_the_same(tarm: Arm) -> None:
     """Every configuration by itself, its voxel by its rigid tip, and the worst of each."""
     found = map_workspace(tarm, PAYLOADS, rows=150, chunk=64, voxel=2.0, seed=3)
@@ -500,7 +514,8 @@ def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
     asked = ("map", TARM, "--rows", 64, "--payload", "none,p600", "--chunk", 16, "--seed", 5)
     found = map_workspace(tarm, PAYLOADS, rows=64, chunk=16, seed=5)
     said = fine(armflex(*asked, "-o", "a.safetensors", "--jobs", 2)).stdout
-    assert same(read_map(tmp_path / "a.safetensors"), found) and "Largest displacement of the tip" in said
+    # The command may be answered by another engine than this process: to rounding, not to the last bit.
+    assert near(read_map(tmp_path / "a.safetensors"), found) and "Largest displacement of the tip" in said
     fine(armflex(*asked, "-o", "b.csv", "--tolerance", "100mm", "--json", "b.json", "--picture", "b.png"), 1)
     told = json.loads((tmp_path / "b.json").read_text())
     assert told["verdicts"] == {name: int((found.verdicts(0.1) == name).sum()) for name in ("ok", "uncertain", "fail")}
