@@ -77,8 +77,8 @@ def print_modes(found: Modes, std: Array | None) -> None:
         stiffer = ", ".join(f"{names.flexures[j]} {share(found.sensitivities[i, j])}" for j in order)
         shape = [f"{round(part, 2) + 0.0:.2f}" for part in found.shapes[i, :3]]
         spread = "-" if std is None else number(float(std[i]), 2)
-        per_second = number(1.0 / (2.0 * np.pi * found.damping_ratios[i] * frequency), 2)
-        rows.append([str(i + 1), number(float(frequency), 4), spread, per_second, *shape, stiffer])
+        decay = number(float(found.decays[i]), 2)
+        rows.append([str(i + 1), number(float(frequency), 4), spread, decay, *shape, stiffer])
     print_table(
         f"Modes of vibration, drives holding (base {names.base}, tip {names.tip})",
         ["", "Hz", "± std", "decay s", "tip x", "tip y", "tip z", "gained by stiffness of"],

@@ -84,6 +84,11 @@ class Modes(Result):
     drives: Array | None = None
 
     @property
+    def decays(self) -> Array:
+        """(m,) time in which the swing falls to 37 % [s]."""
+        return 1.0 / (2.0 * np.pi * self.damping_ratios * self.frequencies)
+
+    @property
     def table(self) -> dict[str, Array]:
         """A row for every mode, SI."""
         tip = {f"tip_{axis}": self.shapes[:, i] for i, axis in enumerate(("x", "y", "z", "rx", "ry", "rz"))}

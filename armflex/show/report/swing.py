@@ -36,11 +36,10 @@ def swing(arm: Arm, measurements: Measurements, rows: np.ndarray) -> SimpleNames
     figure = blank()
     swing_on(figure, rest, modes, MARK, INK)
     stiffest = modes.sensitivities.argmax(axis=1)
-    decays = 1.0 / (2.0 * np.pi * modes.damping_ratios * modes.frequencies)
     return SimpleNamespace(
         figure=inline(figure, "modes of vibration"),
         rows=tuple(
-            (f"{modes.frequencies[i]:.3g} Hz", f"{decays[i]:.2g} s", f"{modes.names.flexures[j]} ({share:.0%})")
+            (f"{modes.frequencies[i]:.3g} Hz", f"{modes.decays[i]:.2g} s", f"{modes.names.flexures[j]} ({share:.0%})")
             for i, j in enumerate(stiffest)
             for share in [modes.sensitivities[i, j]]
         ),

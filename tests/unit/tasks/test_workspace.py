@@ -69,7 +69,7 @@ def near(one: WorkspaceMap, other: WorkspaceMap) -> bool:
     """Return whether two maps agree to rounding."""
     pairs = ((getattr(one, field.name), getattr(other, field.name)) for field in fields(WorkspaceMap))
     close = [
-        np.allclose(a, b, rtol=1e-9, atol=1e-12, equal_nan=True)
+        np.allclose(a, b, rtol=1e-12, atol=1e-14, equal_nan=True)
         if isinstance(a, np.ndarray) and a.dtype.kind == "f"
         else np.array_equal(a, b)
         if isinstance(a, np.ndarray)
