@@ -9,12 +9,13 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from unittest.mock import patch
 
+from keys import COLUMNS, KEYS, Key
+
 import armflex.measured.table as tables
 from armflex import load_arm, read_joint_data, read_measurements, read_trajectory
 from armflex import trajectory as trajectories
 from armflex.conventions import UNITS
 from armflex.declaration import Declaration
-from armflex.files.keys import COLUMNS, KEYS, Key
 from armflex.measured import joint_data, measurements, pictures
 from armflex.measured.table import Table
 
@@ -171,7 +172,7 @@ def columns() -> dict[str, dict[str, str]]:
 
 
 def undescribed(asked: Asked, read: Mapping[str, Mapping[str, str]]) -> list[str]:
-    """Return what the readers ask for that has no meaning in `armflex.files.keys`."""
+    """Return what the readers ask for that has no meaning in `keys`."""
     missing = [f"[{table}] {key}" for table, keys in asked.items() for key in keys if key not in KEYS.get(table, {})]
     covariates = {"temperature", "operator", "data_no"}
     return missing + [

@@ -107,7 +107,7 @@ def test_every_block_says_why_it_is_not_run() -> None:
 
 
 def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the readers ask for while they read docs/formats stands in `armflex.files.keys`."""
+    """What the readers ask for while they read docs/formats stands in `docs/_ext/keys.py`."""
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "_ext"))
     import formats
 

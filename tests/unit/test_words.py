@@ -49,7 +49,7 @@ def texts() -> Iterator[tuple[Path, int, str]]:
         yield page, 1, CODE.sub(lambda found: "\n" * found[0].count("\n"), text)
     for template in sorted((PACKAGE / "show" / "report").glob("*.html")):
         yield template, 1, UNSAID.sub(lambda found: "\n" * found[0].count("\n"), template.read_text())
-    for module in sorted(PACKAGE.rglob("*.py")):
+    for module in [*sorted(PACKAGE.rglob("*.py")), ROOT / "docs" / "_ext" / "keys.py"]:
         for line, text in messages(module.read_text()):
             yield module, line, text
 
