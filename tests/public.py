@@ -1,6 +1,6 @@
 """The public scoreboard: campaigns that were published, each calibrated, traced and predicted by parts it has not seen.
 
-    python tests/public.py DIR [--parts 3] [--only NAME] [--cut among] [--calibrated] [--json FILE]
+    python tests/public.py DIR [--parts 3] [--only NAME] [--cut among] [--rows N] [--calibrated] [--json FILE]
 
 Every campaign in DIR and below is found by its arm.toml, each `.csv` with joint positions beside it is one; published
 repositories of other layouts are converted first, into a temporary folder: serial_robots_datasets, ipa-robot-accuracy
@@ -17,7 +17,8 @@ campaign, their error by the arm traced on all of it is listed as well. Rows tha
 *Coverage* is the share of the coordinates held out whose error is within 1.96 of its standard deviation, which is the
 `sigma` of `predict` and the noise of the reading together; that is as stated, or as the readings scatter about the fit
 where it is less. *chi2* is the mean square of that ratio. 95 % and 1 are what a true statement gives. `--calibrated`
-leaves `trace` out, which takes seconds instead of minutes.
+leaves `trace` out, which takes seconds instead of minutes; `--rows N` takes N readings spread evenly over a longer
+campaign.
 """
 
 from __future__ import annotations
@@ -188,14 +189,17 @@ def figures(errors: np.ndarray, stds: np.ndarray) -> dict:
     }
 
 
-def score(arm_file: Path, table: Path, parts: int, cuts: tuple[str, ...], calibrated: bool) -> dict:
-    """Return what the scoreboard says of a campaign [mm, s]; of the calibrated arm alone where `calibrated`."""
+def score(arm_file: Path, table: Path, parts: int, cuts: tuple[str, ...], calibrated: bool, most: int) -> dict:
+    """Return what the scoreboard says of a campaign [mm, s], of `most` of its rows, of the calibrated arm alone where
+    `calibrated`.
+    """
     arm = armflex.load_arm(arm_file)
     measurements = read_measurements(table, arm)
     rows = np.flatnonzero(measurements.measured)
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
     fitted = armflex.calibrate if calibrated else armflex.trace
     begun = time.process_time()
-    whole = fitted(arm, measurements)
+    whole = fitted(arm, measurements, rows)
     told: dict = {"rows": len(rows), "cpu_s": time.process_time() - begun}
     if isinstance(whole, Trace):
         told["causes"] = [one.effect.title for one in whole.found]
@@ -224,6 +228,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="campaigns whose name holds this")
     parser.add_argument("--cut", choices=("among", "apart"), help="one of the two ways of cutting (both)")
     parser.add_argument("--calibrated", action="store_true", help="without tracing")
+    parser.add_argument("--rows", type=int, default=10**6, help="readings of a longer campaign that are used (all)")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     given = parser.parse_args()
     warnings.simplefilter("ignore", ArmflexWarning)
@@ -241,7 +246,7 @@ def main() -> None:
             if given.only not in name:
                 continue
             try:
-                told = found[name] = score(arm, table, given.parts, cuts, given.calibrated)
+                told = found[name] = score(arm, table, given.parts, cuts, given.calibrated, given.rows)
             except ArmflexError as error:
                 print(f"{name:28s} {error}", flush=True)
                 continue

@@ -31,12 +31,12 @@ from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
 from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, elsewhere, hypotheses, moved
 from armflex.estimate.placement import check_length, first_guess
-from armflex.estimate.view import View, look
+from armflex.estimate.view import View, look, solved
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.parameters import FRAMES
-from armflex.readings import Kind, Orientation
+from armflex.readings import Kind, Orientation, Position
 from armflex.readings.instrument import Instrument, rigid_fit
 
 NAMED = 12.0
@@ -66,11 +66,15 @@ ABSURD = 10.0
 TAILS = 4.0
 """Prior: degrees of freedom of the readings' distribution (Lange, Little and Taylor 1989)."""
 
+UNREAD = 1e3
+"""Prior: times the standard deviation of another coordinate of a point at which one was not read: no unit does that."""
+
 NOTHING = 1e9
 """Tolerance: cost of an arm that has no equilibrium at all."""
 
 STEPS = 3
-"""Tolerance: Gauss and Newton's steps where nothing but sensors read, which begin from further off."""
+"""Tolerance: Gauss and Newton's steps where only sensors read, which begin from further off, and of a campaign as
+written where one is not enough."""
 
 MOST_ROWS, ROUNDS, STILL, MOST_TRIED, MOST_SAID = 120, 15, 0.02, 8, 3
 """Tolerances: rows looked at (no convention hides in more), rounds of weights and the change of log variances that ends
@@ -103,6 +107,11 @@ class Misfit:
     def kinds(self) -> tuple[Kind, ...]:
         """What was read."""
         return self.view.readings.kinds
+
+    @property
+    def plausible(self) -> bool:
+        """Whether noise and what an arm may lack explain the readings."""
+        return self.cost - self.ideal < NAMED and not self.suspects
 
     @property
     def suspects(self) -> tuple[str | None, ...]:
@@ -171,27 +180,31 @@ class Case:
         return same and np.array_equal(self.rows.q, other.rows.q) and self.rows.payload == other.rows.payload
 
 
-def misfit(case: Case, known: View | None = None, instrument: Instrument | None = None) -> Misfit:
+def misfit(case: Case, known: View | None = None, instrument: Instrument | None = None, steps: int = 1) -> Misfit:
     """Return how badly rows fit an arm.
 
     Args:
         case: Arm and rows.
         known: The same rows of an arm that rests in them as this one does, if any.
         instrument: Where it stands, near enough; it is placed where not given.
+        steps: Of Gauss and Newton, at least.
 
     Raises:
         ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
     """
     arm, campaign, rows = case.arm, case.rows, np.arange(len(case.rows))
-    setup, line = first_guess(arm, campaign, rows, None if known is None else known.line, instrument)
+    # An arm that bends further than a compliance describes is refused later, and by that name.
+    setup, line = first_guess(arm, campaign, rows, None if known is None else known.line, instrument, allow_large=True)
     begun = sensor_start(look(setup, campaign, rows, line=line))
     blocks = [one for one in declared_blocks(setup, campaign) if not case.keep or one.kind in FRAMES]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY, "px": FOCAL}, None
     found = None
-    for _ in range(1 if campaign.positioned[rows].any() else STEPS):
-        view = look(realise(setup, blocks, values), campaign, rows, line=line if first is None else None)
+    for _ in range(max(steps, 1 if campaign.positioned[rows].any() else STEPS)):
+        now = realise(setup, blocks, values)
+        near = line if first is None else solved(now, campaign, rows, allow_large=True)
+        view = look(now, campaign, rows, line=near)
         first = first or view
         jacobian = np.zeros((*view.residual.shape, 0))
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
@@ -293,13 +306,13 @@ def check_conventions(
             or touches without a length, see `check_length`.
     """
     check_length(arm, measurements.some(rows))
-    placed = tuple(kind for kind in measurements.readings.kinds if kind.by_motion)
+    # Loads and frequencies say little of conventions.
+    placed = tuple(_read(kind) for kind in measurements.readings.kinds if kind.by_motion)
     if not placed and measurements.readings.kinds:
         return ()
-    if len(placed) < len(measurements.readings.kinds):  # loads and frequencies say little of conventions
-        readings = replace(measurements.readings, kinds=placed)
-        measurements = replace(measurements, readings=readings, measured=measurements.measured & readings.read)
-        rows = rows[measurements.measured[rows]]
+    readings = replace(measurements.readings, kinds=placed)
+    measurements = replace(measurements, readings=readings, measured=measurements.measured & readings.read)
+    rows = rows[measurements.measured[rows]]
     if not len(rows):
         return ()
     if len(rows) > MOST_ROWS:
@@ -307,7 +320,9 @@ def check_conventions(
     case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None
     with suppress(ArmflexError):
         found = misfit(case)
-    if found is not None and found.cost - found.ideal < NAMED and not found.suspects:
+        if not found.plausible:
+            found = misfit(case, found.view, steps=STEPS)  # nor is an arm accused that one step does not fit
+    if found is not None and found.plausible:
         return ()
     named = _named(case, found, searched)
     if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
@@ -339,6 +354,14 @@ def check_conventions(
             text += f": is it where [instrument.{kind.name}] says?"
             flags.append(Flag("instrument_implausible", text, about=kind.name))
     return tuple(flags)
+
+
+def _read(kind: Kind) -> Kind:
+    """Return a kind without the coordinates that were not read; see `UNREAD`."""
+    if not isinstance(kind, Position):
+        return kind
+    unread = kind.sigma > UNREAD * kind.sigma.min(axis=1, keepdims=True)
+    return replace(kind, sigma=np.where(unread, np.inf, kind.sigma))
 
 
 def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:

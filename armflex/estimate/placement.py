@@ -41,6 +41,7 @@ def first_guess(
     rows: np.ndarray,
     line: Response | None = None,
     instrument: Instrument | None = None,
+    allow_large: bool = False,
 ) -> tuple[Setup, Response]:
     """Return the arm with its instrument placed by a best rigid fit where its frame is unknown, and its response.
 
@@ -53,6 +54,7 @@ def first_guess(
         rows: (M,) numbers of the rows.
         line: The linearised arm at those rows, where it is known.
         instrument: Where it stands, near enough; it is placed where not given.
+        allow_large: Whether flexures may turn by more than 0.1 rad.
     """
     some = measurements.some(rows)
     pieces, stands = some.pieces, instrument or arm.instrument or Instrument()
@@ -62,7 +64,7 @@ def first_guess(
         stands = replace(stands, sessions=dict.fromkeys(pieces, np.zeros(6))) if several else stands
     setup = Setup(arm, stands)
 
-    line = solved(setup, measurements, rows) if line is None else line
+    line = solved(setup, measurements, rows, allow_large) if line is None else line
     turns, open_ = arm.measurement.gravity_in == "measurement", arm.measurement.frame != "base" and instrument is None
     for _ in range((PLACED if turns else 1) if open_ else 0):
         if several:
@@ -71,7 +73,7 @@ def first_guess(
             setup = _together(each)
         else:
             setup = _stood(setup, line, measurements, rows)
-        line = solved(setup, measurements, rows) if turns else line
+        line = solved(setup, measurements, rows, allow_large) if turns else line
     return replace(setup, instrument=_mounted(setup, line.tip, measurements, rows)), line
 
 

@@ -357,13 +357,14 @@ def look(
     return View(setup, rows, some, line, read, read.stacked(lambda kind: kind.residual(at)), sessions)
 
 
-def solved(setup: Setup, rows: Rows, some: np.ndarray) -> Response:
-    """Return the linearised arm at (M,) of some rows, by their numbers in the order driven."""
+def solved(setup: Setup, rows: Rows, some: np.ndarray, allow_large: bool = False) -> Response:
+    """Return the linearised arm at (M,) of some rows, by their numbers in the order driven; see `respond`."""
     arm, gravity = setup.arm, gravity_in(setup, rows.session)
     payloads = [rows.payload[row] for row in some]
     known = {name: values[some] for name, values in known_rows(arm, rows, gravity).items()}
     gravity = None if gravity is None else gravity[some]
-    return respond(arm, rows.q[some], payloads, known, wrenches=wrenches_in(rows.wrenches, some), gravity=gravity)
+    wrenches = wrenches_in(rows.wrenches, some)
+    return respond(arm, rows.q[some], payloads, known, allow_large, wrenches, gravity)
 
 
 def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Postures:

@@ -10,12 +10,15 @@ import pytest
 from support.campaigns import draw
 from support.command_line import Run, fine
 from support.misread_campaigns import boom, exchanged_targets, faults, judged, silent, ur5, with_targets
-from support.small_arms import ROBOTS
+from support.small_arms import ROBOTS, three_joints
 
 from armflex import calibrate, load_arm, read_measurements
-from armflex.arm import Arm
-from armflex.errors import ConventionError
+from armflex.arm import Arm, Measurement, Prior
+from armflex.errors import ConventionError, SmallDisplacementError
+from armflex.laws.joint.linear import LinearLaw
 from armflex.measured.measurements import Measurements
+from armflex.readings import Position, Readings
+from armflex.rows import Rows
 
 SOME = 90
 """Rows of a campaign that are enough here."""
@@ -170,3 +173,26 @@ def test_nothing_is_written_where_readings_scatter_a_hundred_times_as_stated(arm
     assert "times as much" in refused and "--anyway" in refused and not (tmp_path / "out.toml").exists()
     fine(armflex(*asked, "--anyway"))
     assert (tmp_path / "out.toml").exists()
+
+
+def levelled(folder: Path, softness: float, sigma: np.ndarray) -> tuple[Arm, Measurements]:
+    """Return three joints whose compliances are a fifth off, and what was read of them in their base, within sigma."""
+    laws = [LinearLaw(factor * np.diag([0.0, 0.0, 0.0, *[softness] * 3]), relative_std=0.2) for factor in (1.0, 1.2)]
+    arm = three_joints(folder, [laws[0]] * 3)
+    real = replace(arm, flexures=tuple(replace(one, law=laws[1]) for one in arm.flexures))
+    arm = replace(arm, measurement=Measurement("base"), prior=Prior(joint_offset=1e-3, compliance=0.2))
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-0.5, 0.5, (40, 3))
+    tips = np.asarray(real.deflection(q + 1e-3, enforce_limits=False, allow_large=True).pose)[:, :3, 3]
+    read = Position(tips + rng.normal(0.0, np.minimum(sigma, 1e-3), (40, 3)), np.broadcast_to(sigma, (40, 3)).copy())
+    return arm, Measurements.of(Rows.of(arm.joint_names, q, ["none"] * 40, {}), Readings(40, (read,)))
+
+
+def test_heights_by_a_fine_level_are_not_accused(tmp_path: Path) -> None:
+    assert judged(*levelled(tmp_path, 1e-4, np.array([1e3, 1e3, 1e-5]))) == ()
+
+
+def test_an_arm_that_bends_further_than_a_compliance_describes_is_refused_by_that_name(tmp_path: Path) -> None:
+    arm, rows = levelled(tmp_path, 2e-4, np.full(3, 2e-4))
+    with pytest.raises(SmallDisplacementError, match=r"more than the 0\.1 rad"):
+        calibrate(arm, rows)
