@@ -28,8 +28,6 @@ from armflex.errors import (
     NotFiniteError,
     ShapeError,
     UnknownNameError,
-    UnsupportedError,
-    listing,
 )
 from armflex.laws.declared import Flexure as Flexure
 from armflex.laws.effects.effect import Effect, Model
@@ -244,13 +242,6 @@ class Arm:
     def chain(self) -> bool:
         """Whether it is a chain without springs and loops: compiled code knows no others."""
         return not self.springs and not self.robot.linkage
-
-    def check_tree(self, asker: str) -> None:
-        """Raise `UnsupportedError` where the arm has loops or passive joints, for what does not know them yet."""
-        linkage = self.robot.linkage
-        if linkage:
-            named = listing((*linkage.closures, *linkage.passive))
-            raise UnsupportedError(f"{asker} is not for an arm with loops or passive joints yet; this one has {named}")
 
     @cached_property
     def link_names(self) -> tuple[str, ...]:

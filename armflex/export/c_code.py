@@ -15,7 +15,7 @@ import numpy as np
 
 from armflex.arm import Arm, Flexure
 from armflex.conventions import LARGEST_POSITION, Array
-from armflex.errors import ArmflexError, InputError, UnsupportedError
+from armflex.errors import ArmflexError, InputError, UnsupportedError, listing
 from armflex.export import Exported
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
@@ -58,7 +58,10 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
     check_name(name)
-    arm.check_tree("export --to c")
+    if arm.robot.linkage:  # to close a loop takes steps whose number nobody can promise, and may fail
+        named = listing((*arm.robot.linkage.closures, *arm.robot.linkage.passive))
+        text = "C code closes no loops, and an answer without them would be wrong"
+        raise UnsupportedError(f"this arm cannot be written as C: {text} (it has {named}); Python's prepared() does")
     tables = _tables(arm)
     text = TEMPLATE.read_text(encoding="utf-8")
     arm, counts = tables.arm, {count: value for count, (value, _) in tables.counts.items()}

@@ -13,13 +13,14 @@ import pinocchio as pin
 from armflex.arm import Arm, ManyRows
 from armflex.configurations import Configurations, drawn_range
 from armflex.conventions import LARGEST_POSITION, Array
-from armflex.errors import NO_ANSWER, MissingCovariateError, Place, UnsupportedError, listing, naming
+from armflex.errors import NO_ANSWER, ClosureError, MissingCovariateError, Place, UnsupportedError, listing, naming
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
+from armflex.mechanics.mechanism import Mechanism
 from armflex.robot.urdf import MOVING, drive_of
 from armflex.rows.wrench import Wrench, wrenches_in
 
@@ -33,7 +34,7 @@ def with_constants(arm: Arm) -> Arm:
     A zero that `trace` found as `encoder_offset` is a joint's zero as one that `calibrate` found, and so is a link's
     geometry. A twist beyond the last joint is no joint's: it stays an effect.
     """
-    joints = {joint.name: joint for joint in arm.robot.chain}
+    joints = {joint.name: joint for joint in arm.robot.places}
     offset, geometry = dict(arm.corrections.joint_offset), dict(arm.corrections.geometry)
     before: dict[str, Array] = {}
     kept = []
@@ -91,9 +92,9 @@ def require_six_turning(arm: Arm, format_name: str) -> None:
 
 
 def tips(arm: Arm, frames: Sequence[pin.SE3], q: Array) -> Array:
-    """Return the (N, 4, 4) poses of the tip at (N, nq) positions in the sense of `frames`; see `joint_frames`."""
+    """Return the (N, 4, 4) poses of the tip at (N, k) `positions` in the sense of `frames`; see `joint_frames`."""
     pose = np.broadcast_to(frames[0].homogeneous, (len(q), 4, 4))
-    for i, joint in enumerate(arm.robot.moving):
+    for i, joint in enumerate(arm.robot.swept):
         move = np.tile(np.eye(4), (len(q), 1, 1))
         if joint.kind == "prismatic":
             move[:, 2, 3] = q[:, i]
@@ -105,11 +106,26 @@ def tips(arm: Arm, frames: Sequence[pin.SE3], q: Array) -> Array:
     return pose
 
 
+def positions(arm: Arm, q: Array) -> Array:
+    """Return (N, k) positions of the chain's joints at (N, nq) of the drives; NaN where rigid loops do not close."""
+    if not arm.robot.linkage:
+        return q
+    mechanics, linkage = replace(arm, flexures=(), effects=()).loaded(None).mechanics, arm.robot.linkage
+    assert isinstance(mechanics, Mechanism)
+    found = np.full((len(q), len(arm.robot.swept)), np.nan)
+    for row, here in zip(found, q, strict=True):
+        with suppress(ClosureError):
+            known = dict(zip(arm.joint_names, here, strict=True))
+            known |= dict(zip(linkage.free, mechanics.closed(here), strict=True))
+            row[:] = [known[joint.name] for joint in arm.robot.swept]
+    return found
+
+
 def configurations(arm: Arm) -> Array:
-    """Return (N, nq) positions that fill an arm's limits evenly, the same ones every time."""
+    """Return (N, nq) positions that fill an arm's limits evenly and close its loops, the same ones every time."""
     lower, upper = (np.clip(limit, -LARGEST_POSITION, LARGEST_POSITION) for limit in drawn_range(arm)[:2])
     (drawn,) = Configurations(lower, upper, POSES, 0, POSES).chunks([True])
-    return drawn
+    return drawn[np.isfinite(positions(arm, drawn)).all(axis=1)]
 
 
 def needs_columns(arm: Arm, effect: Effect) -> bool:
@@ -158,16 +174,18 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     if arm.certainty is not None and arm.certainty.misfit:
         size = f"{np.sqrt(3.0) * arm.certainty.misfit * 1e3:.3g} mm (RMS)"
         unknown = (f"The arm lacks something that moved the tip by {size} when it was calibrated: see `trace`.",)
+    drawn = configurations(arm) if over is None else over.q
+    loops, opened = _loops_left_out(arm, drawn)
+    unknown = (*loops, *unknown)
     if not arm.flexures and not arm.effects:
         told = ("The arm gives nowhere: this file leaves out nothing that is known.", *unknown)
-        return told, {"left_out": [], "without": []}
+        return told, {"left_out": [], "without": [], **opened}
     aside: list[Effect] = []
     if over is None:
         aside = [effect for effect in arm.effects if needs_columns(arm, effect)]
         whole = replace(arm, effects=tuple(effect for effect in arm.effects if effect not in aside))
-        drawn = configurations(arm)
         groups = [(name, drawn, {}, ()) for name in dict.fromkeys(("none", *arm.payloads))]
-        where = f"{POSES} configurations within the joints' limits"
+        where = f"{len(drawn)} configurations within the joints' limits"
     else:
         whole, groups = arm, []
         with naming(Place(over.places[0].file, 1) if over.places else "rows"):
@@ -190,16 +208,36 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     if aside:
         names = listing(effect.title for effect in aside)
         lines.append(f"  not in these numbers, as they need recorded columns: {names}; --over ROWS.csv has them")
-    numbers = {"left_out": [vars(one) for one in found], "without": [effect.name for effect in aside]}
+    numbers = {"left_out": [vars(one) for one in found], "without": [effect.name for effect in aside], **opened}
     return (*lines, *unknown), numbers
+
+
+def _loops_left_out(arm: Arm, q: Array) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Return what a tree says of a mechanism over (N, nq) positions of its drives, in words and [m]."""
+    linkage, ties = arm.robot.linkage, [*arm.robot.linkage.closures, *(spring.name for spring in arm.springs)]
+    gone = (f"Loops, cylinders and springs are left out: {listing(ties)}.",) if ties else ()
+    zeros = [(one.name, arm.corrections.joint_offset.get(one.name, 0.0)) for one in linkage.cylinders]
+    if found := [f"{name} by {1e3 * zero:.3g} mm" for name, zero in zeros if zero]:
+        gone += (f"Cylinders are longer than their columns say: {listing(found)}. No joint of the tree has that.",)
+    free = [i for i, joint in enumerate(arm.robot.swept) if joint.name in linkage.free]
+    if not free:
+        return gone, {}
+    frames, closed = joint_frames(arm, zeros=True), positions(arm, q)
+    closed = closed[np.isfinite(closed).all(axis=1)]
+    opened = closed.copy()
+    opened[:, free] = 0.0
+    away = np.linalg.norm((tips(arm, frames, opened) - tips(arm, frames, closed))[:, :3, 3], axis=1)
+    most, names = float(away.max(initial=0.0)), listing(arm.robot.swept[i].name for i in free)
+    text = f"Joints without a drive stay joints ({names}). The figures are for where the loops close; with these joints"
+    return (*gone, f"{text} at zero the tip is up to {most * 1e3:.3g} mm away."), {"loops_open_m": most}
 
 
 def _lost(arm: Arm, payload: str, q: Array, known: dict[str, Array], pulled: tuple[Wrench, ...]) -> Lost:
     """Return how far the arm is from its rigid self in (N, nq) rows of a payload with their (N,) columns and forces."""
-    rigid = tips(arm, joint_frames(arm, zeros=True), q)[:, :3, 3]
+    rigid = tips(arm, joint_frames(arm, zeros=True), positions(arm, q))[:, :3, 3]
     tip = _answers(arm, payload, q, known, pulled)
     plain = _answers(replace(arm, effects=()), payload, q, known, pulled) if arm.effects else tip
-    answered = np.isfinite(tip).all(axis=1)
+    answered = np.isfinite(tip).all(axis=1) & np.isfinite(rigid).all(axis=1)
     away = np.linalg.norm(tip - rigid, axis=1)[answered]
     share = np.linalg.norm(tip - plain, axis=1)[answered & np.isfinite(plain).all(axis=1)]
     rms = float(np.sqrt(np.mean(np.square(away)))) if len(away) else 0.0

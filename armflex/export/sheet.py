@@ -30,6 +30,7 @@ from armflex.export.rigid import (
     joint_frames,
     left_out,
     needs_columns,
+    positions,
     tips,
     with_constants,
 )
@@ -94,7 +95,6 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     Raises:
         TableError, MissingCovariateError: The rows cannot be used.
     """
-    arm.check_tree("export --to sheet")
     whole = with_constants(arm)
     rows = None if over is None else read_measurements(over, arm, inputs_only=True)
     # As the arm that the controller knows is taken apart, so that its rows can be held against these.
@@ -102,7 +102,8 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
     std, warnings = uncertainties(arm, splits, values)
     told, lost = left_out(whole, rows)
-    parallel = [arm.joint_names[i : i + 2] for i, split in enumerate(splits) if split.hayati]
+    chain = [joint.name for joint in arm.robot.swept]
+    parallel = [chain[i : i + 2] for i, split in enumerate(splits) if split.hayati]
     if parallel and (most := without_beta(whole, splits)) > RESOLUTION:
         pairs = listing(" and ".join(pair) for pair in parallel)
         text = f"{pairs}: axes are nearly parallel, so their rows have Hayati's beta and common normals that fit it"
@@ -120,7 +121,9 @@ def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
     """
     declared = _taken(replace(setup, arm=_declared(setup.arm)), splits)
     found = _taken(setup, splits, declared)
-    for joint in setup.arm.robot.moving:
+    for joint in setup.arm.robot.swept:
+        if joint not in setup.arm.robot.moving:
+            continue  # it stands where the loops put it, and has no reading
         sliding = joint.kind == "prismatic"
         for section in ("dh_standard", "dh_modified"):
             own = Key(section, joint.name, "d", "m") if sliding else Key(section, joint.name, "theta", "rad")
@@ -146,14 +149,14 @@ def _taken(setup: Setup, splits: Sequence[Split], like: Mapping[Key, float] | No
         found[Key("joint_offset", joint.name, "offset", "m" if joint.kind == "prismatic" else "rad")] = offset
     frames = joint_frames(arm, zeros=False)
     ends = [np.zeros(7)]
-    for joint, frame, split in zip(arm.robot.moving, frames[1:-1], splits, strict=False):
+    for joint, frame, split in zip(arm.robot.swept, frames[1:-1], splits, strict=False):
         held = like is not None and split.hayati and joint.kind != "prismatic"
         ahead = like[Key("dh_standard", joint.name, "d", "m")] - ends[-1][5] if held and like else 0.0
         ends.append(taken_apart(pin.SE3(np.eye(3), np.array([0.0, 0.0, -ahead])) * frame, split))
         ends[-1][1] += ahead
     ends.append(np.zeros(7))
     for section in ("dh_standard", "dh_modified"):
-        for i, name in enumerate(arm.joint_names):
+        for i, name in enumerate(joint.name for joint in arm.robot.swept):
             (*_, b, f), (g, c, *_) = ends[i], ends[i + 1]
             a, alpha, beta = ends[i + 1 if section == "dh_standard" else i][2:5]
             row = {"theta": f + g, "d": b + c, "a": a, "alpha": alpha, "beta": beta}
@@ -204,7 +207,7 @@ def taken_apart(pose: pin.SE3, split: Split) -> Array:
 
 def without_beta(arm: Arm, splits: Sequence[Split]) -> float:
     """Return the most that the tip moves [m] over configurations within the limits where every beta is left out."""
-    frames, q = joint_frames(arm, zeros=False), configurations(arm)
+    frames, q = joint_frames(arm, zeros=False), positions(arm, configurations(arm))
     straight = []
     for frame, split in zip(frames[1:-1], splits, strict=True):
         g, c, a, alpha, _, b, f = taken_apart(frame, split)

@@ -32,7 +32,6 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         UrdfError: The file that the arm was read from can no longer be read.
         TableError, MissingCovariateError: The rows cannot be used.
     """
-    arm.check_tree("export --to urdf")
     whole = with_constants(arm)
     corrections, rows = whole.corrections, None if over is None else read_measurements(over, arm, inputs_only=True)
     root = _as_xml(arm.robot.urdf) if arm.robot.urdf.translated else parse_xml(arm.robot.urdf.path)
@@ -46,7 +45,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
         for end, link in (("parent", joint.parent), ("child", joint.child)):
             etree.SubElement(joints[joint.name], end, {"link": link})
     links = {(element.get("name") or "").strip(): element for element in root.findall("link")}
-    for joint in whole.robot.chain:
+    for joint in whole.robot.places:
         moved = corrections.frame(joint) * corrections.zero(joint)
         if not moved.isIdentity(0.0):
             place = pin.SE3(joint.rotation, joint.origin) * moved

@@ -37,7 +37,6 @@ def export(arm: Arm, flavour: str, over: Path | None = None) -> Exported:
         UnsupportedError: The flavour has no place for this arm's joints or names.
         TableError, MissingCovariateError: The rows cannot be used.
     """
-    arm.check_tree("export --to yaml")
     flavours = {"ur_calibration": _ur, "robot_calibration": _robot}
     if flavour not in flavours:
         raise InputError(f"flavour {flavour!r}: expected one of {listing(flavours)}")
@@ -51,6 +50,9 @@ def _ur(arm: Arm) -> str:
     """Return the poses of six joints, each in the one before and turning about its z; what is before the first joint's
     parent link and beyond the last joint stays the URDF's, and is written in comments."""
     require_six_turning(arm, "ur_calibration")
+    if arm.robot.linkage:
+        named = listing((*arm.robot.linkage.closures, *arm.robot.linkage.passive))
+        raise UnsupportedError(f"ur_calibration takes six driven joints in a row; this arm has {named}")
     first, *between, last = joint_frames(arm, zeros=True)
     ahead = pin.SE3.Identity()
     for joint in arm.robot.chain:
@@ -74,8 +76,8 @@ def _ur(arm: Arm) -> str:
 def _robot(arm: Arm) -> str:
     """Return `joint: offset` of every moving joint, and `joint_x` to `joint_c` of every frame that was corrected."""
     corrections, found = arm.corrections, []
-    for joint in arm.robot.chain:
-        if joint.kind in MOVING:
+    for joint in arm.robot.places:
+        if joint in arm.robot.moving:
             found.append((joint.name, corrections.joint_offset.get(joint.name, 0.0)))
         if np.any(corrections.geometry.get(joint.name, 0.0)):
             pose = corrections.frame(joint)

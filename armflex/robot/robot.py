@@ -104,6 +104,11 @@ class Robot:
         return (*self.chain, *self.linkage.beside)
 
     @cached_property
+    def swept(self) -> tuple[Joint, ...]:
+        """The joints of the chain that move, in order: those without a drive are among them."""
+        return tuple(joint for joint in self.chain if joint.kind in MOVING)
+
+    @cached_property
     def frames(self) -> tuple[str, ...]:
         """Names of all that a frame of a link places: the joints that move, and the pins of loops and cylinders."""
         return (*(joint.name for joint in self.jointed), *self.linkage.pins)

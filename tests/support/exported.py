@@ -48,7 +48,7 @@ class Sheet:
         self.value = {k: float(row["value"]) for k, row in zip(key, rows, strict=True)}
         self.std = {k: float(row["std"]) if row["std"] else None for k, row in zip(key, rows, strict=True)}
         self.unit = {k: row["unit"] for k, row in zip(key, rows, strict=True)}
-        self.joints = [of for section, of, _ in key if section == "joint_offset"]
+        self.joints = [of for section, of, quantity in key if (section, quantity) == ("dh_standard", "theta")]
         for row in rows:
             if row["unit"] == "rad":
                 assert np.isclose(np.radians(float(row["value_deg"])), float(row["value"]), rtol=1e-14, atol=0.0)
@@ -57,8 +57,8 @@ class Sheet:
         """Return the (4, 4) pose of the tip where the controller reads q and adds the offsets."""
         T = placed({name: self.value["base", "", name] for name in ("x", "y", "z", "roll", "pitch", "yaw")})
         for joint, reading in zip(self.joints, q, strict=True):
-            true = reading + self.value["joint_offset", joint, "offset"]
-            slides = self.unit["joint_offset", joint, "offset"] == "m"
+            true = reading + self.value.get(("joint_offset", joint, "offset"), 0.0)  # a joint without a drive has none
+            slides = self.unit.get(("joint_offset", joint, "offset")) == "m"
             theta, d, a, alpha, tilt = (
                 self.value[section, joint, name] for name in ("theta", "d", "a", "alpha", "beta")
             )
