@@ -168,8 +168,8 @@ def print_trace(found: Trace) -> None:
         rows = [
             [
                 one.title.removesuffix(" at every drive"),
-                f"{number(one.kin.std, 2)} {one.unit}",
-                f"{one.kin.worth:.0f}",
+                f"{number(one.std, 2)} {one.unit}",
+                f"{one.evidence:.0f}",
                 f"{number(one.proof.before * factor, 3)} -> {number(one.proof.after * factor, 3)}",
             ]
             for one in found.families
@@ -309,12 +309,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         },
         "withdrawn": [
             {
-                **(_place_json(one.effect) if one.effect is not None else {}),
-                **(
-                    {"effect": "random_twist", "site": one.random.site.removeprefix(LINK), "axis": one.random.axis}
-                    if one.random is not None
-                    else {}
-                ),
+                **_place_json(one.effect),
                 "held_out_rms_mm": {"calibrated": one.errors[0] * 1e3, "after": one.errors[1] * 1e3},
             }
             for one in found.withdrawn
@@ -346,12 +341,12 @@ def _effect_json(found: Found) -> dict[str, Any]:
 def _family_json(found: FoundFamily) -> dict[str, Any]:
     proof = found.proof
     return {
-        "family": found.kin.number,
+        "family": found.number,
         "effect": names_of(found.members[0][0].law)[0],
         "title": found.title,
-        "std": found.kin.std,
+        "std": found.std,
         "unit": found.unit,
-        "evidence": found.kin.worth,
+        "evidence": found.evidence,
         "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
         "members": [_place_json(effect) | {"parameters": _values_json(effect, std)} for effect, std in found.members],
     }

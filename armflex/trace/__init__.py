@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.errors import InputError
+from armflex.errors import ArmflexError, ConventionError, InputError
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
@@ -17,6 +17,7 @@ from armflex.measured.table import Tabular
 if TYPE_CHECKING:
     from armflex.laws.effects.effect import Effect
     from armflex.trace.findings import Trace
+    from armflex.trace.search import Standing
     from armflex.trace.telling import Doing
 
 MOST_ASKED = 100
@@ -64,10 +65,41 @@ def trace(
         InputError: Too few rows were measured.
         ConvergenceError: The calibration did not settle.
     """
+    from armflex.estimate.calibrate import calibrate
+    from armflex.estimate.misread import check_scatter
+    from armflex.trace.account import conclude, so_far
     from armflex.trace.asking import Ask
-    from armflex.trace.run import trace as run
+    from armflex.trace.search import resumed, search, standing
+    from armflex.trace.state import begin
+    from armflex.trace.telling import Teller
 
     if not 0 <= ask <= MOST_ASKED:
         raise InputError(f"ask is {ask}, expected 0 to {MOST_ASKED}")
+    teller = Teller(report, progress)
+    teller.stage("calibrating")
     campaign = as_campaign(measurements, arm)
-    return run(arm, campaign, rows, report, keep, account, progress, anyway, Ask(ask, covariates or {}), accepted)
+    calibration = calibrate(arm, campaign, rows, teller.steps, keep=keep, as_stated=True, anyway=anyway)
+    begun = standing(begin(calibration, teller))
+    places = begun.places
+
+    def passing(here: Standing) -> None:
+        effects = tuple(one.title for one in here.state.fitted)
+        teller.say(effects=effects, rms=here.state.fit.rms, unit=here.state.fit.view.readings.unit)
+        if account is None:
+            return
+        try:
+            if not anyway:
+                check_scatter(here.state.fit)  # more effects may explain it
+            account(so_far(here, places))
+        except ConventionError:
+            return
+        except ArmflexError as error:  # a search is not ended because there is no account yet
+            teller.stage(f"no account so far: {error}")
+
+    begun = resumed(begun, accepted) if accepted else begun
+    traced = conclude(search(begun, passing), places, Ask(ask, covariates or {}))
+    if not anyway:
+        check_scatter(traced.state.fit)
+    if account is not None:
+        account(traced)
+    return traced

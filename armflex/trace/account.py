@@ -20,7 +20,6 @@ from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
     FoundFamily,
-    Kin,
     Smallest,
     Trace,
     Undecided,
@@ -81,13 +80,13 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """
     withdrawn = list[Withdrawn]()
     while True:
-        here.state.say("weighing what else the effects may be")
+        here.state.teller.stage("weighing what else the effects may be")
         evidence, own, numbers = competing(here.screen, here.model)
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
         found, null = tuple(sampled(evidence, model)), chance(here)
         if not model:
             return Weighed(here, found, None, null), tuple(withdrawn)
-        here.state.say("predicting held-out poses, with what is chosen and fitted without them")
+        here.state.teller.stage("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
         last = weakest(model, evidence) if seen.compared.worse else idle(here.state)
@@ -102,9 +101,9 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             after = with_hypotheses(here.state, (), np.zeros(len(here.screen.projection.data)))
         why = "held-out poses are predicted worse with it" if worse else "its size may be zero"
         for unit in (here.state.units[i] for i in gone):
-            one = Withdrawn(here.state.fitted[unit[0]], None, seen.compared, len(unit) > 1)
+            one = Withdrawn(here.state.fitted[unit[0]], seen.compared, len(unit) > 1)
             withdrawn += [one] if worse else []
-            here.state.say(f"withdrawing {one.title}: {why}")
+            here.state.teller.stage(f"withdrawing {one.title}: {why}")
         here = standing(after, here)
 
 
@@ -124,7 +123,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         places: Where a random twist would have explained what was left at first.
         ask: Whether rows are wanted that decide what is in question.
     """
-    here.state.say("fitting to the end")
+    here.state.teller.stage("fitting to the end")
     exact = settled_exactly(sorted_out(here.state))
     here = standing(exact, here) if exact is not here.state else here
     known, withdrawn = weighed(here)
@@ -136,7 +135,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         view = look(state.fit.setup, state.measurements, together)
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
-    state.say("looking what would decide what is in question")
+    state.teller.stage("looking what would decide what is in question")
     following = next_measurement(state, known.credible, ask or Ask())
     seen = known.validated
     return Trace(
@@ -190,15 +189,11 @@ def _found(known: Weighed, number: int) -> Found:
     others = tuple((_effect(one), chance) for one, chance in credible.others if not one.family)
     best = credible.ranking[0][1]
     ranking = tuple((one, 2.0 * odds) for one, odds in credible.ranking if not one.family)
-    equivalent = tuple(
-        (effect, 2.0 * float(np.log(max(credible.probability, 1e-9) / chance))) for effect, chance in others
-    )
     return Found(
         effect=state.fitted[index],
         std=std,
         evidence=2.0 * best,
         proof=seen.proofs[number],
-        equivalent=equivalent,
         ranking=ranking,
         index=index,
         survives=seen.names[number],
@@ -220,8 +215,8 @@ def _family(known: Weighed, number: int) -> FoundFamily:
     members = tuple(zip((state.fitted[i] for i in unit), stds, strict=True))
     assert one.unit is not None
     values = np.concatenate([state.fitted[i].acting for i in unit]) / one.unit
-    kin = Kin(number + 1, float(np.sqrt((values**2).mean())), 2.0 * known.credible[number].ranking[0][1])
-    return FoundFamily(kin, members, seen.proofs[number])
+    evidence = 2.0 * known.credible[number].ranking[0][1]
+    return FoundFamily(number + 1, float(np.sqrt((values**2).mean())), evidence, members, seen.proofs[number])
 
 
 def _undecided(known: Weighed) -> Undecided | None:

@@ -15,7 +15,7 @@ from armflex.estimate.fit import Fit
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Inner, Values, full
 from armflex.laws.effects.location import Location
-from armflex.trace.telling import Tell, silent
+from armflex.trace.telling import SILENT, Teller
 
 
 def _is_searched(inner: Inner, value: float) -> bool:
@@ -117,13 +117,13 @@ class Bank:
     Attributes:
         candidates: One per group of columns.
         fit, context: Where the columns are made.
-        tell: Called with how many of them are.
+        teller: Hears how many of them are.
     """
 
     candidates: tuple[Candidate, ...]
     fit: Fit = field(repr=False)
     context: Context = field(repr=False)
-    tell: Tell = field(default=silent, repr=False)
+    teller: Teller = field(default=SILENT, repr=False)
 
     @cached_property
     def sizes(self) -> np.ndarray:
@@ -208,7 +208,7 @@ class Bank:
         here: Any = None  # of the law and place before
         of_load, before = False, None
         for index, candidate in enumerate(self.candidates):
-            self.tell("screening candidates", index, len(self.candidates))
+            self.teller.step("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
             place = (law.name, location.site, location.axis, location.covariates, location.partner)
             if before != place:  # they come in a row
@@ -265,11 +265,6 @@ class Bank:
         return Part(groups, places, regressors, np.arange(len(places)), None)
 
 
-def candidate_of(effect: Effect) -> Candidate:
-    """Return the candidate that an effect is."""
-    return Candidate(effect.law, effect.location, effect.inner)
-
-
 def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
     view, about = fit.view, (candidate.law, candidate.location, candidate.inner)
@@ -298,8 +293,3 @@ def candidates_of(laws: Iterable[EffectLaw], context: Context) -> Iterator[Candi
         for location in law.places(context.records):
             for inner in grid(law, location, context) if law.inner else ((),):
                 yield Candidate(law, location, inner)
-
-
-def bank(candidates: Iterable[Candidate], fit: Fit, context: Context, tell: Tell = silent) -> Bank:
-    """Return candidates with their columns at a fit, which are made when they are asked for."""
-    return Bank(tuple(candidates), fit, context, tell)

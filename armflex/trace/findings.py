@@ -32,7 +32,7 @@ from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.state import State, lost_in, lost_of, lost_rows
-from armflex.trace.unrecorded import NOTICED_RATIO, PoseBlock, RandomTwist, as_likely
+from armflex.trace.unrecorded import NOTICED_RATIO, RandomTwist, as_likely
 
 UNLIKELY = 1e-4
 """Confidence: probability below which a residual larger than the repeats' scatter is no chance."""
@@ -68,21 +68,6 @@ class Proof:
 
 
 @dataclass(frozen=True)
-class Kin:
-    """A family that effects were accepted with: one law at every drive.
-
-    Attributes:
-        number: Which family it is.
-        std: Standard deviation of its members' twists, RMS over the rows [rad or m].
-        worth: Twice the logarithm of its evidence over none.
-    """
-
-    number: int
-    std: float
-    worth: float
-
-
-@dataclass(frozen=True)
 class Compared:
     """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
 
@@ -107,24 +92,19 @@ class Withdrawn:
     """What was accepted and taken out again, because held-out poses were predicted worse with it.
 
     Attributes:
-        effect: With the values that it had; None where it was a random twist.
-        random: The random twist.
+        effect: With the values that it had.
         compared: The errors with it.
         family: Whether the effect is the first of a family.
     """
 
-    effect: Effect | None
-    random: PoseBlock | None
+    effect: Effect
     compared: Compared
     family: bool = False
 
     @property
     def title(self) -> str:
         """What it is in words."""
-        if self.effect is not None:
-            return f"{self.effect.law.name.replace('_', ' ')} at every drive" if self.family else self.effect.title
-        assert self.random is not None
-        return f"random twist at {self.random.site} ({self.random.axis})"
+        return f"{self.effect.law.name.replace('_', ' ')} at every drive" if self.family else self.effect.title
 
     @property
     def errors(self) -> tuple[float, float]:
@@ -141,7 +121,6 @@ class Found:
         std: Standard uncertainty of each fitted value by name.
         evidence: Twice the log odds of it beside the others, over none.
         proof: Held-out rows.
-        equivalent: Other candidates that these data cannot distinguish from it, with how much less evidence they have.
         ranking: What competes for its place with twice the log odds, the best first.
         index: Its place among the effects of the final fit.
         survives: Share of the folds of the poses without which the same law at the same place is selected.
@@ -153,12 +132,17 @@ class Found:
     std: Mapping[str, float]
     evidence: float
     proof: Proof
-    equivalent: tuple[tuple[Effect, float], ...]
     ranking: tuple[tuple[Hypothesis, float], ...]
     index: int
     survives: float
     probability: float
     credible: tuple[tuple[Effect, float], ...] = ()
+
+    @property
+    def equivalent(self) -> tuple[tuple[Effect, float], ...]:
+        """Other candidates that these data do not distinguish from it, with how much less evidence they have."""
+        own = max(self.probability, 1e-9)
+        return tuple((effect, 2.0 * float(np.log(own / share))) for effect, share in self.credible)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,12 +150,16 @@ class FoundFamily:
     """One law at every drive, accepted together: errors of a size that all of them have, few of which show alone.
 
     Attributes:
-        kin: Number, size and evidence.
+        number: Its place among the hypotheses found, from 1 on.
+        std: Standard deviation of its members' twists, RMS over the rows [rad or m].
+        evidence: Twice the log odds of it beside the others, over none.
         members: The law at each drive with its fitted values, and the standard uncertainty of each by name.
-        proof: Held-out rows, of all families that were added at once.
+        proof: Held-out rows.
     """
 
-    kin: Kin
+    number: int
+    std: float
+    evidence: float
     members: tuple[tuple[Effect, Mapping[str, float]], ...]
     proof: Proof
 

@@ -16,10 +16,11 @@ from itertools import permutations
 import numpy as np
 
 from armflex.errors import ArmflexError
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
 from armflex.rows.rows import POSE
-from armflex.trace.candidates import bank
+from armflex.trace.candidates import Bank, Candidate
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import Screen
@@ -75,9 +76,9 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     """Return a state with its linear problem; `last` is that before, whose columns are dropped first."""
     if last is not None:
         last.screen.forget()
-    state.say(f"screening what {len(state.rows)} rows still show")
+    state.teller.stage(f"screening what {len(state.rows)} rows still show")
     known = hypotheses(state.context)  # grids of loads follow the fit
-    columns = bank((one.one for one in known), state.fit, state.context, state.tell)
+    columns = Bank(tuple(one.one for one in known), state.fit, state.context, state.teller)
     screen = Screen(known, columns, state.bare, state.quiet)
     screen.extend(families(state.fit.view, state.context))
     model = own_model(screen, state.hypotheses)
@@ -86,7 +87,7 @@ def standing(state: State, last: Standing | None = None) -> Standing:
 
 def alone(state: State) -> tuple[Screen, Model]:
     """Return the linear problem of a state's own hypotheses alone, and its model: what a trial is worth."""
-    screen = Screen((), bank((), state.fit, state.context), state.bare, state.quiet)
+    screen = Screen((), Bank((), state.fit, state.context), state.bare, state.quiet)
     return screen, own_model(screen, state.hypotheses)
 
 
@@ -202,7 +203,7 @@ def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standin
     shaped = _shaped(screen, here.model)
     if not shaped:
         return None
-    here.state.say("searching waves and bumps")
+    here.state.teller.stage("searching waves and bumps")
     for law in (WAVE, BUMP):
         screen.extend(screen.likeliest(sought(law, shaped, here.state.context), ((), here.model), SOUGHT))
     model = climbed(screen, here.model, refiner)
@@ -278,7 +279,7 @@ def refitted(here: Standing, model: Model) -> State | None:
     places = np.concatenate([np.zeros(0, dtype=int), *(screen.groups[one.number].places for one in model)])
     explained = screen.columns(places) @ np.concatenate([np.zeros(0), *beside.amplitudes])
     names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
-    state.say(f"refitting with {names or 'nothing'}")
+    state.teller.stage(f"refitting with {names or 'nothing'}")
     try:
         return sorted_out(with_hypotheses(replace(state, heed=True), added, explained))
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
@@ -310,7 +311,7 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
     screen, context = here.screen, here.state.context
     pairs = list(permutations(candidate_columns(context.records), 2))
     likely = here.places[:LIKELY]
-    here.state.say("searching products of columns")
+    here.state.teller.stage("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
         locations = [Location(place.site, place.axis, pair) for place in likely for pair in pairs]
         screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), SOUGHT))
@@ -337,12 +338,37 @@ def _withdrawn(here: Standing, passing: Callable[[Standing], None]) -> Standing 
         return None
     if bare.unrecorded is not None:
         return None
-    here.state.say("withdrawing the random twist that was set aside")
+    here.state.teller.stage("withdrawing the random twist that was set aside")
     passing(bare)
     return _settled(bare, passing)
 
 
 def _with_twist(state: State, place: RandomTwist, places: tuple[RandomTwist, ...]) -> State:
-    state.say(f"setting aside a random twist at {place.site} {place.axis}")
+    state.teller.stage(f"setting aside a random twist at {place.site} {place.axis}")
     groups = state.context.column(POSE).astype(int)
     return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(places)))
+
+
+def resumed(begun: Standing, accepted: Sequence[Effect]) -> Standing:
+    """Return the state with effects that an earlier search of this campaign had accepted, if it can have them."""
+    screen, left, known = begun.screen, list(accepted), list[Hypothesis]()
+    every = [group.hypothesis for group in screen.groups]
+    for family in (one for one in every if one.family):
+        own = [one for one in left if any(_is(one, member) for member in family.members)]
+        if len(own) == len(family.members) and all(one.inner == own[0].inner for one in own):
+            known.append(family)
+            left = [one for one in left if one not in own]
+    for one in left:
+        candidate = Candidate(one.law, one.location, one.inner)
+        like = [each for each in every if not each.family and _is(one, each.one)]
+        like += sought(one.law, [one.location], begun.state.context) if one.law.sought else []
+        known += [replace(each, members=(candidate,)) for each in like[:1]]
+    after = refitted(begun, own_model(screen, known))
+    return begun if after is None else standing(after, begun)
+
+
+def _is(effect: Effect, candidate: Candidate) -> bool:
+    """Return whether an effect is a candidate's law at its place, with the same terms."""
+    there = (effect.location.site, effect.location.axis, effect.location.partner, effect.location.terms)
+    own = candidate.location
+    return effect.law is candidate.law and there == (own.site, own.axis, own.partner, own.terms)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -27,7 +27,7 @@ from armflex.parameters import numbers_of
 from armflex.rows.rows import POSE
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection, projected
-from armflex.trace.telling import Report, Tell, silent, tell_steps
+from armflex.trace.telling import SILENT, Teller
 from armflex.trace.unrecorded import PoseBlock
 
 
@@ -49,8 +49,7 @@ class State:
         fit: All of them together.
         context: The campaign as the catalogue sees it, at this fit.
         heed: Whether rows that are far off in company stay in use; see `lost_readings`.
-        tell: Called with how far a search or a fit has come.
-        say: Called with what is being done.
+        teller: Hears what is being done.
     """
 
     calibration: Calibration
@@ -66,8 +65,7 @@ class State:
     fit: Fit
     context: Context
     heed: bool = True
-    tell: Tell = silent
-    say: Report = silent
+    teller: Teller = SILENT
 
     @cached_property
     def calibrated(self) -> Fit:
@@ -153,7 +151,7 @@ class State:
         return projected(regressors, precision, data / self.quiet, fitted.view.count)
 
 
-def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -> State:
+def begin(calibration: Calibration, teller: Teller = SILENT) -> State:
     """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
     fitted, measurements = calibration.fit, calibration.measurements
     state = State(
@@ -169,8 +167,7 @@ def begin(calibration: Calibration, tell: Tell = silent, say: Report = silent) -
         random=None,
         fit=fitted,
         context=context_at(fitted, measurements),
-        tell=tell,
-        say=say,
+        teller=teller,
     )
     state = sorted_out(state, THOROUGH)
     return replace(state, first=state.fit)
@@ -329,7 +326,6 @@ def refit(
     numbers = numbers_of((*known, *(block.effect for block in effects)))[len(known) :]
     effects = tuple(replace(block, number=number) for block, number in zip(effects, numbers, strict=True))
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
-    tell = partial(tell_steps, state.tell)
-    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, tell, effort)
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, state.teller.steps, effort)
     context = context_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, context=context)

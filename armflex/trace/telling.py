@@ -8,21 +8,6 @@ from typing import Any
 
 from armflex.conventions import said_of
 
-Report = Callable[[str], None]
-"""Called with what is being done, once for every stage."""
-
-Tell = Callable[[str, int, int], None]
-"""Called within a stage, often: with what is tried, how many were, and of how many (0 where that is unknown)."""
-
-
-def silent(*told: object) -> None:
-    """Say nothing."""
-
-
-def tell_steps(tell: Tell, done: int, most: int) -> None:
-    """Report the steps of a fit, which ends long before it has taken as many as it may."""
-    tell(f"step {done}", 0, 0)
-
 
 @dataclass(frozen=True)
 class Doing:
@@ -34,8 +19,7 @@ class Doing:
         done, total: How many were tried, and of how many; 0 where that is unknown.
         effects: Those accepted so far, in words.
         rms: RMS of the 3-D error of the fitted rows with them [m], None before the first fit.
-        held_out: The same on held-out poses [m].
-        unit: In which these are, where it is not m.
+        unit: In which it is, where it is not m.
     """
 
     stage: str = ""
@@ -44,7 +28,6 @@ class Doing:
     total: int = 0
     effects: tuple[str, ...] = ()
     rms: float | None = None
-    held_out: float | None = None
     unit: str = "m"
 
     def __str__(self) -> str:
@@ -53,18 +36,22 @@ class Doing:
         text = ": ".join(part for part in (self.stage, within) if part)
         if self.rms is None:
             return text
-        held_out = "" if self.held_out is None else f", held out {said_of(self.held_out, self.unit)}"
         effects = f"{len(self.effects)} effect{'' if len(self.effects) == 1 else 's'}"
-        return f"{text} [{effects}; RMS {said_of(self.rms, self.unit)}{held_out}]"
+        return f"{text} [{effects}; RMS {said_of(self.rms, self.unit)}]"
 
 
 class Teller:
-    """Hands on what a search is at; it costs a call, so that the innermost loops may say it."""
+    """Hands on what a search is at; it costs a call, so that the innermost loops may say it.
 
-    def __init__(self, report: Report | None, progress: Callable[[Doing], None] | None) -> None:
-        self.report = report
-        self.progress = progress
-        self.doing = Doing()
+    Attributes:
+        report: Called with what is being done, in words, once for every stage.
+        progress: Called with all of it, often.
+    """
+
+    def __init__(
+        self, report: Callable[[str], None] | None = None, progress: Callable[[Doing], None] | None = None
+    ) -> None:
+        self.report, self.progress, self.doing = report, progress, Doing()
 
     def stage(self, text: str) -> None:
         """Say that a stage begins."""
@@ -73,11 +60,19 @@ class Teller:
         self.say(stage=text, trying="", done=0, total=0)
 
     def step(self, trying: str, done: int, total: int) -> None:
-        """Say how far it has come."""
+        """Say within a stage what is tried, how many were, and of how many."""
         self.say(trying=trying, done=done, total=total)
+
+    def steps(self, done: int, most: int) -> None:
+        """Say how many steps a fit has taken, which ends long before it has taken as many as it may."""
+        self.step(f"step {done}", 0, 0)
 
     def say(self, **changed: Any) -> None:
         """Say what has changed of what it is at, or of what there is so far."""
         if self.progress:
             self.doing = replace(self.doing, **changed)
             self.progress(self.doing)
+
+
+SILENT = Teller()
+"""Nobody listens."""

@@ -19,7 +19,7 @@ from armflex.laws.effects.catalogue import CATALOGUE, NAMED
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, EffectLaw, Inner
 from armflex.laws.effects.location import BASE, LINK, TOOL, Location, drive_axis
-from armflex.trace.candidates import Candidate, bank
+from armflex.trace.candidates import Bank, Candidate
 from armflex.trace.hypotheses import hypotheses
 from armflex.trace.screen import Screen
 from armflex.trace.state import begin
@@ -70,7 +70,7 @@ def shown() -> tuple[dict[str, Shown], Records]:
         state = begin(armflex.calibrate(arm, clean, as_stated=True, anyway=True))
     fit, context = state.fit, state.context
     known = [one for one in hypotheses(context) if one.one.law.name in CATALOGUE]
-    made = bank((one.one for one in known), fit, context)
+    made = Bank(tuple(one.one for one in known), fit, context)
     screen = Screen(known, made, state.bare, state.quiet)
     whole, inside = np.zeros((2, len(made.candidates)))
     for groups, squares in made.squares:

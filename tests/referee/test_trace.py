@@ -17,7 +17,7 @@ from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.laws.effects import CATALOGUE
 from armflex.laws.effects.catalogue import EVERY
-from armflex.trace.candidates import Bank, Candidate, bank, candidates_of
+from armflex.trace.candidates import Bank, Candidate, candidates_of
 from armflex.trace.hypotheses import hypotheses
 from armflex.trace.projection import Projection, project, projected
 from armflex.trace.screen import Screen
@@ -88,7 +88,7 @@ NAMES = ("stiffening", "link_geometry", "gear_harmonic", "thermal_growth", "tip_
 def everything(before) -> Bank:
     """The catalogue and the shapes, every third candidate of them."""
     laws = [law for law in EVERY.values() if law.name not in ("unnamed_bump", "unnamed_wave")]
-    return bank(list(candidates_of(laws, before.context))[::3], before.fit, before.context)
+    return Bank(tuple(candidates_of(laws, before.context))[::3], before.fit, before.context)
 
 
 def test_a_bank_has_every_candidates_columns(everything):
@@ -114,7 +114,7 @@ def restationed(tmp_path_factory) -> State:
 
 def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
     fit, projection = before.fit, project(before.fit)
-    change = bank([backlash], fit, before.context).rows(np.zeros(1, int))[0]
+    change = Bank((backlash,), fit, before.context).rows(np.zeros(1, int))[0]
     values, _ = least_squares(fit.regressors, fit.prior, change)
     np.testing.assert_allclose(projection.absorbed(change), values, rtol=1e-5, atol=1e-6 * np.abs(values).max())
 
@@ -122,7 +122,7 @@ def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
 def screened(state: State, every: int = 1) -> Screen:
     """Return every so manieth hypothesis of a state in its linear problem."""
     known = hypotheses(state.context)[::every]
-    return Screen(known, bank((one.one for one in known), state.fit, state.context), state.bare, state.quiet)
+    return Screen(known, Bank(tuple(one.one for one in known), state.fit, state.context), state.bare, state.quiet)
 
 
 def test_the_evidence_on_a_screen_is_that_of_gaussian_readings(before):
