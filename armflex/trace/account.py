@@ -184,14 +184,12 @@ def _found(known: Weighed, number: int) -> Found:
     state, credible, seen = known.here.state, known.credible[number], known.validated
     assert seen is not None
     index = state.units[number][0]
-    block = state.effects[index]
-    std = block.std(state.values_of(block), state.stds_of(block))
     others = tuple((_effect(one), chance) for one, chance in credible.others if not one.family)
     best = credible.ranking[0][1]
     ranking = tuple((one, 2.0 * odds) for one, odds in credible.ranking if not one.family)
     return Found(
         effect=state.fitted[index],
-        std=std,
+        std=state.std_of(state.effects[index]),
         evidence=2.0 * best,
         proof=seen.proofs[number],
         ranking=ranking,
@@ -210,9 +208,7 @@ def _family(known: Weighed, number: int) -> FoundFamily:
     state, seen = known.here.state, known.validated
     assert seen is not None
     unit, one = state.units[number], state.known[number]
-    blocks = [state.effects[i] for i in unit]
-    stds = [block.std(state.values_of(block), state.stds_of(block)) for block in blocks]
-    members = tuple(zip((state.fitted[i] for i in unit), stds, strict=True))
+    members = tuple((state.fitted[i], state.std_of(state.effects[i])) for i in unit)
     assert one.unit is not None
     values = np.concatenate([state.fitted[i].acting for i in unit]) / one.unit
     evidence = 2.0 * known.credible[number].ranking[0][1]

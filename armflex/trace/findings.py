@@ -31,7 +31,7 @@ from armflex.parameters import ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.state import State, lost_in, lost_of, lost_rows
+from armflex.trace.state import State, lost_of, lost_rows
 from armflex.trace.unrecorded import NOTICED_RATIO, RandomTwist, as_likely
 
 UNLIKELY = 1e-4
@@ -398,7 +398,7 @@ class Trace(Result):
         state, whole = self.state, self.calibration.measurements
         rows = np.setdiff1d(state.asked, [*self.rows, *self.unjudged])
         gone = np.isin(state.asked, rows)
-        far = lost_of(state, heed=False) & (gone[:, None] | lost_in(state))
+        far = lost_of(state, heed=False) & (gone[:, None] | state.lost)
         view, alone = look(state.fit.setup, whole, state.asked), lost_rows(state, heed=True)
         found = list(outliers_of(view, far & (~gone[:, None] | self._paired(view, far)), whole, "lost beam"))
         for i in np.flatnonzero(gone & ~np.isin(state.asked, [one.row for one in found])):
@@ -425,7 +425,7 @@ class Trace(Result):
     def added(self) -> Iterator[tuple[Effect, dict[str, float]]]:
         """Every effect of the final fit with the standard uncertainty of each of its values by name."""
         for block, effect in zip(self.state.effects, self.state.fitted, strict=True):
-            yield effect, block.std(self.state.values_of(block), self.state.stds_of(block))
+            yield effect, self.state.std_of(block)
 
     def told(self, kind: str) -> int:
         """Return how many outliers are of one kind."""

@@ -271,6 +271,10 @@ class Screen(Evidence):
         at = self._held_at(places)
         return self._held.columns[at].T
 
+    def explained(self, beside: Beside) -> Array:
+        """Return (n,) what a model explains of the readings."""
+        return self.columns(beside.places) @ np.concatenate([np.zeros(0), *beside.amplitudes])
+
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         at = self._held_at(places)
         return self._held.gram[np.ix_(at, at)], self._held.scores[at]

@@ -111,24 +111,12 @@ def spots(screen: Screen, model: Model) -> Counter:
 
 def random_places(state: State, screen: Screen, model: Model) -> tuple[RandomTwist, ...]:
     """Return where a random twist from pose to pose would explain what a model leaves, the likeliest first."""
-    left = _fitted_beside(screen, model)
+    beside, left = screen.beside(model), screen.projection
+    if model:
+        columns = np.hstack([left.regressors, screen.columns(beside.places) * beside.scale])
+        left = left.with_fitted(columns, np.concatenate([left.precision, beside.held]))
     left = replace(left, residual=left.residual * screen.quiet)  # by what was stated, as the fit has it
     return localise(state.fit, state.context, left, state.groups)
-
-
-def _fitted_beside(screen: Screen, model: Model):
-    """Return the projection of a screen with a model's columns fitted, too."""
-    projection = screen.projection
-    if not model:
-        return projection
-    groups = [screen.groups[one.number] for one in model]
-    columns = screen.columns(np.concatenate([one.places for one in groups])) * np.concatenate([g.scale for g in groups])
-    held = np.concatenate(
-        [np.full(len(g.places), SCALES[one.scale] ** -2.0) for g, one in zip(groups, model, strict=True)]
-    )
-    return projection.with_fitted(
-        np.hstack([projection.regressors, columns]), np.concatenate([projection.precision, held])
-    )
 
 
 def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:
@@ -276,12 +264,10 @@ def refitted(here: Standing, model: Model) -> State | None:
         group = screen.groups[one.number]
         std = np.where(group.scale > 0.0, SCALES[one.scale] * group.scale / (beside.noise * screen.quiet), 1e-12)
         added.append(Added(group.hypothesis, amplitudes, std))
-    places = np.concatenate([np.zeros(0, dtype=int), *(screen.groups[one.number].places for one in model)])
-    explained = screen.columns(places) @ np.concatenate([np.zeros(0), *beside.amplitudes])
     names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
     state.teller.stage(f"refitting with {names or 'nothing'}")
     try:
-        return sorted_out(with_hypotheses(replace(state, heed=True), added, explained))
+        return sorted_out(with_hypotheses(replace(state, heed=True), added, screen.explained(beside)))
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
         return None
 
@@ -301,7 +287,7 @@ def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing 
         return _set_aside(here, passing)
     if state.heed:
         left = sorted_out(replace(state, heed=False))
-        if not state.uses(left.rows):
+        if not np.array_equal(left.rows, state.rows):
             return _settled(standing(left, here), passing)
     return None
 

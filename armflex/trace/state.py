@@ -41,8 +41,7 @@ class State:
         measurements: The campaign.
         asked: Rows that were to be used.
         rows: Those of them in use: all but lost beams, and rows without what an added effect depends on.
-        declared: Arm and instrument before any fit.
-        blocks: Declared blocks.
+        lost: (A, G) which readings of those asked for, by instrument, are left out of their rows as lost beams.
         known: Hypotheses that were added, with values inside their laws as they were chosen.
         effects: What they add: one effect for each member of each hypothesis, in order.
         random: Random twist per pose, None where there is none.
@@ -57,8 +56,7 @@ class State:
     measurements: Measurements
     asked: np.ndarray
     rows: np.ndarray
-    declared: Setup
-    blocks: tuple[Block, ...]
+    lost: np.ndarray
     known: tuple[Hypothesis, ...]
     effects: tuple[EffectBlock, ...]
     random: PoseBlock | None
@@ -66,6 +64,16 @@ class State:
     context: Context
     heed: bool = True
     teller: Teller = SILENT
+
+    @property
+    def declared(self) -> Setup:
+        """Arm and instrument before any fit."""
+        return self.first.declared
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """What is free beside what was added."""
+        return self.first.blocks
 
     @cached_property
     def calibrated(self) -> Fit:
@@ -99,17 +107,13 @@ class State:
         """Session of every fitted row."""
         return tuple(self.measurements.session[row] for row in self.rows)
 
-    def uses(self, rows: np.ndarray) -> bool:
-        """Return whether just these rows are in use."""
-        return np.array_equal(rows, self.rows)
-
     def values_of(self, block: Block) -> Array:
         """Return the fitted values of one block."""
         return self.fit.values[self.fit.places(block)]
 
-    def stds_of(self, block: Block) -> Array:
-        """Return the standard uncertainties of one block's values."""
-        return self.fit.posterior.std[self.fit.places(block)]
+    def std_of(self, block: EffectBlock) -> dict[str, float]:
+        """Return the standard uncertainties of an effect's values by name."""
+        return block.std(self.values_of(block), self.fit.posterior.std[self.fit.places(block)])
 
     @cached_property
     def fitted(self) -> tuple[Effect, ...]:
@@ -160,8 +164,7 @@ def begin(calibration: Calibration, teller: Teller = SILENT) -> State:
         measurements=measurements,
         asked=fitted.view.rows,
         rows=fitted.view.rows,
-        declared=fitted.declared,
-        blocks=fitted.blocks,
+        lost=np.zeros((len(fitted.view.rows), len(measurements.readings.groups)), bool),
         known=(),
         effects=(),
         random=None,
@@ -179,20 +182,23 @@ def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     While an effect is missing, readings that it moves may look lost; once it is there, others stand out that did not.
     Rows before a joint's first motion leave with the first effect that must know its direction.
     """
-    lost = lost_of(state, state.heed)
+    lost, whole = lost_of(state, state.heed), state.calibration.measurements
     used = ~(only_lost(state, lost) | state.untold)
-    before = lost_in(state)
-    if state.uses(state.asked[used]) and np.array_equal(lost[used], before[used]):
+    if np.array_equal(state.asked[used], state.rows) and np.array_equal(lost[used], state.lost[used]):
         return state
-    left = without_readings(state, lost & used[:, None])
-    changed = replace(state, rows=state.asked[used], measurements=left)
+    lost &= used[:, None]
+    kept = np.ones((len(whole), whole.readings.size), bool)
+    for own, place in zip(lost.T, whole.readings.groups, strict=True):
+        kept[state.asked[own], place] = False
+    left = whole if kept.all() else replace(whole, readings=whole.readings.where(kept))
+    changed = replace(state, rows=state.asked[used], measurements=left, lost=lost)
     return refit(changed, state.effects, state.random, state.fit.values, effort)
 
 
 def lost_of(state: State, heed: bool) -> np.ndarray:
     """Return (A, G) which readings of the rows that were to be used are lost beams at a fit; see `lost_readings`."""
     asked, whole = state.asked, state.calibration.measurements
-    same = state.uses(asked) and state.measurements is whole
+    same = np.array_equal(asked, state.rows) and state.measurements is whole
     view = state.fit.view if same else look(state.fit.setup, whole, asked)
     return lost_readings(view, [whole.session[row] for row in asked], whole.pose_number[asked], heed)
 
@@ -202,22 +208,6 @@ def only_lost(state: State, lost: np.ndarray) -> np.ndarray:
     whole = state.calibration.measurements.readings
     read = np.array([np.isfinite(whole.sigma[state.asked][:, place]).any(axis=1) for place in whole.groups]).T
     return np.all(lost | ~read, axis=1)
-
-
-def without_readings(state: State, lost: np.ndarray) -> Measurements:
-    """Return the campaign without (A, G) readings of the rows that were to be used."""
-    whole = state.calibration.measurements
-    kept = np.ones((len(whole), whole.readings.size), bool)
-    for own, place in zip(lost.T, whole.readings.groups, strict=True):
-        kept[state.asked[own], place] = False
-    return whole if kept.all() else replace(whole, readings=whole.readings.where(kept))
-
-
-def lost_in(state: State) -> np.ndarray:
-    """Return (A, G) which readings of the rows that were to be used are left out of their rows by now."""
-    whole, now = state.calibration.measurements.readings, state.measurements.readings
-    pairs = [(whole.sigma[state.asked][:, place], now.sigma[state.asked][:, place]) for place in whole.groups]
-    return np.array([(np.isfinite(one) & np.isinf(other)).any(axis=1) for one, other in pairs]).T
 
 
 def lost_rows(state: State, heed: bool) -> np.ndarray:

@@ -212,7 +212,7 @@ def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(tmp_path: P
     assert state is not None
     believed = standing(state, here)
     (effect,), (block,) = believed.state.fitted, believed.state.effects
-    assert abs(effect.acting[0]) < 2.0 * believed.state.stds_of(block)[0] and idle(believed.state) == 0
+    assert abs(effect.acting[0]) < 2.0 * next(iter(believed.state.std_of(block).values())) and idle(believed.state) == 0
     assert conclude(believed, here.places).found == ()
 
 
