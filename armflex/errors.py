@@ -109,6 +109,14 @@ class UntrustedError(FileError):
         self.digest = digest
 
 
+class ManyErrors(InputError):
+    """Files that are read as they are have `problems`: everything that is wrong or open in them, each with a remedy."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = tuple(problems)
+
+
 class UnitError(InputError):
     """A quantity has no unit, or one of the wrong kind."""
 

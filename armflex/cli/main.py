@@ -117,7 +117,7 @@ def main() -> None:
             _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
         if not isinstance(error, ArmflexError):
             raise
-        _fail(str(error), 2 if isinstance(error, InputError) else 1)
+        _fail(getattr(error, "problems", str(error)), 2 if isinstance(error, InputError) else 1)
     sys.exit(code if isinstance(code, int) else 0)
 
 
@@ -128,8 +128,9 @@ def was_interrupted(error: BaseException | None) -> bool:
     return error is not None
 
 
-def _fail(text: str, code: int) -> NoReturn:
-    _terminal().complain(f"error: {text}")
+def _fail(text: str | tuple[str, ...], code: int) -> NoReturn:
+    for line in (text,) if isinstance(text, str) else text:
+        _terminal().complain(f"error: {line}")
     sys.exit(code)
 
 

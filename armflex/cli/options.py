@@ -290,7 +290,7 @@ def taken_in(
     """Return files as they are as one campaign; print what each column was taken as, and how rows were joined.
 
     Raises:
-        InputError: As `intake`; coordinates and no `sigma`.
+        InputError: As `intake`.
     """
     from armflex.intake import intake  # imports scipy
 
@@ -302,9 +302,7 @@ def taken_in(
     def ask(question: str, choices: Sequence[str]) -> str:
         return click.prompt(question, type=click.Choice(list(choices)), err=True)
 
-    found = intake(paths, sigma or np.nan, asked, ask if sys.stdin.isatty() else None, targets, dh)
-    if sigma is None and "sigma" in found.columns:
-        raise InputError("the files have coordinates: --sigma 0.05mm says how well one is measured")
+    found = intake(paths, sigma, asked, ask if sys.stdin.isatty() else None, targets, dh)
     print_table("Columns", ["file", "column", "is", "unit", "because of"], found.taken)
     say(f"{len(found.lines)} rows, joined {found.joined}.")
     for note in found.notes:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import UNITS, Array
-from armflex.errors import Place, TableError
+from armflex.errors import ManyErrors, Place, TableError
 from armflex.intake.meanings import BRACKETS, Ask
 from armflex.intake.sources import Source, numbers
 from armflex.measured.points import LENGTHS
@@ -57,7 +57,8 @@ def read_dh(source: Source, form: str | None, ask: Ask | None) -> DhTable:
         ask: Asks where it is open.
 
     Raises:
-        TableError: A cell is no number, or a unit or the form are open: with the remedy.
+        TableError: A cell is no number.
+        ManyErrors: A unit or the form are open.
     """
     found, path = _columns(source), source.path
     rows, taken, open_units = np.zeros((len(source.lines), 4)), list[tuple[str, str, str, str]](), list[str]()
@@ -99,7 +100,7 @@ def read_dh(source: Source, form: str | None, ask: Ask | None) -> DhTable:
     if form is None:
         open_units.append(f"{path}: standard (distal) or modified (Craig) DH is open: --dh standard or --dh modified")
     if form is None or open_units:
-        raise TableError(Place(path), "\n".join(line.removeprefix(f"{path}: ") for line in open_units))
+        raise ManyErrors(open_units)
     return DhTable(rows, form, (*taken, ("(rows)", f"{form} DH", "", why)))
 
 

@@ -6,14 +6,14 @@ import hashlib
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
-from armflex.errors import InputError, Place, TableError, did_you_mean, listing
+from armflex.errors import InputError, ManyErrors, Place, TableError, did_you_mean, listing
 from armflex.intake.dh import arm_text, is_dh, read_dh
 from armflex.intake.meanings import Ask, Meaning, meanings
 from armflex.intake.recordings import read_sources
@@ -25,7 +25,11 @@ from armflex.measured.table import Column, Table, csv_text
 TARGET = re.compile(r"(.+?)[ _\-.:]*(?:T|SMR|TGT|TARGET|PRISM|REFL\w*)[ _\-]?(\d)", re.IGNORECASE)
 """How the name of a point ends that is of one target among several."""
 
-CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)")
+CLOCK = re.compile(
+    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)?))?\s*([ap]m)?\D*",
+    re.IGNORECASE,
+)
+"""A clock's time, after a day or without one."""
 
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
@@ -69,7 +73,7 @@ class Intake:
 
 def intake(
     paths: Sequence[str | Path],
-    sigma: float,
+    sigma: float | None,
     taken: Mapping[str, str] | None = None,
     ask: Ask | None = None,
     targets: Sequence[str] = (),
@@ -83,14 +87,15 @@ def intake(
 
     Args:
         paths: The files, in any order.
-        sigma: One standard deviation of a measured coordinate [m].
+        sigma: One standard deviation of a measured coordinate [m]; None where none is measured.
         taken: What columns are where their names do not say it, by name: `q_J1_deg`, `x_mm`, `pose`, `time`.
         ask: Asks where a guess is open; a file is refused there when not given.
         targets: Which topics, bodies or markers of recordings are the targets.
         dh: Form of a table of DH parameters among the files, "standard" or "modified".
 
     Raises:
-        InputError: With everything that is wrong or open in the files, each with what to do.
+        ManyErrors: With everything that is wrong or open in the files, each with what to do.
+        InputError: The arm never stands in a recording, or two recordings do not match.
         TableError: A file is no table.
         UnsupportedError: The package that reads a recording is not installed.
     """
@@ -105,10 +110,8 @@ def intake(
     if rows_of_arm is not None:
         try:
             arm = read_dh(rows_of_arm, dh, ask)
-        except TableError as error:
-            wrong += [
-                f"{rows_of_arm.path}: {line}" for line in str(error).removeprefix(f"{rows_of_arm.path}: ").splitlines()
-            ]
+        except (TableError, ManyErrors) as error:
+            wrong += str(error).splitlines()
     every = {name for one in sources for name in one.header}
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
@@ -138,8 +141,10 @@ def intake(
     if not wrong and (len(logs) != 1 or (not points and len(sources) > 1)):
         text = f"{len(logs)} files have joints and {len(points)} have x y z"
         wrong.append(f"{text}: give one log and one export, or one file of both")
+    if points and sigma is None:
+        wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
     if wrong:
-        raise InputError("\n".join(wrong))
+        raise ManyErrors(wrong)
     log, exports = logs[0], [i for i in points if i not in logs]
     for i in exports:  # what an instrument's program adds is no cause of the arm's errors
         understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
@@ -219,7 +224,7 @@ def _campaign(
     understood: Sequence[Sequence[Meaning]],
     log_at: int,
     exports: Sequence[int] | None,
-    sigma: float,
+    sigma: float | None,
     notes: Sequence[str],
 ) -> Intake:
     """Return the rows of the log with the places that belong to them; `exports` is None where there are none at all."""
@@ -275,7 +280,7 @@ def _campaign(
 
 def _words(one: Meaning) -> str:
     words = {"joint": f"joint {one.name}", "coordinate": f"measured {one.name}", "name": "name of the row or point"}
-    words |= {"time": "time", "kept": one.name, "covariate": "a covariate", "unused": "not used"}
+    words |= {"time": one.name, "kept": one.name, "covariate": "a covariate", "unused": "not used"}
     return words[one.kind]
 
 
@@ -329,27 +334,49 @@ def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> 
 
 def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
     every = dict(zip(source.header, source.columns, strict=True))
-    return next((every[one.column] for one in own if one.kind == kind), None)
+    return next((every[one.column] for one in own if one.kind == kind and one.name != "date"), None)
 
 
 def _time(source: Source, own: Sequence[Meaning]) -> Array | None:
-    """Return times [s]: numbers, ISO 8601 stamps, or a clock's; None where there are none that can be read."""
+    """Return times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
+    every = dict(zip(source.header, source.columns, strict=True))
     cells = _cells(source, own, "time")
     if cells is None:
         return None
-    unit = next(one.unit for one in own if one.kind == "time")
+    unit = next(one.unit for one in own if one.kind == "time" and one.name == "time")
     if np.isfinite(values := numbers(cells)).any():
         return values * {"us": 1e-6, "ns": 1e-9, "": 1.0, **UNITS["time"]}[unit or ""]
-    found = []
-    for cell in map(str, cells):
+    days = next((every[one.column] for one in own if one.name == "date"), [""] * len(cells))
+    found = [_seconds(f"{day} {cell}".strip()) for day, cell in zip(days, cells, strict=True)]
+    if None in found:
+        return None
+    times = np.array(found, dtype=float)
+    midnights = np.cumsum(np.diff(times, prepend=times[:1]) < -43200.0)
+    return times + 86400.0 * midnights if times.max() < 86400.0 else times
+
+
+def _seconds(text: str) -> float | None:
+    """Return the time that a text says [s]; of a clock without a day since midnight."""
+    try:
+        return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        match = CLOCK.fullmatch(text)
+    if match is None:
+        return None
+    first, mark, second, third, hours, minutes, seconds, half = match.groups()
+    day = 0.0
+    if first:
+        year, month, date = int(third), int(second), int(first)
+        if len(first) == 4:
+            year, date = int(first), int(third)
+        elif mark == "/" and (half or month > 12):  # as in America
+            month, date = date, month
         try:
-            found.append(datetime.fromisoformat(cell).replace(tzinfo=None).timestamp())
+            day = datetime(year + 2000 * (year < 100), month, date, tzinfo=UTC).timestamp()
         except ValueError:
-            match = CLOCK.search(cell)
-            if match is None:
-                return None
-            found.append(3600.0 * int(match[1]) + 60.0 * int(match[2]) + float(match[3].replace(",", ".")))
-    return np.array(found)
+            return None
+    hour = int(hours) % 12 + 12 * (half.lower() == "pm") if half else int(hours)
+    return day + 3600.0 * hour + 60.0 * int(minutes) + float((seconds or "0").replace(",", "."))
 
 
 def _joined(

@@ -48,6 +48,7 @@ OF_MESSAGE = r".*(?:position|translation|point)[./](?P<axis>[xyz])"
 
 STAMPS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Times beyond these are since 1970, in this unit."""
+DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
 KEPT = ("payload", "session")
 BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 
@@ -83,6 +84,25 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
     for header, cells in zip(source.header, source.columns, strict=True):
         own = taken.get(header)
         found.append(_meaning(own or header, header, cells, comment, own is not None))
+    asked = {(one.kind, one.name) for one in found if one.column in taken}
+    found = [
+        replace(one, kind="unused", why="another is, as asked")
+        if (one.kind, one.name) in asked and one.column not in taken
+        else one
+        for one in found
+    ]
+    clocks = [i for i, one in enumerate(found) if one.kind == "time" and ":" in str(source.columns[i][0])]
+    if len(clocks) == 1:  # a day in a column of its own
+        found = [
+            replace(one, name="date")
+            if one.kind == "time" and i not in clocks and DAY.match(str(source.columns[i][0]))
+            else one
+            for i, one in enumerate(found)
+        ]
+    for i, one in enumerate(found):
+        values = numbers(source.columns[i]) if one.kind == "covariate" else np.zeros(0)
+        if len(values) > 2 and (np.diff(values) == 1.0).all():
+            found[i] = replace(one, kind="unused", why="counts the rows")
     axes = {one.name for one in found if one.kind == "coordinate"}
     if axes != {"x", "y", "z"}:  # an X of something else
         found = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one

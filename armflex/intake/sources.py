@@ -93,7 +93,7 @@ def read_table_source(path: Path) -> Source:
             elif line.strip() and not line.lower().startswith("sep="):
                 kept.append((number, line.rstrip("\r\n")))
         rows, mark = _split(kept)
-    numeric = [2 * sum(map(_number, cells)) >= max(len(cells), 2) for _, cells in rows]
+    numeric = [sum(map(_number, cells)) >= min(max(len(cells), 2) / 2, 3) for _, cells in rows]
     widths = Counter(len(cells) for (_, cells), full in zip(rows, numeric, strict=True) if full and len(cells) > 1)
     if not widths:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
