@@ -20,36 +20,62 @@ from armflex.storage.whole_file import together, write_whole
     "--dh", type=options.Choice(["standard", "modified"]), help="Form of a table of DH parameters among the files."
 )
 @click.option(
+    "--board",
+    metavar="charuco,8x6,30mm,22mm",
+    help="The board in a folder of pictures: kind, columns x rows, lengths of its print, for charuco and apriltag also "
+    "the dictionary. Without it the arm file has the board.",
+)
+@click.option("--board-on-arm", is_flag=True, help="The board is on the arm and the camera beside it.")
+@click.option(
     "--arm",
     "arm_path",
     metavar="ARM.toml",
     type=options.OutputPath(),
-    help="Arm file to write, where the files have a table of DH parameters; further targets are in it.",
+    help="Arm file to write, where a URDF or a table of DH parameters is given; cameras and further targets are in it.",
 )
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Campaign to write.")
 def command(
     paths: tuple[Path, ...],
     sigma: float | None,
+    sigma_r: float | None,
     take: tuple[str, ...],
     targets: tuple[str, ...],
     dh: str | None,
+    board: str | None,
+    board_on_arm: bool,
     arm_path: Path | None,
     output: Path,
 ) -> None:
     """Join a controller's log and a tracker's export, or read one file with both, to a campaign.
 
-    A log alone becomes a path, each row a via-point. A table of DH parameters becomes an arm file with --arm.
+    A log alone becomes a path, each row a via-point. A URDF or a table of DH parameters becomes an arm file with --arm.
+    A folder of pictures is joined by names, numbers or times; --board declares the camera.
 
     Text files with semicolons, commas, tabs or blanks, decimal commas, comments and titles, in UTF-8, UTF-16 or
     Windows-1252, and workbooks; bags of ROS (rosbag2, MCAP), Motive CSV, C3D, and traces of KUKA controllers. Rows are
     joined by the points' names, else in their order, else by time; a recording counts where the arm stands. What every
     column was taken as is printed first. An open unit is asked for on a terminal, and refused elsewhere.
     """
-    found = options.taken_in(paths, sigma, take, targets, dh)
+    from armflex.intake.pictures import board_of, is_pictures  # imports scipy
+
+    board = None if board is None else board_of(board)
+    if arm_path is not None and arm_path.resolve().parent != output.resolve().parent and any(map(is_pictures, paths)):
+        raise InputError("--arm: write it to the folder of the campaign: both name files relative to themselves")
+    found = options.taken_in(
+        paths,
+        sigma,
+        take,
+        targets,
+        sigma_r=sigma_r,
+        dh=dh,
+        board=board,
+        on_arm=board_on_arm,
+        beside=output.absolute().parent,
+    )
     if arm_path is not None and found.arm is None:
-        raise InputError("--arm: no file has a table of DH parameters: columns theta, d, a, alpha")
+        raise InputError("--arm: no file is a URDF or has a table of DH parameters: columns theta, d, a, alpha")
     if found.declare and arm_path is None:
-        say("A further target is an instrument of its own. For the arm file:")
+        say("A camera or a further target is an instrument of its own. For the arm file:")
         for line in found.declare.splitlines():
             say(line)
     with together():

@@ -258,8 +258,14 @@ anyway = click.option(
 
 
 def as_they_are(function: Callable) -> Callable:
-    """Add what is asked of files that are read as they are, see `taken_in`: `sigma`, `take`, `targets`."""
+    """Add what is asked of files that are read as they are, see `taken_in`: `sigma`, `sigma_r`, `take`, `targets`."""
     for option in (
+        click.option(
+            "--sigma-r",
+            type=Quantity("angle"),
+            metavar="0.5mrad",
+            help="One standard deviation of a recorded orientation, of files as they are; without it none is used.",
+        ),
         click.option(
             "--target",
             "targets",
@@ -285,9 +291,11 @@ def as_they_are(function: Callable) -> Callable:
 
 
 def taken_in(
-    paths: Sequence[Path], sigma: float | None, take: Sequence[str], targets: Sequence[str], dh: str | None = None
+    paths: Sequence[Path], sigma: float | None, take: Sequence[str], targets: Sequence[str], **more: Any
 ) -> Intake:
     """Return files as they are as one campaign; print what each column was taken as, and how rows were joined.
+
+    `more` are further arguments of `intake`.
 
     Raises:
         InputError: As `intake`.
@@ -302,7 +310,7 @@ def taken_in(
     def ask(question: str, choices: Sequence[str]) -> str:
         return click.prompt(question, type=click.Choice(list(choices)), err=True)
 
-    found = intake(paths, sigma, asked, ask if sys.stdin.isatty() else None, targets, dh)
+    found = intake(paths, sigma, asked, ask if sys.stdin.isatty() else None, targets, **more)
     print_table("Columns", ["file", "column", "is", "unit", "because of"], found.taken)
     say(f"{len(found.lines)} rows, joined {found.joined}.")
     for note in found.notes:
@@ -323,19 +331,21 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
         points: PointExport | None,
         paths: tuple[Path, ...],
         sigma: float | None,
+        sigma_r: float | None,
         take: tuple[str, ...],
         targets: tuple[str, ...],
         **rest: Any,
     ) -> Any:
         if points is not None and len(paths) > 1:
             raise InputError(f"--points has the positions of one campaign, and {len(paths)} are given")
-        if sigma is None and (take or targets):
-            raise InputError("--take and --target are for files as they are, which need --sigma")
+        as_they_are = sigma is not None or any(path.is_dir() for path in paths)  # pictures have no coordinates
+        if not as_they_are and (take or targets or sigma_r is not None):
+            raise InputError("--take, --target and --sigma-r are for files as they are, which need --sigma")
 
         def measured(arm: Arm) -> Measurements:
             unnamed = unnamed_loads(arm, payload, force_text)
-            if sigma is not None:
-                found = taken_in(paths, sigma, take, targets)
+            if as_they_are:
+                found = taken_in(paths, sigma, take, targets, sigma_r=sigma_r)
                 if missing := [
                     line for line in found.declare.splitlines() if line[0] == "[" and line[12:-1] not in arm.sensors
                 ]:

@@ -348,10 +348,11 @@ def check_conventions(
         raise ConventionError(f"{text}; {more}, and for two conventions at once", [])
     flags = []
     for number, kind in enumerate(found.kinds):
-        if kind.name and found.scatter[number] > ABSURD:
-            off = said_of(found.off(found.view.residual, number), kind.unit)
-            text = f"{kind.title}: what it read is {off} off, further than its declaration and [prior] explain"
-            text += f": is it where [instrument.{kind.name}] says?"
+        sought = searched and any(one.anywhere for one in kind.nuisances)  # stands where it is found to stand
+        if kind.name and found.scatter[number] > ABSURD and not sought:
+            off = said_of(found.off(found.left, number), kind.unit)
+            text = f"{kind.title}: with all that [prior] and its declaration free, what it read is {off} off: "
+            text += f"an effect is missing, or [instrument.{kind.name}] is not as declared"
             flags.append(Flag("instrument_implausible", text, about=kind.name))
     return tuple(flags)
 

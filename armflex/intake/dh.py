@@ -23,6 +23,8 @@ PARAMETERS = {
 BEFORE = re.compile(r"(?:alpha|α|a)_?\(?i ?- ?1\)?")
 """How a column is called of a row in Craig's, the modified form: it belongs to the link before."""
 
+UPRIGHT = "gravity = [0.0, 0.0, -9.81]     # m/s^2: the base stands upright"
+
 RIGHT = 2.0 * np.pi
 """No angle of a row is beyond this [rad]: numbers beyond it are degrees."""
 
@@ -40,6 +42,22 @@ class DhTable:
     rows: Array
     form: str
     taken: tuple[tuple[str, str, str, str], ...]
+
+    def lines(self, joints: Sequence[str]) -> list[str]:
+        """Return [robot] of an arm file, its joints named as in the log."""
+        lines = [
+            "[robot]",
+            f'dh = "{self.form}"',
+            UPRIGHT,
+            "",
+        ]
+        lines.append("[robot.joint]")
+        for name, (theta, d, a, alpha) in zip(joints, self.rows, strict=True):
+            angles = (float(np.round(np.degrees(one), 9)) + 0.0 for one in (theta, alpha))
+            lengths = (float(np.round(1e3 * one, 9)) + 0.0 for one in (d, a))
+            (theta, alpha), (d, a) = angles, lengths
+            lines.append(f"{name} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r} }}")
+        return lines
 
 
 def is_dh(source: Source) -> bool:
@@ -104,27 +122,22 @@ def read_dh(source: Source, form: str | None, ask: Ask | None) -> DhTable:
     return DhTable(rows, form, (*taken, ("(rows)", f"{form} DH", "", why)))
 
 
-def arm_text(table: DhTable, joints: Sequence[str], declare: str) -> str:
-    """Return an arm file of DH rows: what a first calibration frees, and the instruments of further targets.
+def arm_text(robot: Sequence[str], tip: str, declare: str, tracked: bool) -> str:
+    """Return an arm file: what a first calibration frees, and the instruments beside the first target.
 
     Args:
-        table: The rows.
-        joints: Their joints, named as in the log.
+        robot: Lines of [robot].
+        tip: Its last link.
         declare: Tables of instruments, "TIP" for the link that they are on.
+        tracked: Whether the first target is read. Arms that only a camera reads are printed, or hobby servos.
     """
-    lines = ["[robot]", f'dh = "{table.form}"', "gravity = [0.0, 0.0, -9.81]     # m/s^2: the base stands upright", ""]
-    lines.append("[robot.joint]")
-    for name, (theta, d, a, alpha) in zip(joints, table.rows, strict=True):
-        angles = (float(np.round(np.degrees(one), 9)) + 0.0 for one in (theta, alpha))
-        lengths = (float(np.round(1e3 * one, 9)) + 0.0 for one in (d, a))
-        (theta, alpha), (d, a) = angles, lengths
-        lines.append(f"{name} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r} }}")
-    lines += [
-        *("", "[prior]                          # one standard deviation of what calibration may move"),
-        *("joint_offset = 0.01              # rad", "geometry = 1e-3                  # m and rad"),
-        "tool = 0.3                       # m, the target's place in the frame of the flange",
+    offset, geometry = ("0.01", "1e-3") if tracked else ("0.05", "2e-3")
+    lines = [
+        *(*robot, "", "[prior]                          # one standard deviation of what calibration may move"),
+        *(f"joint_offset = {offset}              # rad", f"geometry = {geometry}                  # m and rad"),
+        *(["tool = 0.3                       # m, the target's place in the tip frame"] if tracked else []),
     ]
-    return "\n".join([*lines, *(["", declare.replace("TIP", "flange")] if declare else [])]) + "\n"
+    return "\n".join([*lines, *(["", declare.replace("TIP", tip)] if declare else [])]) + "\n"
 
 
 def _bare(header: str) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,16 +12,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from armflex.conventions import NUMBER, UNITS, Array
-from armflex.errors import InputError, ManyErrors, Place, TableError, did_you_mean, listing
-from armflex.intake.dh import arm_text, is_dh, read_dh
-from armflex.intake.meanings import Ask, Meaning, meanings
+from armflex.errors import InputError, ManyErrors, Place, TableError, UrdfError, did_you_mean, listing
+from armflex.intake.dh import UPRIGHT, arm_text, is_dh, read_dh
+from armflex.intake.meanings import COUNTS, Ask, Meaning, meanings
+from armflex.intake.pictures import camera, joined_by_number
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import Column, Table, csv_text
+from armflex.robot.robot import Robot, load_robot
 
 TARGET = re.compile(r"(.+?)[ _\-.:]*(?:T|SMR|TGT|TARGET|PRISM|REFL\w*)[ _\-]?(\d)", re.IGNORECASE)
 """How the name of a point ends that is of one target among several."""
@@ -31,6 +35,7 @@ CLOCK = re.compile(
 )
 """A clock's time, after a day or without one."""
 
+ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
 
@@ -78,12 +83,18 @@ def intake(
     ask: Ask | None = None,
     targets: Sequence[str] = (),
     dh: str | None = None,
+    *,
+    sigma_r: float | None = None,
+    board: str | None = None,
+    on_arm: bool = False,
+    beside: Path | None = None,
 ) -> Intake:
     """Return the campaign that a controller's log and a tracker's export are together, or one file with both.
 
     A log alone becomes rows without readings: a path, or poses to predict.
 
-    A recording counts where the arm stands: a row for each dwell, with the means of what was recorded in it.
+    A recording counts where the arm stands: a row for each dwell, with the means of what was recorded in it. Pictures
+    of a board, or a table of corners, are an export as well: each row has the name of its picture.
 
     Args:
         paths: The files, in any order.
@@ -92,6 +103,10 @@ def intake(
         ask: Asks where a guess is open; a file is refused there when not given.
         targets: Which topics, bodies or markers of recordings are the targets.
         dh: Form of a table of DH parameters among the files, "standard" or "modified".
+        sigma_r: One standard deviation of a recorded orientation [rad]; None leaves orientations out.
+        board: The board in pictures as one option, see `board_of`; None where the arm file has it.
+        on_arm: Whether the board is on the arm, and not the camera.
+        beside: Folder of the campaign, that of the log when not given: what is named in it is relative to this.
 
     Raises:
         ManyErrors: With everything that is wrong or open in the files, each with what to do.
@@ -100,18 +115,22 @@ def intake(
         UnsupportedError: The package that reads a recording is not installed.
     """
     sources, known, wrong = list[Source](), dict(taken or {}), list[str]()
+    robot = None
+    robots = [Path(path) for path in paths if Path(path).suffix.lower() in ROBOTS]
     for path in paths:
         try:
-            sources += read_sources(path)
+            sources += read_sources(path) if Path(path) not in robots else []
         except TableError as error:
             wrong.append(str(error))
     rows_of_arm = next((one for one in sources if is_dh(one)), None)
     sources, arm = [one for one in sources if one is not rows_of_arm], None
-    if rows_of_arm is not None:
-        try:
-            arm = read_dh(rows_of_arm, dh, ask)
-        except (TableError, ManyErrors) as error:
-            wrong += str(error).splitlines()
+    try:
+        arm = read_dh(rows_of_arm, dh, ask) if rows_of_arm is not None else None
+        robot = load_robot(robots[0]) if robots else None
+    except (TableError, ManyErrors, UrdfError) as error:
+        wrong += str(error).splitlines()
+    if len(robots) + (rows_of_arm is not None) > 1:
+        wrong.append("several files describe the arm: give one URDF, or one table of DH parameters")
     every = {name for one in sources for name in one.header}
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
@@ -131,25 +150,42 @@ def intake(
                 for one in understood[i]
             )
         points = [i for i in points if i not in logs]
+    pictures = [i for i, own in enumerate(understood) if i not in logs and any(one.kind == "picture" for one in own)]
     for i, source in enumerate(sources):
-        if i in (*logs, *points):
+        if i in (*logs, *points, *pictures):
             understood[i], about = _settled(source, understood[i], ask)
             wrong += about
         elif not source.part:
             named = listing(source.header)
             wrong.append(f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg")
-    if not wrong and (len(logs) != 1 or (not points and len(sources) > 1)):
-        text = f"{len(logs)} files have joints and {len(points)} have x y z"
+    if not wrong and (len(logs) != 1 or len(pictures) > 1 or (not points and not pictures and len(sources) > 1)):
+        text = f"{len(logs)} files have joints, {len(points)} have x y z and {len(pictures)} are pictures"
         wrong.append(f"{text}: give one log and one export, or one file of both")
     if points and sigma is None:
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
+    declared, shown, beside = "", list[str](), beside or (sources[logs[0]].path.parent if logs else Path())
+    if board is not None and not pictures:
+        wrong.append("--board: no folder of pictures and no table of corners is among the files")
+    elif board is not None:
+        source, name = sources[pictures[0]], next(one.name for one in understood[pictures[0]] if one.kind == "picture")
+        declared, shown, about = camera(source, board, on_arm, name, beside)
+        wrong += about
+    if robot is not None and len(logs) == 1:
+        understood[logs[0]], about = _as_robot(understood[logs[0]], robot)
+        wrong += about
     if wrong:
         raise ManyErrors(wrong)
     log, exports = logs[0], [i for i in points if i not in logs]
     for i in exports:  # what an instrument's program adds is no cause of the arm's errors
         understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
     sources, notes = _standing(sources, understood, log, exports)
-    found = _campaign(sources, understood, log, exports if points else None, sigma, notes)
+    found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes])
+    found = replace(found, declare="\n\n".join(filter(None, (found.declare, declared))))
+    if robot is not None:
+        urdf = Path(os.path.relpath(robots[0], beside)).as_posix()
+        lines = ["[robot]", f'urdf = "{urdf}"', f'tip = "{robot.tip}"', UPRIGHT]
+        text = arm_text(lines, robot.tip, found.declare, bool(points))
+        return replace(found, arm=text)
     if rows_of_arm is None or arm is None:
         return found
     joints = [name.removeprefix("q_") for name in found.columns if name.startswith("q_")]
@@ -157,7 +193,24 @@ def intake(
         text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
         raise TableError(Place(rows_of_arm.path), text)
     of_arm = tuple((rows_of_arm.title, *cells) for cells in arm.taken)
-    return replace(found, taken=of_arm + found.taken, arm=arm_text(arm, joints, found.declare))
+    text = arm_text(arm.lines(joints), "flange", found.declare, bool(points))
+    return replace(found, taken=of_arm + found.taken, arm=text)
+
+
+def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning, ...], list[str]]:
+    """Return what a log's columns are with its joints as the robot's file calls them, and what is wrong.
+
+    Joints that a controller only numbers are those of the file, base to tip.
+    """
+    named, moving = [one.name for one in of_log if one.kind == "joint"], [one.name for one in robot.moving]
+    if set(named) == set(moving):
+        return of_log, []
+    numbered = [re.fullmatch(r"\D*?(\d)", one) for one in named]
+    if [match and int(match[1]) for match in numbered] != list(range(1, len(moving) + 1)):
+        text = f"the log has joints {listing(named)}, and {robot.urdf.path.name} has {listing(moving)}"
+        return of_log, [f"{text}: --take 'COLUMN=q_{moving[0]}'"]
+    by = dict(zip(named, moving, strict=True))
+    return tuple(replace(one, name=by[one.name]) if one.kind == "joint" else one for one in of_log), []
 
 
 def _chosen(
@@ -223,32 +276,38 @@ def _campaign(
     sources: Sequence[Source],
     understood: Sequence[Sequence[Meaning]],
     log_at: int,
-    exports: Sequence[int] | None,
-    sigma: float | None,
+    points: Sequence[int],
+    pictures: Sequence[int],
+    sigmas: tuple[float | None, float | None],
+    beside: Path,
     notes: Sequence[str],
 ) -> Intake:
-    """Return the rows of the log with the places that belong to them; `exports` is None where there are none at all."""
+    """Return the rows of the log with the places, orientations and pictures that belong to them."""
     log, of_log = sources[log_at], understood[log_at]
     rows, notes, hows = _numbers(log, of_log, ("joint",)), list(notes), list[str]()
     names = list(map(str, _cells(log, of_log, "name") or range(1, len(log.lines) + 1)))
     placed: dict[str, Array] = {}
-    for i in exports or (() if exports is None else (log_at,)):
+    turned = np.zeros((0, 4))
+    for i in points:
         xyz = np.column_stack([_numbers(sources[i], understood[i], ("coordinate",))[axis] for axis in "xyz"])
-        if not exports:
+        if i == log_at:
             pairs, how, about = {"": np.arange(len(names))}, "one file: row by row", []
         else:
             pairs, names, how, about = _joined(log, of_log, names, sources[i], understood[i])
         hows, notes = [*hows, how], [*notes, *about]
         for target, own in pairs.items():
-            label = target if not exports or len(exports) < 2 else str(len(placed) + 1)
+            label = target if len(points) < 2 else str(len(placed) + 1)
+            if not placed and (four := _turns(sources[i], understood[i])) is not None:
+                turned = np.where((own >= 0)[:, None], four[own], np.nan)
             placed[label] = np.where((own >= 0)[:, None], xyz[own], np.nan)
-    columns: dict[str, Sequence[Any]] = {"pose": names} if exports is not None else {"via": names}
+    path = not points and not pictures and not any(one.kind == "picture" for one in of_log)
+    columns: dict[str, Sequence[Any]] = {"via" if path else "pose": names}
     for one in of_log:
         if one.kind == "kept":
             columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
     if (seconds := _time(log, of_log)) is not None:
         columns["time"] = (seconds - seconds.min()).tolist()
-    elif exports is None:
+    elif path:
         columns["time"] = np.arange(len(names), dtype=float).tolist()
         notes.append("the log has no times: each row is a second after the one before")
     for name, values in rows.items():
@@ -259,19 +318,39 @@ def _campaign(
         for i, axis in enumerate(head):
             columns[axis] = [float(at) if own else "" for at, own in zip(xyz[:, i], np.atleast_1d(known), strict=True)]
         if number == 0:
-            columns["sigma"] = [sigma] * len(names)
+            columns["sigma"] = [sigmas[0]] * len(names)
+    if len(turned) and sigmas[1] is None:
+        notes.append("orientations of the target are not used: --sigma-r 0.5mrad says how well one is measured")
+    elif len(turned):
+        known = np.asarray(np.isfinite(turned).all(axis=1))
+        vectors = Rotation.from_quat(np.where(known[:, None], turned, [0.0, 0.0, 0.0, 1.0])).as_rotvec()
+        for axis, column in zip(("rx", "ry", "rz"), vectors.T, strict=True):
+            columns[axis] = [float(at) if own else "" for at, own in zip(column, known, strict=True)]
+        columns["sigma_r"] = [sigmas[1]] * len(names)
+    for one in of_log:
+        if one.kind == "picture":
+            columns[one.name] = list(map(str, _cells(log, (one,), "picture") or ()))
+    for i in pictures:
+        pairs, _, how, about = _joined(log, of_log, names, sources[i], understood[i])
+        hows, notes, whole = [*hows, f"pictures {how}"], [*notes, *about], sources[i].path.is_dir()
+        name, cells = next(
+            (one.name, _cells(sources[i], (one,), "picture")) for one in understood[i] if one.kind == "picture"
+        )
+        folder = Path(os.path.relpath(sources[i].path, beside)) if whole else Path()
+        own = [(folder / str(one)).as_posix() for one in cells or ()]
+        columns[name] = [own[k] if k >= 0 else "" for k in pairs[""]]
     for one, cells in zip(of_log, log.columns, strict=True):
         if one.kind == "covariate" and one.name not in columns and np.isfinite(values := numbers(cells)).all():
             columns[one.name] = values.tolist()
     table = tuple(
         (source.title, one.column, _words(one), one.unit or "", one.why)
         for i, (source, own) in enumerate(zip(sources, understood, strict=True))
-        if i in (log_at, *(exports or ())) or not source.part
+        if i in (log_at, *points) or not source.part
         for one in own
     )
     declare = "\n".join(
         f'[instrument.target{target}]\nkind = "position"\nlink = "TIP"          # the link that it is on\n'
-        f"point = [0.0, 0.0, 0.0]\npoint_std = 0.3       # its place is found\nsigma = {sigma:g}"
+        f"point = [0.0, 0.0, 0.0]\npoint_std = 0.3       # its place is found\nsigma = {sigmas[0]:g}"
         for target in list(placed)[1:]
     )
     how = listing(dict.fromkeys(hows)) if hows else "to nothing: each is a via-point"
@@ -280,6 +359,7 @@ def _campaign(
 
 def _words(one: Meaning) -> str:
     words = {"joint": f"joint {one.name}", "coordinate": f"measured {one.name}", "name": "name of the row or point"}
+    words |= {"turn": f"measured orientation {one.name}", "picture": f"picture of {one.name}"}
     words |= {"time": one.name, "kept": one.name, "covariate": "a covariate", "unused": "not used"}
     return words[one.kind]
 
@@ -330,6 +410,17 @@ def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> 
         for one, cells in zip(own, source.columns, strict=True)
         if one.kind in kinds
     }
+
+
+def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
+    """Return (N, 4) quaternions x y z w of a target, not a number where none was read; None where it has none."""
+    found = {one.name: numbers(cells) for one, cells in zip(own, source.columns, strict=True) if one.kind == "turn"}
+    if len(found) < 4:
+        return None
+    four = np.column_stack([found[f"q{axis}"] for axis in "xyzw"])
+    size = np.sqrt((four**2).sum(axis=1, keepdims=True))
+    four[size[:, 0] < 0.1] = np.nan  # noughts where nothing was set
+    return np.asarray(four / size, dtype=float)
 
 
 def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
@@ -388,15 +479,24 @@ def _joined(
     they are as long, else by time.
     """
     wanted, given = _cells(log, of_log, "name"), _cells(export, of_export, "name")
-    count = len(log.lines)
+    count, what = len(log.lines), "picture" if any(one.kind == "picture" for one in of_export) else "point"
+    if what == "picture":
+        given = list(map(str, given or ()))
+        if (known := _cells(log, of_log, "picture")) is not None:
+            wanted = [Path(str(one)).stem for one in known]
+        elif not set(names) & set(given) and (pairs := joined_by_number(names, given)):
+            rows = np.array([given.index(pairs[name]) if name in pairs else -1 for name in names])
+            return {"": rows}, names, "by the number in their names", []
     labels = [str(one).split("::")[-1].strip() for one in given or [""] * len(export.lines)]
     split = [(match[1], match[2]) if (match := TARGET.fullmatch(one)) else (one, "") for one in labels]
     targets = sorted({target for _, target in split})
-    if len(targets) < 2:
+    if len(targets) < 2 or what == "picture":
         split, targets = [(one, "") for one in labels], [""]
     several = f", targets {listing(targets)}" if len(targets) > 1 else ""
     rows_of = {one: np.array([i for i, (_, own) in enumerate(split) if own == one]) for one in targets}
-    if wanted is not None and given is not None and set(wanted) & {base for base, _ in split}:
+    counted = any(one.kind == "name" and one.why == COUNTS for one in of_log)
+    shared = set(wanted or ()) & {base for base, _ in split} if given is not None else set[str]()
+    if wanted is not None and shared and (not counted or shared == {base for base, _ in split}):
         found, spare = {}, list[int]()
         for target, own in rows_of.items():
             left: dict[str, list[int]] = {}
@@ -407,10 +507,10 @@ def _joined(
         notes = []
         if spare:
             at = listing(map(str, sorted(spare)), 5)
-            notes.append(f"{len(spare)} points of {export.path.name} belong to no row (lines {at})")
+            notes.append(f"{len(spare)} {what}s of {export.path.name} belong to no row (lines {at})")
         empty = [names[i] for i in range(count) if all(found[target][i] < 0 for target in targets)]
         if empty:
-            notes.append(f"no point of {len(empty)} rows: {listing(empty, 5)}; their x y z are empty")
+            notes.append(f"no {what} of {len(empty)} rows: {listing(empty, 5)}; they stay empty")
         return found, names, f"by name{several}", notes
     if log.spans is not None and export.spans is log.spans:
         empty = sum(not line for line in export.lines)
@@ -441,15 +541,16 @@ def _joined(
             apart += np.abs(of[row[row >= 0]] - shift - at[row >= 0]).tolist()
         if any((row >= 0).any() for row in found.values()):
             off = max(shifts, key=abs)
-            notes = [f"the clocks are {off:+.2f} s apart, as most points then fall on a row"] if off else []
+            notes = [f"the clocks are {off:+.2f} s apart, as most {what}s then fall on a row"] if off else []
             empty = sum(all(row[i] < 0 for row in found.values()) for i in range(count))
-            notes += [f"{empty} rows have no point at their time"] if empty else []
+            notes += [f"{empty} rows have no {what} at their time"] if empty else []
             how = f"by time{several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
             return found, names, how, notes
     if equal:
-        called = [split[i][0] for i in rows_of[targets[0]]] if given is not None and wanted is None else names
+        open_ = given is not None and wanted is None and what == "point"
+        called = [split[i][0] for i in rows_of[targets[0]]] if open_ else names
         return rows_of, called, f"row by row: no name is in both files{several}", []
     per = {len(own) for own in rows_of.values()}
-    problem = f"{count} rows of {log.path.name} and {listing(map(str, per))} points of {export.path.name}"
+    problem = f"{count} rows of {log.path.name} and {listing(map(str, per))} {what}s of {export.path.name}"
     text = f"{problem} share no name and no time: add a column 'point' to the log, or the same names to both"
     raise TableError(Place(export.path), text)

@@ -50,7 +50,14 @@ STAMPS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Times beyond these are since 1970, in this unit."""
 DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
 KEPT = ("payload", "session")
+PICTURE = r"(?:picture|image|photo|foto|bild)(?:[ _]?(?:file|name|path))?"
+TURN_OF = r"(?:(?:.*(?:orientation|rotation)[./])|q(?:uat\w*)?[ _]?)(?P<axis>[xyzw])"
+"""Part of a quaternion."""
+
 BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
+
+
+COUNTS = "counts the rows"
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,7 @@ class Meaning:
 
     Attributes:
         column: Its name in the file.
-        kind: "joint", "coordinate", "name", "time", "kept", "covariate" or "unused".
+        kind: "joint", "coordinate", "turn", "picture", "name", "time", "kept", "covariate" or "unused".
         name: Of the joint or the axis, or the column of a campaign.
         unit: As in a header's suffix; '' for texts and clocks, None where it is open.
         why: Where that is known from.
@@ -102,7 +109,9 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
     for i, one in enumerate(found):
         values = numbers(source.columns[i]) if one.kind == "covariate" else np.zeros(0)
         if len(values) > 2 and (np.diff(values) == 1.0).all():
-            found[i] = replace(one, kind="unused", why="counts the rows")
+            kinds = {other.kind for other in found}  # of a log without names
+            own = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
+            found[i] = replace(one, **own, unit="", why=COUNTS)
     axes = {one.name for one in found if one.kind == "coordinate"}
     if axes != {"x", "y", "z"}:  # an X of something else
         found = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one
@@ -153,6 +162,10 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
         return Meaning(header, "coordinate", match["axis"], known, in_header if unit in LENGTHS else "a comment")
     if match := re.fullmatch(OF_MESSAGE, word):
         return Meaning(header, "coordinate", match["axis"], "m", "as ROS has it")
+    if re.fullmatch(PICTURE, header.strip().lower()) and not isinstance(cells, np.ndarray) and "." in str(cells[0]):
+        return Meaning(header, "picture", text if asked else "cam", "", why)
+    if match := re.fullmatch(TURN_OF, word):
+        return Meaning(header, "turn", f"q{match['axis']}", "", why)
     if re.fullmatch(NAMES, word):
         return Meaning(header, "name", "pose", "", why)
     if re.fullmatch(TIMES, word):

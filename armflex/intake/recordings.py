@@ -24,21 +24,22 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, Place, TableError, UnsupportedError, listing, shown
+from armflex.intake.pictures import is_pictures, of_corners, read_folder
 from armflex.intake.sources import Cells, Source, read_table_source
 from armflex.measured.table import text_lines
 
 BAGS = (".bag", ".db3", ".mcap")
 JOINTS = "JointState"
 POINTS = {
-    "PoseStamped": ("pose", "position"),
-    "PoseWithCovarianceStamped": ("pose", "pose", "position"),
-    "Odometry": ("pose", "pose", "position"),
-    "PointStamped": ("point",),
-    "TransformStamped": ("transform", "translation"),
-    "Pose": ("position",),
-    "Point": ("",),
+    "PoseStamped": "pose",
+    "PoseWithCovarianceStamped": "pose.pose",
+    "Odometry": "pose.pose",
+    "PointStamped": "point",
+    "TransformStamped": "transform",
+    "Pose": "",
+    "Point": "",
 }
-"""Types of messages with a position, and where in them it is [m]."""
+"""Types of messages with a position [m], and where in them it is."""
 
 
 def read_sources(path: str | Path) -> list[Source]:
@@ -49,6 +50,8 @@ def read_sources(path: str | Path) -> list[Source]:
         TableError: The file cannot be read, or has no joints and no positions.
     """
     path = Path(path)
+    if is_pictures(path):
+        return [read_folder(path)]
     if path.is_dir() or path.suffix.lower() in BAGS:
         return _bag(path)
     if path.suffix.lower() == ".c3d":
@@ -59,7 +62,7 @@ def read_sources(path: str | Path) -> list[Source]:
                 return _motive(path)
             if first.startswith("#BEGIN") or "DIAEXTENDED" in first.upper() or "DIADEM" in first.upper():
                 return [_trace(path)]
-        return [read_table_source(path)]
+        return [of_corners(read_table_source(path))]
     except csv.Error as error:
         raise TableError(Place(path), f"is not CSV: {error}") from None
 
@@ -72,7 +75,7 @@ def _recorded(path: Path, part: str, columns: dict[str, Array]) -> Source:
 def _bag(path: Path) -> list[Source]:
     """Return joint states, and the positions of every topic and frame, of a ROS 1 bag, a rosbag2 or an MCAP file."""
     joints: dict[str, dict[str, list[tuple[float, float]]]] = defaultdict(lambda: defaultdict(list))
-    places: dict[str, list[tuple[float, float, float, float]]] = defaultdict(list)
+    places: dict[str, list[tuple[float, ...]]] = defaultdict(list)
     types = set[str]()
     try:
         for topic, kind, received, message in _messages(path):
@@ -83,14 +86,12 @@ def _bag(path: Path) -> list[Source]:
                     joints[topic][str(name)].append((stamp, float(at)))
             elif kind == "TFMessage":
                 for one in message.transforms:
-                    place = one.transform.translation
                     named = f"{one.header.frame_id}->{one.child_frame_id}"
-                    places[f"{topic} {named}"].append((_stamp(one, received), place.x, place.y, place.z))
+                    places[f"{topic} {named}"].append((_stamp(one, received), *_placed(one.transform)))
             elif kind in POINTS:
-                place = message
-                for key in filter(None, POINTS[kind]):
-                    place = getattr(place, key)
-                places[topic].append((stamp, place.x, place.y, place.z))
+                for key in filter(None, POINTS[kind].split(".")):
+                    message = getattr(message, key)
+                places[topic].append((stamp, *_placed(message)))
     except ArmflexError:
         raise
     except Exception as error:  # of a damaged file, from whatever depth
@@ -103,12 +104,28 @@ def _bag(path: Path) -> list[Source]:
         columns = {"time": np.array(longest)[:, 0]} | {f"position.{name}": one[:, 1] for name, one in same.items()}
         found.append(_recorded(path, topic, columns))
     for topic, rows in places.items():
-        values = np.array(rows)
-        if np.ptp(values[:, 1:], axis=0).max() > 0.0:  # a frame that is fixed to another is no target
-            found.append(_recorded(path, topic, dict(zip(("time", "x_m", "y_m", "z_m"), values.T, strict=True))))
+        values = np.array([row[: min(map(len, rows))] for row in rows])
+        if np.ptp(values[:, 1:4], axis=0).max() > 0.0:  # a frame that is fixed to another is no target
+            head = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")[: values.shape[1]]
+            found.append(_recorded(path, topic, dict(zip(head, _one_sided(values.T), strict=True))))
     if not found:
         raise TableError(Place(path), f"has no {JOINTS} and no position among its types: {listing(sorted(types))}")
     return found
+
+
+def _placed(message: Any) -> tuple[float, ...]:
+    """Return x, y, z [m] of a message and, where it has them, the quaternion x, y, z, w."""
+    place = getattr(message, "position", None) or getattr(message, "translation", None) or message
+    turn = getattr(message, "orientation", None) or getattr(message, "rotation", None)
+    return place.x, place.y, place.z, *(() if turn is None else (turn.x, turn.y, turn.z, turn.w))
+
+
+def _one_sided(columns: Array) -> Array:
+    """Return columns whose last four are a quaternion with each beside the one before, so that means of them exist."""
+    four = columns[4:8]
+    side = np.cumprod(np.where((four[:, 1:] * four[:, :-1]).sum(axis=0) < 0.0, -1.0, 1.0))
+    columns[4:8, 1:] *= side
+    return columns
 
 
 def _messages(path: Path) -> Iterator[tuple[str, str, float, Any]]:
@@ -196,16 +213,19 @@ def _motive(path: Path) -> list[Source]:
         name, kind = (row[i] if i < len(row) else "" for row in (names, kinds))
         if "Marker" in kind and kind != "Marker":  # a marker of a body, which has a place of its own
             continue
-        cells = [[row[j] for _, row in body] for j in (1, i, i + 1, i + 2)]
+        turned = rows[last - 1][i - 4 : i] == ["Rotation"] * 4 and [one.upper() for one in rows[last][i - 4 : i]] == [
+            *"XYZW"
+        ]
+        cells = [[row[j] for _, row in body] for j in (1, i, i + 1, i + 2, *(range(i - 4, i) if turned else ()))]
         try:
             values = np.array([[float(cell or "nan") for cell in one] for one in cells])
         except ValueError as error:
             raise TableError(Place(path), f"{name}: {error}") from None
         seen = np.isfinite(values).all(axis=0)
         if seen.any():
-            header = ("time", *(f"{axis}_{unit}" for axis in "xyz"))
+            header = ("time", *(f"{axis}_{unit}" for axis in "xyz"), *(("qx", "qy", "qz", "qw") if turned else ()))
             lines = tuple(line for (line, _), one in zip(body, np.atleast_1d(seen), strict=True) if one)
-            columns: tuple[Cells, ...] = tuple(values[:, seen])
+            columns: tuple[Cells, ...] = tuple(_one_sided(values[:, seen]))
             found.append(Source(path, header, lines, columns, part=name))
     if not found:
         raise TableError(Place(path), "has no position of a rigid body or a marker")

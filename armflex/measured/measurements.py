@@ -503,7 +503,7 @@ TEMPERATURES = ("t_", "temp")
 
 def _sensor_flags(found: Measurements, arm: Arm, table: Table) -> Iterator[Flag]:
     """Yield flags about instruments that nothing was read of, and about columns that look like one's."""
-    read = {kind.name: bool(np.isfinite(kind.sigma).all(axis=1).any()) for kind in found.readings.kinds}
+    read = {kind.name: bool(np.isfinite(kind.sigma).any()) for kind in found.readings.kinds}
     for name, sensor in arm.sensors.items():
         columns = sensor.kind.columns(name)
         if isinstance(sensor.about, Camera) and name in read and name in table.columns:

@@ -91,9 +91,12 @@ class Before:
             return {}
         found: dict[str, Array] = {}
         for kind in self.told.campaign.readings.kinds:
-            read = np.isfinite(kind.sigma).all(axis=1) & self.told.campaign.measured
-            if read.any() and (kind.name or isinstance(kind, Position)):
-                found.setdefault(kind.name, self.noises.get(kind.name, 1.0) * np.median(kind.sigma[read], axis=0))
+            sigma = kind.sigma[self.told.campaign.measured]
+            read = np.isfinite(sigma)
+            if read.any() and (kind.name or isinstance(kind, Position)):  # of a corner in no picture as of the others
+                usual = np.where(read.any(axis=0), sigma, np.median(sigma[read]))
+                usual = np.ma.median(np.ma.masked_invalid(usual), axis=0).filled()
+                found.setdefault(kind.name, self.noises.get(kind.name, 1.0) * usual)
         return found
 
     def seen_by(self, setup: Setup) -> Before:

@@ -117,10 +117,10 @@ def instruments(measurements: Measurements) -> list[str]:
     """Return every kind of reading: its title, in how many rows, and its stated standard deviation."""
     said = []
     for kind in measurements.readings.kinds:
-        read = np.isfinite(kind.sigma).all(axis=1) & measurements.measured
+        read = np.isfinite(kind.sigma).any(axis=1) & measurements.measured
         if read.any():
             name, factor = SHOWN[kind.unit]
-            size = float(np.median(kind.sigma[read])) * factor
+            size = float(np.median(kind.sigma[np.isfinite(kind.sigma)])) * factor
             said.append(f"{kind.title}, {int(read.sum())} rows, stated σ {short(size)} {name}".replace(" 1,", ","))
     return said
 

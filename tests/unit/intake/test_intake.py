@@ -257,3 +257,95 @@ def test_a_log_alone_is_a_path(tmp_path: Path) -> None:
     assert found.columns["via"] == NAMES
     assert found.columns["time"] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert "x" not in found.columns
+
+
+def test_days_beside_clocks_and_stamps_in_wide_exports(tmp_path: Path) -> None:
+    """A log has day and time in two columns, and an export more texts than numbers; an open unit is asked for once."""
+    days = ["12.03.2024"] * 4 + ["13.03.2024"] * 2
+    clocks = [f"23:5{5 + i}:00" for i in range(4)] + ["00:00:30", "00:02:00"]
+    log = "Nr;Datum;Uhrzeit;A1 [deg];A2 [deg]\n" + "\n".join(
+        f"{i + 1};{days[i]};{clocks[i]};{comma(Q[i, 0])};{comma(Q[i, 1])}" for i in range(6)
+    )
+    wide = "// Units: Millimeters\nCollection;Group;Point;X;Y;Z;Timestamp\n" + "\n".join(
+        f"A;Robot;{i};{';'.join(map(comma, XYZ[i]))};{days[i]} {clocks[i]}" for i in range(6) if i != 2
+    )
+    found = intake(written(tmp_path, log, wide), 5e-5)
+    assert found.columns["time"] == [0.0, 60.0, 120.0, 180.0, 330.0, 420.0]
+    assert found.joined.startswith("by time")
+    assert found.columns["x"][2] == ""
+    assert found.columns["y"][5] == pytest.approx(1e-3 * XYZ[5, 1])
+    assert "Nr" not in found.columns
+
+
+def test_what_is_taken_outweighs_what_is_guessed(tmp_path: Path) -> None:
+    log = "Time,Timestamp,J1 [deg]\n" + "\n".join(f"{i},{100 + 2 * i},{10 * i}" for i in range(6))
+    paths = written(tmp_path, log, EXPORTS["leica"])[:1]
+    with pytest.raises(InputError, match="are all time: --take one"):
+        intake(paths, None)
+    assert intake(paths, None, {"Timestamp": "time"}).columns["time"][-1] == 10.0
+
+
+def picture_folder(folder: Path, names: list[str]) -> Path:
+    (folder / "shots").mkdir()
+    for name in names:
+        (folder / "shots" / name).write_bytes(b"")
+    return folder / "shots"
+
+
+@pytest.mark.parametrize(
+    ("names", "how", "missing"),
+    [
+        ([f"{name}.png" for name in NAMES[1:]], "by name", 0),
+        ([f"shot_{i + 1}.jpg" for i in range(6) if i != 3], "by the number in their names", 3),
+        ([f"IMG_4{i:03d}.png" for i in range(6)], "row by row", None),
+        ([f"IMG_20240312_1000{10 * i:02d}.jpg" for i in range(6) if i != 1], "by time", 1),
+    ],
+)
+def test_pictures_are_joined_to_a_log(tmp_path: Path, names: list[str], how: str, missing: int | None) -> None:
+    named = how == "by name"
+    log = ("Pose" if named else "Time") + ",J1 [deg],J2 [deg]\n"
+    log += "\n".join(f"{NAMES[i] if named else f'10:00:{10 * i:02d}'},{Q[i, 0]},{Q[i, 1]}" for i in range(6))
+    (tmp_path / "log.csv").write_text(log)
+    found = intake([tmp_path / "log.csv", picture_folder(tmp_path, names)], None)
+    assert found.joined.startswith(f"pictures {how}")
+    expected = [f"shots/{name}" for name in names]
+    if missing is not None:
+        expected.insert(missing, "")
+    assert found.columns["cam"] == expected
+    assert "x" not in found.columns
+
+
+def test_a_board_in_one_option_and_a_urdf_are_an_arm_file(tmp_path: Path) -> None:
+    """Pictures of a ChArUco board, a log whose joints are numbers, a URDF: the campaign and the arm file for it."""
+    cv2 = pytest.importorskip("cv2")
+    from support import servo_arm as servo
+
+    from armflex import load_arm, read_measurements
+
+    markers = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    drawn = cv2.aruco.CharucoBoard((8, 6), 0.03, 0.022, markers).generateImage((640, 480), marginSize=20)
+    folder = picture_folder(tmp_path, [])
+    for i in range(3):
+        cv2.imwrite(str(folder / f"{i}.png"), drawn if i else drawn[:40])
+    (tmp_path / "servo.urdf").write_text(servo.urdf())
+    rows = "\n".join(f"{i};{';'.join(map(str, 5.0 * np.arange(5) + i))}" for i in range(3))
+    (tmp_path / "log.csv").write_text("shot;" + ";".join(f"J{i} [deg]" for i in range(1, 6)) + "\n" + rows)
+    asked = ("intake", "servo.urdf", "log.csv", "shots", "-o", "rows.csv", "--arm", "arm.toml", "--board")
+    for spoilt, said in {
+        "charuco,8x6,30mm": "expected charuco,columnsxrows",
+        "charuko,8x6,30mm,22mm": "is no board",
+        "charuco,11x7,30mm,22mm,5X5_50": "no picture shows this board",
+    }.items():
+        assert said in run_here(tmp_path, *asked, spoilt).stderr
+    assert not (tmp_path / "rows.csv").exists()
+    out = fine(run_here(tmp_path, *asked, "charuco,8x6,30mm,22mm")).stdout
+    assert "2 of 3 pictures show the board, 35 corners" in out
+    arm = load_arm(tmp_path / "arm.toml")
+    read = read_measurements(tmp_path / "rows.csv", arm).readings.kinds[0]
+    assert list(np.isfinite(read.sigma).sum(axis=1)) == [0, 70, 70]
+    assert arm.sensors["cam"].about.image.tolist() == [640, 480]
+    corners = "picture,corner,u,v\n" + "\n".join(f"{i}.png,{j},{j}.5,2.0" for i in (0, 2) for j in range(4))
+    (tmp_path / "corners.csv").write_text(corners)
+    found = intake([tmp_path / "log.csv", tmp_path / "corners.csv"], None, board="board = {}", on_arm=True)
+    assert found.columns["cam"] == ["0.png", "", "2.png"]
+    assert 'corners = "corners.csv"' in found.declare

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from armflex.errors import ArmflexError, InputError, UnsupportedError
 from armflex.intake import intake
@@ -45,6 +46,8 @@ T, Q = motion(125.0)
 TT, QQ = motion(100.0)
 XYZ = tip(QQ)
 rng = np.random.default_rng(6)
+TURNED = Rotation.from_rotvec(np.column_stack([QQ[:, 1], 2.0 * QQ[:, 0], QQ[:, 2]]))
+"""Orientations of the target, whose quaternions change sign on the way."""
 SEEN = XYZ + rng.normal(0.0, 5e-5, XYZ.shape)
 
 
@@ -93,8 +96,10 @@ def mcap_json(folder: Path) -> Path:
         for time, q in zip(T, Q, strict=True):
             data = json.dumps({"name": list(NAMES), "position": q.tolist()}).encode()
             writer.add_message(channels[0], int(1e9 * time), data, int(1e9 * time))
-        for time, place in zip(TT + SHIFT, SEEN, strict=True):
-            data = json.dumps({"position": dict(zip("xyz", place.tolist(), strict=True))}).encode()
+        for time, place, turn in zip(TT + SHIFT, SEEN, TURNED.as_quat(), strict=True):
+            message = {"position": dict(zip("xyz", place.tolist(), strict=True))}
+            message["orientation"] = dict(zip("xyzw", turn.tolist(), strict=True))
+            data = json.dumps(message).encode()
             writer.add_message(channels[1], int(1e9 * time), data, int(1e9 * time))
         writer.finish()
     return path
@@ -125,7 +130,8 @@ def motive(folder: Path) -> Path:
     ]
     for i, (time, place) in enumerate(zip(TT + SHIFT, 1e3 * SEEN, strict=True)):
         x, y, z = place
-        seen = f"0,0,0,1,{x:.4f},{y:.4f},{z:.4f},0.1,{x + 9:.4f},{y:.4f},{z:.4f},1" if i != 40 else "," * 11
+        turn = ",".join(f"{one:.9f}" for one in TURNED[i].as_quat())
+        seen = f"{turn},{x:.4f},{y:.4f},{z:.4f},0.1,{x + 9:.4f},{y:.4f},{z:.4f},1" if i != 40 else "," * 11
         lines.append(f"{i},{time:.6f},{seen}")
     path.write_text("\n".join(lines) + "\n")
     return path
@@ -184,6 +190,19 @@ def test_recordings_become_a_row_for_each_pose(tmp_path: Path, kind: str) -> Non
     assert "the arm stands 9 times" in found.notes[0]
     shift = float(found.notes[1].split("is ")[1].split(" s")[0])
     assert shift == pytest.approx(0.0 if kind == "C3D" else SHIFT, abs=0.02)
+
+
+@pytest.mark.parametrize("kind", ["Motive", "MCAP of JSON"])
+def test_orientations_of_a_recording_are_read_where_their_noise_is_stated(tmp_path: Path, kind: str) -> None:
+    paths = RECORDED[kind](tmp_path)
+    without = intake(paths, 5e-5)
+    assert "rx" not in without.columns
+    assert any("--sigma-r" in note for note in without.notes)
+    found = intake(paths, 5e-5, sigma_r=1e-3)
+    read = Rotation.from_rotvec(np.array([found.columns[axis] for axis in ("rx", "ry", "rz")]).T)
+    truth = Rotation.from_rotvec(np.column_stack([POSES[:, 1], 2.0 * POSES[:, 0], POSES[:, 2]]))
+    assert (read.inv() * truth).magnitude().max() < 1e-3
+    assert set(found.columns["sigma_r"]) == {1e-3}
 
 
 @pytest.mark.parametrize("clock", ["as it is", "40 s off"])
