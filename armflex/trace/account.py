@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +32,7 @@ from armflex.trace.findings import (
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
-from armflex.trace.search import Standing, refitted, standing
+from armflex.trace.search import Standing, exchanged, refitted, standing
 from armflex.trace.selection import SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
@@ -76,7 +77,7 @@ def idle(state: State) -> int | None:
 def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
 
-    What is not distinguished from zero is no finding.
+    What is not distinguished from zero is no finding, nor what is less likely than something else in its place.
     """
     withdrawn = list[Withdrawn]()
     while True:
@@ -86,6 +87,9 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         found, null = tuple(sampled(evidence, model)), chance(here)
         if not model:
             return Weighed(here, found, None, null), tuple(withdrawn)
+        if (other := _likelier(here, found)) is not None:
+            here = other
+            continue
         here.state.teller.stage("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
@@ -105,6 +109,20 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             withdrawn += [one] if worse else []
             here.state.teller.stage(f"withdrawing {one.title}: {why}")
         here = standing(after, here)
+
+
+def _likelier(here: Standing, found: Sequence[Credible]) -> Standing | None:
+    """Return the state with a likelier hypothesis in the place of one that is not, or with that known to be unlikelier.
+
+    None where every hypothesis is the likeliest in its place, or the arm with what is likelier was fitted already.
+    """
+    for place, one in enumerate(found[:-1]):
+        if one.others and one.others[0][1] > one.probability:
+            tried = len(here.rejected)
+            after = exchanged(here, place)
+            if after is not None or len(here.rejected) > tried:
+                return after or here
+    return None
 
 
 def settled_exactly(state: State) -> State:

@@ -158,6 +158,7 @@ class Screen(Evidence):
         self._held, self._place, self._rows = Held(projection), dict[int, int](), Table(self._first)
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
+        self._short: dict[tuple, float] = {}
         self.refined: dict[tuple, set[frozenset]] = {}
 
     def forget(self) -> None:
@@ -348,7 +349,12 @@ class Screen(Evidence):
                 cost = 0.5 * unusual(one.one, amplitudes, self.fit.view, self.context)
                 cost += IMPOSSIBLE * (not sensible(one.one, amplitudes, self.fit, self.context))
             self._charges[key] = cost
-        return self._charges[key]
+        return self._charges[key] + self._short.get(self.groups[number].hypothesis.spot, 0.0)
+
+    def fall_short(self, spot: tuple, by: float) -> None:
+        """Charge a law at a place with what a fit of the arm came out below what this linear problem promised."""
+        self._short[spot] = self._short.get(spot, 0.0) + max(by, 0.0)
+        self._known.clear()
 
 
 def _products(places: np.ndarray, columns: Array, cleared: Array, seen: Array) -> Array:

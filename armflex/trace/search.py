@@ -171,6 +171,25 @@ def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     return here
 
 
+def exchanged(here: Standing, place: int) -> Standing | None:
+    """Return the state with one hypothesis of its model exchanged for a likelier one, None where none is.
+
+    What does not come out as the linear problem promised, since it is linear about an arm that has the other, is from
+    then on worth there what came out.
+    """
+    screen, model = here.screen, here.model
+    refiner, rest = Refiner(screen), (*model[:place], *model[place + 1 :])
+    while True:
+        trials = [(*model[:place], one.chosen, *model[place + 1 :]) for one in rivals(screen.beside(rest), refiner)]
+        trials = [one for one in trials if spots(screen, one) not in (*here.rejected, spots(screen, model))]
+        best = max(trials, key=screen.log_posterior, default=model)
+        if screen.log_posterior(best) <= here.value + BETTER:
+            return None
+        after = _fitted(here, best)
+        if after is not None:
+            return after
+
+
 def _is_full(here: Standing) -> bool:
     """Return whether more is missing than can be named: which of it is then makes little difference."""
     return len(here.model) >= MOST_EFFECTS
@@ -248,6 +267,8 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
             return standing(state, here)
         places = [here.screen.groups[one.number].hypothesis.spot for one in model]
         new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
+        if len(new) == 1 and places[new[0]] not in known:
+            here.screen.fall_short(places[new[0]], here.screen.log_posterior(model) - screen.log_posterior(own))
         left = {i: screen.log_posterior((*own[:i], *own[i + 1 :])) for i in new}
         spared = max(left, key=left.__getitem__, default=None)
         if spared is None or left[spared] <= here.value:

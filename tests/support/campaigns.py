@@ -263,18 +263,20 @@ def nearby(maker: Maker, context: Context, before: dict, amplitude: float) -> li
 
 
 def scale(context: Context, effect: Effect, wanted: float, station: Array, shifts: Array) -> float:
-    """Set the effect's amplitude; return the RMS reached."""
+    """Set the effect's amplitude; return the RMS reached, which a weak effect's limit may keep below what is wanted."""
     calm = read(context.plant, context.calm, station, shifts)
     effect.amplitude, reached = effect.trial, 0.0
     for _ in range(8):
         state = context.plant.relax(context.rows, [effect], context.calm, 1e-12)
         moved = (read(context.plant, state, station, shifts) - calm)[context.rows.measured]
         reached = float(np.sqrt((moved**2).sum(axis=1).mean()))
-        if abs(reached / wanted - 1.0) < 1e-3:
+        if abs(reached / wanted - 1.0) < 1e-3 or (effect.weak and effect.amplitude == effect.limit):
             return reached
         effect.amplitude *= wanted / max(reached, 1e-30)
         if effect.amplitude > effect.limit:
-            raise Redraw
+            if not effect.weak:
+                raise Redraw
+            effect.amplitude = effect.limit
     raise Redraw
 
 

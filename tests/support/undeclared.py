@@ -37,6 +37,7 @@ class Effect:
     trial: float  # an amplitude small enough to be linear
     limit: float  # the largest sane one
     least: float = 0.0  # below it the effect is within what calibration may move anyway
+    weak: bool = False  # whether it is as large as it can be where that moves the readings less than is wanted
     amplitude: float = 0.0
     nearby: Callable[[], list[Effect]] = list  # the same with one of its drawn constants a little elsewhere
 

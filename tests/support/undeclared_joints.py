@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from support.plant import Array, State
@@ -19,6 +21,14 @@ from support.undeclared import (
     twisting,
     unit,
 )
+
+
+HOSES = (50.0, 100.0, 200.0)
+"""Stiffness of a bundle of hoses about a joint at most [Nm/rad].
+
+Estimated: four to eight hydraulic hoses of a bending stiffness of 10 to 20 Nm^2 each, in a loop of 0.5 to 1 m, turn it
+by that stiffness over the loop's length; packs that retract pull 100 to 250 N at 0.3 to 0.5 m from the axis.
+"""
 
 
 def within_elastic(s: Context, i: int, a: int, effect: Effect, shape: Shape) -> Effect:
@@ -248,7 +258,7 @@ def dress_pack(s: Context) -> Effect:
     joint, a = s.plant.joints[i], drive_axis(s.plant.joints[i])
     q0 = float(s.rng.uniform(*np.quantile(s.rows.q[:, i], (0.2, 0.8))))
     soft = float(s.plant.compliance[joint.name][a, a])
-    return given(
+    effect = given(
         s,
         "dress_pack",
         i,
@@ -258,3 +268,4 @@ def dress_pack(s: Context) -> Effect:
         (f"q_{joint.name}",),
         s.sign(),
     )
+    return replace(effect, limit=float(s.rng.choice(HOSES)), weak=True)
