@@ -259,13 +259,17 @@ def largest_motion(view: View) -> float:
 
 
 def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
-    """Return (k,) prior standard deviations: amplitudes that move the tip by `largest_motion`, inner ones loosely."""
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `largest_motion`, inner ones loosely.
+
+    What pulls towards a point is no farther from where its search ended than the arm reaches.
+    """
     jacobian = view.effect_jacobian(effect, context)
     moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)]) / view.per_metre
     # What moves nothing stays at zero rather than wander off.
     amplitudes = np.where(moved > 0.0, largest_motion(view) / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
-    searched = [one.spread or (LOOSE if one.positive else np.inf) for one in map(effect.law.inner.__getitem__, free)]
+    far = context.size if effect.law.spatial else np.inf
+    searched = [one.spread or (LOOSE if one.positive else far) for one in map(effect.law.inner.__getitem__, free)]
     return np.concatenate([amplitudes, searched])
 
 

@@ -12,7 +12,10 @@ from support.scoring import score
 from armflex import load_arm, read_measurements
 from armflex.estimate.calibrate import calibrate
 from armflex.laws.effects import CATALOGUE
+from armflex.trace.account import weighed
 from armflex.trace.candidates import Candidate
+from armflex.trace.search import refitted, standing
+from armflex.trace.selection import Chosen, rivals
 from armflex.trace.sensible import unusual
 from armflex.trace.state import State, begin
 
@@ -70,6 +73,30 @@ def calibrated(kind: str, folder: Path) -> State:
 def missing(tmp_path_factory) -> State:
     """A machine with one joint's play, calibrated."""
     return calibrated("backlash", tmp_path_factory.mktemp("several"))
+
+
+@pytest.mark.slow
+def test_a_name_that_is_less_likely_than_another_is_exchanged_for_it(missing):
+    """The arm was fitted with what the readings speak for less: another joint's law is all that it was given."""
+    here = standing(missing)
+    names = [group.hypothesis.name for group in here.screen.groups]
+    own = next(i for i, name in enumerate(names) if name[0] == "friction_windup" and name[2][0].site == "A4")
+    state = refitted(here, (Chosen(own, 2),))
+    assert state is not None and [effect.title for effect in state.fitted] == ["friction windup at A4 (rz)"]
+    known, withdrawn = weighed(standing(state))
+    assert [(one.law.name, one.location.site) for one in known.here.state.fitted] == [("backlash", "A3")]
+    found, *_ = known.credible
+    assert found.probability > 0.9 > max((chance for _, chance in found.others), default=0.0) and not withdrawn
+
+
+def test_what_came_out_below_its_promise_is_as_unlikely_as_that(missing):
+    """A law's odds beside others are those of the linear problem until the arm was fitted with it."""
+    screen = standing(missing).screen
+    best, second, *_ = rivals(screen.beside(()))
+    short = best.odds - second.odds + 3.0
+    screen.fall_short(screen.groups[best.chosen.number].hypothesis.spot, short)
+    assert screen.log_posterior((best.chosen,)) == pytest.approx(screen.log_posterior((second.chosen,)) - 3.0, abs=0.2)
+    assert rivals(screen.beside(()))[0].chosen.number == second.chosen.number
 
 
 def test_a_joint_that_turns_by_more_than_joints_do_is_unlikely(missing):

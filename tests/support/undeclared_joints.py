@@ -22,7 +22,6 @@ from support.undeclared import (
     unit,
 )
 
-
 HOSES = (50.0, 100.0, 200.0)
 """Stiffness of a bundle of hoses about a joint at most [Nm/rad].
 
