@@ -7,7 +7,7 @@ C3D10, 27 in a C3D20, eight in a C3D20R and a C3D8. scikit-fem's own forms loop 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.sparse import coo_array, csc_array
 
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
-from armflex.fem.mesh import EDGES, Block, Mesh, volume_error
+from armflex.fem.mesh import EDGES, Mesh, corners_of
 
 AT_ONCE = 4096
 """Elements whose matrices are held in memory together."""
@@ -73,54 +73,45 @@ def assembled(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None)
         MeshError: An element's volume is not positive; file and line.
     """
     count, done = len(mesh.points), 0
-    total = sum(len(block.ids) for block in mesh.blocks)
     stiffness, mass = csc_array((3 * count, 3 * count)), csc_array((count, count))
+
+    def summed(blocks: Array, places: np.ndarray, size: int) -> Any:
+        each = places.shape[1]
+        rows, columns = np.repeat(places, each, axis=1).ravel(), np.tile(places, (1, each)).ravel()
+        return coo_array((blocks.ravel(), (rows, columns)), (size, size)).tocsc()
+
     for block in mesh.blocks:
-        for some, ke, me in _matrices(mesh, block):
-            nodes = block.nodes[some]
+        how, corners, own = rule(block.kind), corners_of(block.kind), block.material
+        straight = rule("C3D4" if corners == 4 else "C3D8")
+        assert own is not None
+        shear = 0.5 * own.young / (1.0 + own.poisson)
+        first = 2.0 * shear * own.poisson / (1.0 - 2.0 * own.poisson)
+        for start in range(0, len(block.ids), AT_ONCE):
+            nodes = block.nodes[start : start + AT_ONCE]
+            points, each = mesh.points[nodes], nodes.shape[1]
+            volumes, gradients = _at_points(points, how.gradients)
+            # Middles of edges may hide that corners are exchanged.
+            least = np.hstack([volumes, _at_points(points[:, :corners], straight.gradients)[0]]).min(axis=1)
+            if len(bad := start + np.flatnonzero(least <= 0.0)):
+                more = f" (and {len(bad) - 1} others)" if len(bad) > 1 else ""
+                text = f"element {block.ids[bad[0]]} ({block.kind}) has no positive volume everywhere{more}"
+                raise mesh.fail(f"{text}: inverted, or distorted", block.lines[bad[0]])
+            weights = volumes * how.weights
+            scaled = (gradients * np.sqrt(weights)[..., None, None]).reshape(*weights.shape, -1)
+            pairs = (np.swapaxes(scaled, 1, 2) @ scaled).reshape(len(points), each, 3, each, 3)
+            ke = shear * np.swapaxes(pairs, 2, 4)
+            along = shear * np.einsum("eicjc->eij", pairs)
+            for axis in range(3):
+                ke[:, :, axis, :, axis] += along
+            ke += first * pairs
+            me = (own.density or 0.0) * np.einsum("qi,qj,eq->eij", how.shapes, how.shapes, weights)
             dofs = (3 * nodes[..., None] + np.arange(3)).reshape(len(nodes), -1)
-            stiffness = stiffness + _summed(ke, dofs, 3 * count)
-            mass = mass + _summed(me, nodes, count)
+            stiffness = stiffness + summed(ke.reshape(len(points), 3 * each, 3 * each), dofs, 3 * count)
+            mass = mass + summed(me, nodes, count)
             done += len(nodes)
             if tick:
-                tick(done, total)
+                tick(done, sum(len(one.ids) for one in mesh.blocks))
     return stiffness, mass
-
-
-def _summed(blocks: Array, places: np.ndarray, size: int) -> Any:
-    each = places.shape[1]
-    rows, columns = np.repeat(places, each, axis=1).ravel(), np.tile(places, (1, each)).ravel()
-    return coo_array((blocks.ravel(), (rows, columns)), (size, size)).tocsc()
-
-
-def _matrices(mesh: Mesh, block: Block) -> Iterator[tuple[slice, Array, Array]]:
-    """Yield for some elements after others their (E, 3 k, 3 k) stiffness and (E, k, k) mass."""
-    how = rule(block.kind)
-    assert block.material is not None
-    first, shear = block.material.lame()
-    density = block.material.density or 0.0
-    for start in range(0, len(block.ids), AT_ONCE):
-        some = slice(start, start + AT_ONCE)
-        points = mesh.points[block.nodes[some]]
-        volumes, gradients = _at_points(points, how.gradients)
-        wrong = (volumes <= 0.0).any(axis=1)
-        corners, straight = (4, "C3D4") if len(points[0]) in (4, 10) else (8, "C3D8")
-        if len(points[0]) > corners:  # middles of edges may hide that corners are exchanged
-            wrong |= (_at_points(points[:, :corners], rule(straight).gradients)[0] <= 0.0).any(axis=1)
-        bad = np.flatnonzero(wrong)
-        if len(bad):
-            raise volume_error(mesh, block, bad + start)
-        weights = volumes * how.weights
-        scaled = (gradients * np.sqrt(weights)[..., None, None]).reshape(*weights.shape, -1)
-        each = gradients.shape[2]
-        pairs = (np.swapaxes(scaled, 1, 2) @ scaled).reshape(len(points), each, 3, each, 3)
-        ke = shear * np.swapaxes(pairs, 2, 4)
-        along = shear * np.einsum("eicjc->eij", pairs)
-        for axis in range(3):
-            ke[:, :, axis, :, axis] += along
-        ke += first * pairs
-        me = density * np.einsum("qi,qj,eq->eij", how.shapes, how.shapes, weights)
-        yield some, ke.reshape(len(points), 3 * each, 3 * each), me
 
 
 def _at_points(points: Array, reference: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -13,7 +13,15 @@ from armflex.conventions import Array
 from armflex.errors import Flag, MeshError, Place, UnitError, UnknownNameError, listing
 
 SOLIDS = {"C3D4": 4, "C3D10": 10, "C3D8": 8, "C3D20": 20, "C3D20R": 20}
-"""Element type, by CalculiX's names -> its nodes."""
+"""Element type, by CalculiX's names -> its nodes, of which 4 or 8 are corners."""
+
+FLAT = {
+    **{"CPS3": 3, "CPS4": 4, "CPS6": 6, "CPS8": 8, "T3D2": 2, "T3D3": 3},  # by which gmsh writes faces and edges
+    **{"CTRIA3": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUAD8": 8},
+    **{"vertex": 1, "line": 2, "line3": 3, "triangle": 3, "triangle6": 6, "quad": 4, "quad8": 8},
+}
+"""Faces and edges of solids, by .inp's, Nastran's and meshio's names -> their nodes: without a section they make sets
+alone."""
 
 FACES = {
     4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
@@ -27,23 +35,24 @@ EDGES = {
 }
 """Corners of an element -> ends of the edges whose middles are its further nodes, in their order."""
 
-OTHERS = "shells (S3, S4, S6, S8), beams, springs and wedges"
-"""What meshes have and this room does not read."""
+NOT_COMPUTED = f"{', '.join(SOLIDS)} are computed; shells (S3, S4, S6, S8), beams, springs and wedges are not"
 
 UNITS = {"m": (1.0, 1.0, 1.0), "mm": (1e-3, 1e6, 1e12)}
 """Unit of a mesh -> its factors to SI for lengths, stresses (N and mm: MPa) and densities (tonne/mm^3)."""
 
-LONGEST = 200.0
-"""No structure of an arm is longer [m]."""
+SHORTEST, LONGEST = 1e-3, 200.0
+"""No structure of an arm is shorter or longer [m]."""
 
 MOST_BYTES = 500_000_000
 """Of a mesh's file."""
 
-SHORTEST = 1e-3
-"""Or as short [m]."""
-
 YOUNG, DENSITY = (1e7, 2e12), (10.0, 3e4)
 """What solids have [Pa, kg/m^3]: rubber to diamond, foam to tungsten."""
+
+
+def corners_of(kind: str) -> int:
+    """Return how many corners a solid has, a key of `FACES` and `EDGES`."""
+    return 4 if SOLIDS[kind] in (4, 10) else 8
 
 
 @dataclass(frozen=True)
@@ -60,11 +69,6 @@ class Material:
     poisson: float
     density: float | None = None
 
-    def lame(self) -> tuple[float, float]:
-        """Return Lame's two constants [Pa]."""
-        shear = 0.5 * self.young / (1.0 + self.poisson)
-        return 2.0 * shear * self.poisson / (1.0 - 2.0 * self.poisson), shear
-
 
 @dataclass(frozen=True)
 class Block:
@@ -76,7 +80,7 @@ class Block:
         nodes: (E, k) rows of the mesh's nodes, in the order that CalculiX has.
         lines: (E,) where each stands in the file, 0 where that is not known.
         material: What they are made of, None where the file does not say.
-        name: The element set that they belong to.
+        name: Of the material in the file.
     """
 
     kind: str
@@ -109,7 +113,7 @@ class Mesh:
     blocks: tuple[Block, ...]
     sets: Mapping[str, np.ndarray]
     flags: tuple[Flag, ...] = ()
-    beyond: tuple[tuple[str, int], ...] = field(default=())
+    beyond: tuple[tuple[str, int], ...] = ()
 
     def fail(self, problem: str, line: Any = 0) -> MeshError:
         """Return the error that names the file and a line."""
@@ -131,6 +135,101 @@ class Mesh:
         return found
 
 
+@dataclass
+class Draft:
+    """What a reader gathers of a mesh, in any order, by keys that are unique in the file.
+
+    Attributes:
+        path: The file.
+        unit: Of its numbers, a key of `UNITS`.
+        nodes: Key -> number, place, line.
+        elements: Key -> number, type, keys of its nodes, line.
+        sets: Name -> keys of nodes.
+        groups: Name -> keys of elements, whose nodes are a set.
+        materials: Name -> what `Material` has, SI.
+        sections: Keys of elements, the material that they are made of, line.
+    """
+
+    path: Path
+    unit: str
+    nodes: dict[Any, tuple[int, Any, int]] = field(default_factory=dict)
+    elements: dict[Any, tuple[int, str, list, int]] = field(default_factory=dict)
+    sets: dict[str, list] = field(default_factory=dict)
+    groups: dict[str, list] = field(default_factory=dict)
+    materials: dict[str, dict[str, float]] = field(default_factory=dict)
+    sections: list[tuple[Iterable, str, int]] = field(default_factory=list)
+
+    def fail(self, problem: str, line: int = 0) -> NoReturn:
+        """Raise the error that names the file and a line."""
+        raise MeshError(Place(self.path, line), problem)
+
+    def node(self, key: Any, number: int, place: Any, line: int) -> None:
+        """Add a node."""
+        if key in self.nodes:
+            self.fail(f"node {number} stands twice", line)
+        self.nodes[key] = number, place, line
+
+    def element(self, key: Any, number: int, kind: str, nodes: list, line: int) -> None:
+        """Add an element by the keys of its nodes."""
+        if key in self.elements:
+            self.fail(f"element {number} stands twice", line)
+        self.elements[key] = number, kind, nodes, line
+
+    def material(self, name: str, **values: float) -> None:
+        """Add what `Material` has, in the file's units."""
+        factors = {"young": UNITS[self.unit][1], "density": UNITS[self.unit][2]}
+        known = self.materials.setdefault(name, {})
+        known |= {key: value * factors.get(key, 1.0) for key, value in values.items()}
+
+    def mesh(self, flags: Iterable[Flag] = (), beyond: Iterable[tuple[str, int]] = ()) -> Mesh:
+        """Return the mesh.
+
+        Raises:
+            MeshError: It has no solids, an element names what is not there, or what makes sets alone has a section.
+        """
+        made, rows = {}, {key: row for row, key in enumerate(self.nodes)}
+        for keys, material, line in self.sections:
+            if material not in self.materials:
+                known = listing(self.materials) or "none"
+                self.fail(f"a section of the material {material!r}, which is not there (known: {known})", line)
+            made |= dict.fromkeys(keys, material)
+        sorts: dict[tuple[str, str], list[tuple[int, list[int], int]]] = {}
+        found, flat = list(flags), set()
+        for key, (number, kind, nodes, line) in self.elements.items():
+            if missing := [node for node in nodes if node not in rows]:
+                name = str(missing[0]).rpartition(".")[2]
+                self.fail(f"element {number} names node {name}, which is not there", line)
+            if kind in FLAT:
+                flat.add(kind)
+                if key in made:
+                    text = f"element {number} is a {kind} with a section, which is not computed"
+                    self.fail(f"{text}: {NOT_COMPUTED}", line)
+            else:
+                sorts.setdefault((kind, made.get(key, "")), []).append((number, [rows[node] for node in nodes], line))
+        if not sorts and not (beyond := tuple(beyond)):
+            self.fail(f"has no solid elements ({', '.join(SOLIDS)})")
+        if flat:
+            found.append(Flag("left_out", f"elements {listing(sorted(flat))} without a section make sets alone"))
+        blocks = []
+        for (kind, name), several in sorts.items():
+            ids, nodes, lines = (np.array(column) for column in zip(*several, strict=True))
+            own = self.materials.get(name, {})
+            material = Material(**own) if {"young", "poisson"} <= own.keys() else None
+            blocks.append(Block(kind, ids, nodes, lines, material, name))
+        sets = {name: {node for key in keys for node in self.elements[key][2]} for name, keys in self.groups.items()}
+        numbers, places, lines = zip(*self.nodes.values(), strict=True) if rows else ((), np.zeros((0, 3)), ())
+        return Mesh(
+            self.path,
+            np.array(places, dtype=float) * UNITS[self.unit][0],
+            np.array(numbers, dtype=int),
+            np.array(lines, dtype=int),
+            tuple(blocks),
+            {name: np.array([rows[key] for key in keys], dtype=int) for name, keys in (sets | self.sets).items()},
+            tuple(found),
+            tuple(beyond),
+        )
+
+
 def with_material(mesh: Mesh, young: float | None, poisson: float | None, density: float | None) -> Mesh:
     """Return the mesh of elements that all have a material; what is given [Pa, 1, kg/m^3] is that of all.
 
@@ -141,25 +240,21 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
     given = {"young": young, "poisson": poisson, "density": density}
     given = {name: value for name, value in given.items() if value is not None}
     for block in mesh.blocks:
-        own = block.material
-        if own is None and {"young", "poisson"} <= given.keys():
-            own = Material(**given)
-        elif own is None:
-            where = f"element set {block.name!r}" if block.name else "the elements"
-            text = f"{where} ({len(block.ids)} {block.kind}) have no material: give --young and --poisson"
-            raise mesh.fail(text, block.lines[0])
-        elif given:
-            changed = [name for name, value in given.items() if getattr(own, name) not in (None, value)]
-            flags += [Flag("material", f"{listing(changed)} of the file replaced by the one given")] * bool(changed)
-            own = replace(own, **given)
+        own, named = block.material, f"the {len(block.ids)} {block.kind}" + f" of {block.name!r}" * bool(block.name)
+        if own is None and not {"young", "poisson"} <= given.keys():
+            raise mesh.fail(f"{named} have no material: give --young and --poisson", block.lines[0])
+        if own is not None and (changed := [name for name in given if getattr(own, name) not in (None, given[name])]):
+            flags.append(Flag("material", f"{listing(changed)} of the file replaced by the one given"))
+        own = Material(**given) if own is None else replace(own, **given)
         if not -1.0 < own.poisson < 0.5:
-            raise mesh.fail(f"Poisson's ratio {own.poisson:g} of {block.name!r}: expected more than -1, less than 0.5")
+            text = f"Poisson's ratio {own.poisson:g} of {named}: expected more than -1, less than 0.5"
+            raise mesh.fail(text, block.lines[0])
         for text, value, (least, most), unit in (
             ("Young's modulus", own.young, YOUNG, "Pa"),
             ("density", own.density, DENSITY, "kg/m^3"),
         ):
             if value is not None and not least <= value <= most:
-                text = f"{text} {value:g} {unit} of {block.name or block.kind!r}, expected {least:g} to {most:g}"
+                text = f"{text} {value:g} {unit} of {named}, expected {least:g} to {most:g}"
                 raise mesh.fail(f"{text}: is the mesh in mm, N and tonnes (--unit mm)?", block.lines[0])
         blocks.append(replace(block, material=own))
     return replace(mesh, blocks=tuple(blocks), flags=tuple(dict.fromkeys(flags)))
@@ -187,15 +282,14 @@ def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
     from scipy.sparse import coo_matrix  # here: an arm that names a part starts without scipy
     from scipy.sparse.csgraph import connected_components
 
-    count = len(mesh.points)
-    used = np.zeros(count, dtype=bool)
-    for block in mesh.blocks:
-        used[block.nodes] = True
-    if not used.all():
-        lost = np.flatnonzero(~used)
-        text = f"node {mesh.ids[lost[0]]} belongs to no element"
+    def at_node(text: str, row: int, remedy: str) -> MeshError:
+        return mesh.fail(f"{text % f'node {mesh.ids[row]}'}: {remedy}", mesh.lines[row])
+
+    count, (held, *_) = len(mesh.points), interfaces
+    lost = np.setdiff1d(np.arange(count), np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
+    if len(lost):
         more = f" (nor do {len(lost) - 1} others)" if len(lost) > 1 else ""
-        raise mesh.fail(f"{text}{more}: remove it, or mesh what it belongs to", mesh.lines[lost[0]])
+        raise at_node(f"%s belongs to no element{more}", lost[0], "remove it, or mesh what it belongs to")
     for block in mesh.blocks:
         _, first, same = np.unique(np.sort(block.nodes, axis=1), axis=0, return_index=True, return_inverse=True)
         twice = np.flatnonzero(first[same.ravel()] != np.arange(len(same.ravel())))
@@ -207,31 +301,20 @@ def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
         for other in names[:place]:
             shared = np.intersect1d(interfaces[name], interfaces[other])
             if len(shared):
-                text = (
-                    f"interfaces {other!r} and {name!r} share {len(shared)} nodes, the first is {mesh.ids[shared[0]]}"
-                )
-                raise mesh.fail(f"{text}: a node belongs to one interface", mesh.lines[shared[0]])
-    for name, rows in interfaces.items():
+                text = f"interfaces {other!r} and {name!r} share {len(shared)} nodes, the first is %s"
+                raise at_node(text, shared[0], "a node belongs to one interface")
+        rows = interfaces[name]
         placed = mesh.points[rows] - mesh.points[rows].mean(axis=0)
         if len(rows) < 3 or np.linalg.matrix_rank(placed, tol=1e-9 * max(np.abs(placed).max(), 1e-300)) < 2:
-            text = f"set {name!r} has {len(rows)} nodes on one line: an interface needs three that are not"
-            raise mesh.fail(text, mesh.lines[rows[0]])
+            text = f"set {name!r} has {len(rows)} nodes on one line, among them %s"
+            raise at_node(text, rows[0], "an interface needs three that are not")
     pairs = [(np.repeat(b.nodes[:, :1], b.nodes.shape[1] - 1, 1).ravel(), b.nodes[:, 1:].ravel()) for b in mesh.blocks]
     rows, columns = (np.concatenate(side) for side in zip(*pairs, strict=True))
-    parts, part = connected_components(coo_matrix((np.ones(len(rows), bool), (rows, columns)), (count, count)))
-    held = np.unique(part[interfaces[names[0]]])
-    if len(held) < parts:
-        free = np.flatnonzero(~np.isin(part, held))
-        alone = np.flatnonzero(part == part[free[0]])
-        text = f"a part of {len(alone)} nodes, among them {mesh.ids[alone[0]]}, is not connected to {names[0]!r}"
-        raise mesh.fail(f"{text}: nodes at one place are joined only where they are one node", mesh.lines[alone[0]])
-
-
-def volume_error(mesh: Mesh, block: Block, worst: Iterable[int]) -> MeshError:
-    """Return the error about elements of a block whose volume is not positive."""
-    first, *more = list(worst)
-    text = f"element {block.ids[first]} ({block.kind}) has no positive volume everywhere: inverted, or distorted"
-    return mesh.fail(text + (f" (and {len(more)} others)" if more else ""), block.lines[first])
+    _, part = connected_components(coo_matrix((np.ones(len(rows), bool), (rows, columns)), (count, count)))
+    free = np.flatnonzero(~np.isin(part, part[interfaces[held]]))
+    if len(free):
+        text = f"a part of {np.sum(part == part[free[0]])} nodes, among them %s, is not connected to {held!r}"
+        raise at_node(text, free[0], "nodes at one place are joined only where they are one node")
 
 
 def text_lines(path: Path) -> Iterator[str]:

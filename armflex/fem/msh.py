@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,11 @@ from typing import Any
 import numpy as np
 
 from armflex.errors import MeshError, Place, UnsupportedError
-from armflex.fem.mesh import OTHERS, UNITS, Block, Mesh
+from armflex.fem.mesh import FLAT, NOT_COMPUTED, SOLIDS, Draft, Mesh, text_lines
 from armflex.storage.whole_file import scratch
 
-SOLIDS = {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
+KINDS = {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
 """meshio's name -> CalculiX's; the nodes of both stand in one order."""
-
-FLAT = ("vertex", "line", "line3", "triangle", "triangle6", "quad", "quad8")
-"""What surfaces, edges and points of a mesh are made of: they give sets their nodes, and nothing else."""
 
 
 def read_msh(path: Path, unit: str = "m") -> Mesh:
@@ -25,45 +23,53 @@ def read_msh(path: Path, unit: str = "m") -> Mesh:
         import meshio
     except ImportError:
         raise UnsupportedError("a .msh file is read with meshio: pip install 'armflex[fem]'") from None
+    draft = Draft(path, unit)
     try:
         found: Any = meshio.gmsh.read(path)
     except Exception as error:  # meshio raises whatever its parsers do
-        raise MeshError(
-            Place(path),
-            f"is no gmsh mesh that meshio reads: {str(error) or type(error).__name__}"
-            " (with physical groups, save what is in one alone)",
-        ) from None
+        text = f"is no gmsh mesh that meshio reads: {str(error) or type(error).__name__}"
+        draft.fail(f"{text} (with physical groups, save what is in one alone)")
+    nodes, elements = (_numbered(path, section) for section in ("Nodes", "Elements"))
+    for key, place in enumerate(found.points):
+        number, line = next(nodes, (key + 1, 0))
+        if not np.isfinite(place).all():
+            draft.fail(f"the place of node {number} is not finite", line)
+        draft.node(key, number, place, line)
     names = {(int(tag), int(size)): name for name, (tag, size) in found.field_data.items()}
-    tags = found.cell_data.get("gmsh:physical", [np.zeros(len(cells.data), dtype=int) for cells in found.cells])
-    sizes = {"vertex": 0, "line": 1, "line3": 1, "triangle": 2, "triangle6": 2, "quad": 2, "quad8": 2}
-    sets: dict[str, list[np.ndarray]] = {}
-    blocks: dict[tuple[str, str], list[np.ndarray]] = {}
-    for cells, groups in zip(found.cells, tags, strict=True):
-        if cells.type not in (*SOLIDS, *FLAT):
-            raise MeshError(Place(path), f"elements of the type {cells.type} are not computed ({OTHERS} are not)")
-        for group in np.unique(groups):
-            own = np.asarray(cells.data)[groups == group]
-            name = names.get((int(group), sizes.get(cells.type, 3)), f"group_{group}" if group else "")
-            if name:
-                sets.setdefault(name, []).append(np.unique(own))
-            if cells.type in SOLIDS:
-                blocks.setdefault((SOLIDS[cells.type], name), []).append(own)
-    if not blocks:
-        raise MeshError(Place(path), f"has no solid elements ({', '.join(SOLIDS)})")
-    numbered, made = 1, []
-    for (kind, name), several in blocks.items():
-        nodes = np.vstack(several).astype(int)
-        ids = np.arange(numbered, numbered + len(nodes))
-        numbered += len(nodes)
-        made.append(Block(kind, ids, nodes, np.zeros(len(nodes), dtype=int), None, name))
-    points = np.asarray(found.points, dtype=float)[:, :3] * UNITS[unit][0]
-    if not np.isfinite(points).all():
-        raise MeshError(Place(path), "a node's place is not finite")
-    if max(int(block.nodes.max()) for block in made) >= len(points):
-        raise MeshError(Place(path), "an element names a node that is not there")
-    ids, lines = np.arange(1, len(points) + 1), np.zeros(len(points), dtype=int)
-    groups_of = {name: np.unique(np.concatenate(rows)) for name, rows in sets.items()}
-    return Mesh(path, points, ids, lines, tuple(made), groups_of)
+    tags = found.cell_data.get("gmsh:physical", [[0] * len(cells) for cells in found.cells])
+    for place, (cells, groups) in enumerate(zip(found.cells, tags, strict=True)):
+        if (kind := KINDS.get(cells.type, cells.type)) not in (*SOLIDS, *FLAT):
+            draft.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}", next(elements, (0, 0))[1])
+        first = len(draft.elements)
+        for nodes, tag in zip(cells.data.tolist(), groups, strict=True):
+            key = len(draft.elements)
+            number, line = next(elements, (key + 1, 0))
+            if min(nodes) < 0:
+                draft.fail(f"element {number} names a node that is not there", line)
+            draft.element(key, number, kind, nodes, line)
+            if tag:
+                draft.groups.setdefault(names.get((tag, cells.dim), f"group_{tag}"), []).append(key)
+        for name in found.field_data.keys() & found.cell_sets.keys():  # of more groups than one, meshio's tags have one
+            draft.groups.setdefault(name, []).extend((first + found.cell_sets[name][place]).tolist())
+    return draft.mesh()
+
+
+def _numbered(path: Path, section: str) -> Iterator[tuple[int, int]]:
+    """Yield the number and the line of every node or element of a text file, in its order: meshio drops both."""
+    lines = ["", *(line.strip() for line in text_lines(path))]
+    version, kind, *_ = lines[lines.index("$MeshFormat") + 1].split()
+    if kind != "0":  # binary
+        return
+    at, end = lines.index(f"${section}") + 1, lines.index(f"$End{section}")
+    if not version.startswith("4"):
+        yield from ((int(lines[line].split()[0]), line) for line in range(at + 1, end))
+        return
+    at += 1
+    while at < end:  # a block; of nodes the numbers, and then as many places
+        count = int(lines[at].split()[3])
+        apart = count if section == "Nodes" else 0
+        yield from ((int(lines[line].split()[0]), line + apart) for line in range(at + 1, at + 1 + count))
+        at += 1 + count + apart
 
 
 def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
@@ -93,12 +99,13 @@ def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
         gmsh.model.add(path.stem)
         gmsh.model.occ.importShapes(str(path))
         gmsh.model.occ.synchronize()
-        for dimension, kind in ((3, "solid"), (2, "face")):
-            for _, tag in gmsh.model.getEntities(dimension):
-                gmsh.model.addPhysicalGroup(dimension, [tag], name=f"{kind}_{tag}")
-                named = gmsh.model.getEntityName(dimension, tag).rpartition("/")[2]
-                if named and dimension == 2:
-                    gmsh.model.addPhysicalGroup(dimension, [tag], name=named)
+        groups: dict[tuple[int, str], list[int]] = {}
+        for dimension, tag in [*gmsh.model.getEntities(3), *gmsh.model.getEntities(2)]:
+            groups[dimension, f"{'solid' if dimension == 3 else 'face'}_{tag}"] = [tag]
+            if dimension == 2 and (own := gmsh.model.getEntityName(2, tag).rpartition("/")[2]):
+                groups.setdefault((2, own), []).append(tag)
+        for (dimension, name), tags in groups.items():
+            gmsh.model.addPhysicalGroup(dimension, tags, name=name)
         for bound in ("Min", "Max"):
             gmsh.option.setNumber(f"Mesh.MeshSize{bound}", size)
         gmsh.model.mesh.generate(3)
@@ -112,4 +119,4 @@ def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:
         raise MeshError(Place(path), f"gmsh cannot mesh it: {error}") from None
     finally:
         gmsh.finalize()
-    return replace(found, path=path)
+    return replace(found, path=path, lines=np.zeros_like(found.lines))
