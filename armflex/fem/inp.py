@@ -189,6 +189,8 @@ class _Reader:
                 self.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}", one.line)
             self.beyond.append((f"ELEMENT, TYPE={kind}", one.line))
             return
+        if kind in FLAT:
+            self.flags.setdefault(kind, Flag("left_out", f"elements {kind} without a section make sets alone"))
         waiting, begun = [], one.line
         for line, cells in [*one.data, (one.line, [])]:
             begun = begun if waiting else line

@@ -194,13 +194,11 @@ class Draft:
                 self.fail(f"a section of the material {material!r}, which is not there (known: {known})", line)
             made |= dict.fromkeys(keys, material)
         sorts: dict[tuple[str, str], list[tuple[int, list[int], int]]] = {}
-        found, flat = list(flags), set()
         for key, (number, kind, nodes, line) in self.elements.items():
             if missing := [node for node in nodes if node not in rows]:
                 name = str(missing[0]).rpartition(".")[2]
                 self.fail(f"element {number} names node {name}, which is not there", line)
             if kind in FLAT:
-                flat.add(kind)
                 if key in made:
                     text = f"element {number} is a {kind} with a section, which is not computed"
                     self.fail(f"{text}: {NOT_COMPUTED}", line)
@@ -208,8 +206,6 @@ class Draft:
                 sorts.setdefault((kind, made.get(key, "")), []).append((number, [rows[node] for node in nodes], line))
         if not sorts and not (beyond := tuple(beyond)):
             self.fail(f"has no solid elements ({', '.join(SOLIDS)})")
-        if flat:
-            found.append(Flag("left_out", f"elements {listing(sorted(flat))} without a section make sets alone"))
         blocks = []
         for (kind, name), several in sorts.items():
             ids, nodes, lines = (np.array(column) for column in zip(*several, strict=True))
@@ -225,7 +221,7 @@ class Draft:
             np.array(lines, dtype=int),
             tuple(blocks),
             {name: np.array([rows[key] for key in keys], dtype=int) for name, keys in (sets | self.sets).items()},
-            tuple(found),
+            tuple(flags),
             tuple(beyond),
         )
 

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from shutil import which
 
@@ -18,16 +17,13 @@ import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.errors import ConvergenceError, Flag, InputError, UnsupportedError
-from armflex.fem.condense import condense
+from armflex.fem.condense import Tick, condense
 from armflex.fem.matrices import rigid_motion
 from armflex.fem.mesh import UNITS, Mesh, check_size
 from armflex.storage.whole_file import scratch, write_whole
 
 PROGRAM = "ccx"
 """CalculiX, from https://www.calculix.de (GPL), as a program of its own."""
-
-LOOK = 0.2
-"""Seconds between two looks at how far it is."""
 
 FIXED, LOADED, REFERENCE = "ARMFLEX_FIXED", "ARMFLEX_LOADED", "ARMFLEX_REFERENCE"
 
@@ -74,9 +70,9 @@ def study(
     loads: Array,
     unit: str = "m",
     interface: str = "rigid",
-    tick: Callable[[str, int, int | None], None] | None = None,
+    tick: Tick | None = None,
 ) -> Study:
-    """Return what loads on a set do.
+    """Return what loads on a set do, each from the undeformed state.
 
     Args:
         mesh: The structure; see `Mesh.beyond` for what only CalculiX computes.
@@ -91,135 +87,90 @@ def study(
         UnsupportedError: The model needs CalculiX, which is not installed.
         ConvergenceError: CalculiX did not solve a load; which.
     """
-    if which(PROGRAM):
-        check_size(mesh)
-        if not mesh.beyond:  # instances may have nodes of one number
-            mesh = replace(mesh, ids=np.arange(1, len(mesh.points) + 1))
-        return Study(loads, _calculix(mesh, fixed, loaded, loads, unit, interface, tick), "calculix", mesh.flags)
-    if mesh.beyond:
-        keyword, line = mesh.beyond[0]
-        text = f"{mesh.path}:{line}: *{keyword} is computed by CalculiX alone, and {PROGRAM} is not installed"
-        raise UnsupportedError(f"{text} (Debian: apt install calculix-ccx)")
-    part = condense(mesh, fixed, [loaded], interface, tick=tick)
-    text = f"CalculiX ({PROGRAM}) is not installed: the deflections are linear in the loads"
-    return Study(loads, loads @ part.compliance.T, "linear", (Flag("linear", text), *part.flags))
-
-
-def _calculix(
-    mesh: Mesh,
-    fixed: str,
-    loaded: str,
-    loads: Array,
-    unit: str,
-    interface: str,
-    tick: Callable[[str, int, int | None], None] | None,
-) -> Array:
-    """Return the (N, 6) twists [m, rad] that CalculiX finds, a step for each load."""
-    length = UNITS[unit][0]
+    if not which(PROGRAM):
+        if mesh.beyond:
+            keyword, line = mesh.beyond[0]
+            text = f"{mesh.path}:{line}: *{keyword} is computed by CalculiX alone, and {PROGRAM} is not installed"
+            raise UnsupportedError(f"{text} (Debian: apt install calculix-ccx)")
+        part = condense(mesh, fixed, [loaded], interface, tick=tick)
+        text = f"CalculiX ({PROGRAM}) is not installed: the deflections are linear in the loads"
+        return Study(loads, loads @ part.compliance.T, "linear", (Flag("linear", text), *part.flags))
+    check_size(mesh)
+    # Instances may have nodes of one number.
+    ids = mesh.ids if mesh.beyond else np.arange(1, len(mesh.points) + 1)
+    length, first = UNITS[unit][0], int(ids.max()) + 1_000_001
     held, carrying = mesh.nodes_of(fixed), mesh.nodes_of(loaded)
-    arms = mesh.points[carrying] - mesh.points[carrying].mean(axis=0)
-    body = rigid_motion(arms)
+    centre = mesh.points[carrying].mean(axis=0)
+    body = rigid_motion(mesh.points[carrying] - centre)
     spread = body @ np.linalg.inv(body.T @ body)
-    first = int(mesh.ids.max()) + 1_000_001
-    rigid = interface == "rigid"
-    lines = [_model(mesh, unit)]
-    for name, rows in ((FIXED, held), (LOADED, carrying)):
-        lines += [f"*NSET, NSET={name}", *map(str, mesh.ids[rows])]
-    if rigid:
-        place = ", ".join(f"{x / length:.12e}" for x in mesh.points[carrying].mean(axis=0))
+    lines = [*_model(mesh, ids, unit), f"*NSET, NSET={FIXED}", *map(str, ids[held])]
+    lines += [f"*NSET, NSET={LOADED}", *map(str, ids[carrying]), "*BOUNDARY", f"{FIXED}, 1, 3"]
+    read = ids[carrying]
+    if interface == "rigid":
+        read, place = np.array([first, first + 1]), ", ".join(f"{x / length:.12e}" for x in centre)
         lines += ["*NODE", f"{first}, {place}", f"{first + 1}, {place}", f"*NSET, NSET={REFERENCE}"]
         lines += [f"{first}, {first + 1}", f"*RIGID BODY, NSET={LOADED}, REF NODE={first}, ROT NODE={first + 1}"]
-    lines += ["*BOUNDARY", f"{FIXED}, 1, 3"]
-    printed = REFERENCE if rigid else LOADED
-    for load in loads:
-        if rigid:
-            given = [(first + i // 3, i % 3 + 1, load[i] if i < 3 else load[i] / length) for i in range(6)]
-        else:
-            nodal = (spread @ load).reshape(-1, 3)
-            given = [(n, i + 1, f) for n, own in zip(mesh.ids[carrying], nodal, strict=True) for i, f in enumerate(own)]
-        lines += ["*STEP, NLGEOM, INC=1000", "*STATIC", "1., 1.", "*CLOAD, OP=NEW"]
-        lines += [f"{node}, {axis}, {value:.12e}" for node, axis, value in given]
-        lines += [f"*NODE PRINT, NSET={printed}, TOTALS=NO", "U", "*END STEP"]
-    with scratch(job_inp="\n".join(lines) + "\n") as folder:
-        said = _run(folder, len(loads), tick)
-        found = _printed(folder / "job.dat")
-    if len(found) < len(loads):
-        problem = next((line.strip() for line in said.splitlines() if "*ERROR" in line), "no message")
-        raise ConvergenceError(f"{mesh.path}: CalculiX did not solve load {len(found) + 1}: {problem}", ())
-    twists = []
-    for moved in found:
-        if rigid:
-            shift, turn = length * moved[first], moved[first + 1]
-        else:
-            mean = np.array([moved[node] for node in mesh.ids[carrying]]).ravel() @ spread
-            shift, turn = length * mean[:3], length * mean[3:]
-        twists.append(pin.log6(pin.SE3(pin.exp3(turn), shift)).vector)
-    return np.array(twists)
+        spread = np.diag([*[1.0] * 3, *[1.0 / length] * 3])  # forces at one node, moments in the file's unit at another
+    twists = np.zeros((len(loads), 6))
+    with scratch(model_inp="\n".join(lines) + "\n") as folder:
+        for row, load in enumerate(loads):
+            if tick:
+                tick("CalculiX, load", row + 1, len(loads))
+            step = ["*INCLUDE, INPUT=model.inp", "*STEP, NLGEOM, INC=1000", "*STATIC", "1., 1.", "*CLOAD"]
+            for node, forces in zip(read, (spread @ load).reshape(-1, 3), strict=True):
+                step += [f"{node}, {axis}, {force:.12e}" for axis, force in enumerate(forces, 1)]
+            step += [f"*NODE PRINT, NSET={REFERENCE if interface == 'rigid' else LOADED}, TOTALS=NO", "U", "*END STEP"]
+            (folder / "job.inp").write_text("\n".join(step) + "\n")
+            environment = {"OMP_NUM_THREADS": "1", **os.environ}
+            ran = subprocess.run([PROGRAM, "job"], cwd=folder, capture_output=True, env=environment)
+            moved = _printed(folder / "job.dat")
+            if any(node not in moved for node in read):
+                said = ran.stdout.decode(errors="replace").splitlines()
+                problem = next((line.strip() for line in said if "*ERROR" in line), "no message")
+                raise ConvergenceError(f"{mesh.path}: CalculiX did not solve load {row + 1}: {problem}", ())
+            found = np.concatenate([moved[node] for node in read])
+            shift, turn = (found if interface == "rigid" else found @ spread).reshape(2, 3)
+            turn = turn if interface == "rigid" else length * turn
+            twists[row] = pin.log6(pin.SE3(pin.exp3(turn), length * shift)).vector
+    return Study(loads, twists, "calculix", mesh.flags)
 
 
-def _run(folder: Path, steps: int, tick: Callable[[str, int, int | None], None] | None) -> str:
-    """Run CalculiX on job.inp; return what it says."""
-    environment, pipe = {"OMP_NUM_THREADS": "1", **os.environ}, subprocess.PIPE
-    command, status = [PROGRAM, "job"], folder / "job.sta"
-    running = subprocess.Popen(command, cwd=folder, stdout=pipe, stderr=subprocess.STDOUT, env=environment)
-    try:
-        while True:
-            try:
-                return running.communicate(timeout=LOOK)[0].decode(errors="replace")
-            except subprocess.TimeoutExpired:  # what it said until now is kept
-                if tick and status.exists() and (rows := status.read_text(errors="replace").split("\n")[2:-1]):
-                    tick("CalculiX, load", int(rows[-1].split()[0]), steps)
-    finally:
-        running.kill()
-        running.wait()
-
-
-def _printed(path: Path) -> list[dict[int, Array]]:
-    """Return the displacements that CalculiX printed at the end of every step, by node."""
-    found: dict[int, dict[int, Array]] = {}
-    now: dict[int, Array] = {}
+def _printed(path: Path) -> dict[int, Array]:
+    """Return the displacements by node that CalculiX printed at the end of the step, at time 1."""
+    found: dict[int, Array] = {}
+    ended = False
     for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
         cells = line.split()
         if line.lstrip().startswith("displacements"):
-            time_now, now = float(cells[-1]), {}
-            if abs(time_now - round(time_now)) < 1e-6:
-                found[round(time_now)] = now
-        elif len(cells) == 4:
-            now[int(cells[0])] = np.array([float(cell) for cell in cells[1:]])
-    return [found[step] for step in sorted(found)]
+            ended = abs(float(cells[-1]) - 1.0) < 1e-6
+        elif ended and len(cells) == 4:
+            found[int(cells[0])] = np.array([float(cell) for cell in cells[1:]])
+    return found
 
 
-def _model(mesh: Mesh, unit: str) -> str:
+def _model(mesh: Mesh, ids: np.ndarray, unit: str) -> list[str]:
     """Return the model without its steps: its solids, or where it has more the .inp as it stands."""
     if mesh.beyond:
         lines = mesh.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         words = [line.strip().upper() for line in lines]
         if any(word.startswith(("*PART", "*INSTANCE", "*INCLUDE")) for word in words):
             keyword, line = mesh.beyond[0]
-            raise UnsupportedError(
-                f"{mesh.path}:{line}: *{keyword} in parts or included files: flatten the model first"
-            )
-        end = next((i for i, word in enumerate(words) if word.startswith("*STEP")), len(lines))
-        return "\n".join(lines[:end])
+            text = f"*{keyword} in parts or included files: flatten the model first"
+            raise UnsupportedError(f"{mesh.path}:{line}: {text}")
+        return lines[: next((i for i, word in enumerate(words) if word.startswith("*STEP")), len(lines))]
     length, stress, density = UNITS[unit]
-    lines = ["*NODE"]
-    for number, place in zip(mesh.ids, mesh.points / length, strict=True):
-        lines.append(", ".join([str(number), *(f"{x:.12e}" for x in place)]))
+    places = (mesh.points / length).tolist()
+    lines = ["*NODE", *(f"{number}, {x:.12e}, {y:.12e}, {z:.12e}" for number, (x, y, z) in enumerate(places, 1))]
     for place, block in enumerate(mesh.blocks):
         lines.append(f"*ELEMENT, TYPE={block.kind}, ELSET=E{place}")
-        for element, own in enumerate(mesh.ids[block.nodes], 10_000_000 * place + 1):
-            row = [str(element), *map(str, own)]
-            pieces = [", ".join(row[start : start + 12]) for start in range(0, len(row), 12)]
-            lines.append(",\n".join(pieces))
-        assert block.material is not None
-        lines += [
-            f"*MATERIAL, NAME=M{place}",
-            "*ELASTIC",
-            f"{block.material.young / stress:.12e}, {block.material.poisson:.12e}",
-        ]
-        lines += ["*DENSITY", f"{block.material.density / density:.12e}"] if block.material.density else []
+        for row in np.column_stack([10_000_000 * place + 1 + np.arange(len(block.ids)), ids[block.nodes]]).tolist():
+            lines.append(",\n".join(str(row[start : start + 12])[1:-1] for start in range(0, len(row), 12)))
+        own = block.material
+        assert own is not None
+        lines += [f"*MATERIAL, NAME=M{place}", "*ELASTIC", f"{own.young / stress:.12e}, {own.poisson:.12e}"]
+        lines += ["*DENSITY", f"{own.density / density:.12e}"] if own.density else []
         lines.append(f"*SOLID SECTION, ELSET=E{place}, MATERIAL=M{place}")
-    return "\n".join(lines)
+    return lines
 
 
 def write_study(found: Study, path: Path) -> Path:
@@ -228,9 +179,8 @@ def write_study(found: Study, path: Path) -> Path:
     Forces and shifts alone where no load has a moment.
     """
     size = 6 if found.loads[:, 3:].any() else 3
-    units = [*["N"] * 3, *["Nm"] * 3][:size], [*["mm"] * 3, *["mrad"] * 3][:size]
-    both = zip((*WRENCH_NAMES[:size], *TWIST_NAMES[:size]), (*units[0], *units[1]), strict=True)
-    names = [f"{name}_{unit}" for name, unit in both]
+    names = [f"{name}_{'N' if place < 3 else 'Nm'}" for place, name in enumerate(WRENCH_NAMES[:size])]
+    names += [f"{name}_{'mm' if place < 3 else 'mrad'}" for place, name in enumerate(TWIST_NAMES[:size])]
     cells = np.hstack([found.loads[:, :size], 1e3 * found.twists[:, :size]])
     rows = [",".join(f"{value:.15g}" for value in row) for row in cells]
     return write_whole(path, ("\n".join([",".join(names), *rows]) + "\n").encode())
