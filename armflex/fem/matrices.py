@@ -1,4 +1,4 @@
-"""Finished matrices instead of elements: CalculiX's .sti and .mas, Matrix Market's .mtx, Craig-Bampton parts."""
+"""Finished matrices instead of elements: CalculiX's .sti and .mas, Abaqus' and Matrix Market's .mtx, Craig-Bampton."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from armflex.conventions import Array
 from armflex.errors import MeshError, Place
 from armflex.fem.assembly import assembled
 from armflex.fem.inp import read_inp
-from armflex.fem.mesh import UNITS, Mesh, text_lines
+from armflex.fem.mesh import UNITS, Draft, Mesh, text_lines
 
 SUFFIXES = (".sti", ".mtx")
 COLUMNS = ("node", "x", "y", "z", "set")
@@ -51,9 +51,13 @@ class Matrices:
         each = np.zeros((len(self.mesh.points), 6, 6))
         each[:, :3] = rigid_motion(self.mesh.points - origin).reshape(-1, 3, 6)
         each[:, 3:, 3:] = np.eye(3)
-        found = each[nodes, axes]
-        found[nodes == MODAL] = 0.0
-        return found
+        return np.where((nodes == MODAL)[:, None], 0.0, each[nodes, axes])
+
+
+def rigid_motion(arms: Array) -> Array:
+    """Return the (3 M, 6) motion of points at (M, 3) arms [m] from a body's origin by the body's twist."""
+    turned = -np.cross(arms[:, None], np.eye(3)).transpose(0, 2, 1)  # omega x r, a column for each of omega
+    return np.concatenate([np.broadcast_to(np.eye(3), turned.shape), turned], axis=2).reshape(-1, 6)
 
 
 def of_mesh(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None) -> Matrices:
@@ -83,7 +87,7 @@ def read_matrices(path: Path, unit: str = "m") -> Matrices:
         own = path.stem[: len(job)]
         mesh, heavy = read_inp(path.with_name(f"{own}.inp"), unit, True), path.with_name(f"{own}_MASS{number}.mtx")
     else:
-        mesh = _nodes(listed, UNITS[unit][0])
+        mesh = _nodes(listed, unit)
     files = [path, heavy] if heavy.exists() or path.suffix.lower() == ".sti" else [path]
     if next(text_lines(path), "").startswith("%%MatrixMarket"):
         pair, freedoms = _market(files, len(mesh.points))
@@ -96,23 +100,14 @@ def read_matrices(path: Path, unit: str = "m") -> Matrices:
     return Matrices(replace(mesh, path=path), stiffness, mass, freedoms)
 
 
-def rigid_motion(arms: Array) -> Array:
-    """Return the (3 M, 6) motion of points at (M, 3) arms [m] from a body's origin by the body's twist."""
-    found = np.zeros((len(arms), 3, 6))
-    found[:, :, :3] = np.eye(3)
-    x, y, z = arms.T
-    found[:, 0, 4], found[:, 0, 5], found[:, 1, 3] = z, -y, -z
-    found[:, 1, 5], found[:, 2, 3], found[:, 2, 4] = x, y, -x
-    return found.reshape(-1, 6)
-
-
 def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
     """Return the symmetric matrices of files of rows, a triangle or the square, and their freedoms.
 
     CalculiX's are `i j value`, whose freedoms are in JOB.dof; Abaqus' name them. What Abaqus holds is left out.
     """
-    if files[0].suffix.lower() == ".sti":
-        listed = files[0].with_suffix(".dof")
+    own = files[0].suffix.lower() == ".sti"
+    listed = files[0].with_suffix(".dof") if own else files[0]
+    if own:
         names = [line.strip() for line in text_lines(listed)]
         wrong = [place for place, name in enumerate(names, 1) if not re.fullmatch(r"\d+\.[1-6]", name)]
         if wrong:
@@ -120,51 +115,45 @@ def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
         keys = np.array([int(name.replace(".", "")) for name in names])  # a node's number, then the component's digit
         tables = [_rows(file, None, "i j value") for file in files]
         ends = [table[:, :2].astype(int) - 1 for table in tables]
-        strange = ": nodes of shells and beams are CalculiX's own"
     else:
-        listed, strange = files[0], ""
         tables = [_rows(file, ",", "node, component, node, component, value") for file in files]
         named = [(10 * table[:, [0, 2]] + table[:, [1, 3]]).astype(int) for table in tables]
         keys = np.setdiff1d(named[0], named[0][tables[0][:, 4] >= HELD])
         ends = [np.where(np.isin(one, keys), np.searchsorted(keys, one), -1) for one in named]
         kept = [(one >= 0).all(axis=1) for one in ends]
-        tables, ends = ([one[own] for one, own in zip(several, kept, strict=True)] for several in (tables, ends))
+        tables, ends = ([one[some] for one, some in zip(several, kept, strict=True)] for several in (tables, ends))
     nodes, axes = np.divmod(keys, 10)
     if len(lost := np.flatnonzero(~np.isin(nodes, mesh.ids) | (axes < 1) | (axes > 6))):
-        text = f"'{nodes[lost[0]]}.{axes[lost[0]]}' is no freedom of {mesh.path.name}{strange}"
-        raise MeshError(Place(listed, int(lost[0]) + 1 if strange else 0), text)
+        text = f"'{nodes[lost[0]]}.{axes[lost[0]]}' is no freedom of {mesh.path.name}"
+        text += ": nodes of shells and beams are CalculiX's own" * own
+        raise MeshError(Place(listed, int(lost[0]) + 1 if own else 0), text)
     order, size, found = np.argsort(mesh.ids), len(keys), []
-    for file, table, own in zip(files, tables, ends, strict=True):
-        if len(own) and not 0 <= own.min() <= own.max() < size:
-            raise MeshError(Place(file), f"is no matrix of {size} freedoms: it names {own.max() + 1}")
-        _, first = np.unique(own.min(axis=1) * size + own.max(axis=1), return_index=True)
-        half = sparse.coo_array((table[first, -1], np.sort(own[first], axis=1).T), (size, size)).tocsc()
+    for file, table, pairs in zip(files, tables, ends, strict=True):
+        if len(pairs) and not 0 <= pairs.min() <= pairs.max() < size:
+            raise MeshError(Place(file), f"is no matrix of {size} freedoms: it names {pairs.max() + 1}")
+        _, first = np.unique(pairs.min(axis=1) * size + pairs.max(axis=1), return_index=True)
+        half = sparse.coo_array((table[first, -1], np.sort(pairs[first], axis=1).T), (size, size)).tocsc()
         found.append(half + half.T - sparse.diags_array(half.diagonal()))
     return found, np.column_stack([order[np.searchsorted(mesh.ids, nodes, sorter=order)], axes - 1])
 
 
 def _rows(path: Path, sign: str | None, cells: str) -> Array:
     """Return the finite numbers of a file, in rows of such cells apart by a sign; lines of keywords are left out."""
-    lines = [(line, text) for line, text in enumerate(text_lines(path), 1) if not text.startswith("*")]
-    count = len(cells.split())
+    lines = [(line, text) for line, text in enumerate(text_lines(path), 1) if text.strip() and text[0] != "*"]
+    count, wrong = len(cells.split()), 0
     try:
         found = np.loadtxt([text for _, text in lines], ndmin=2, delimiter=sign)
         if found.shape[1] == count and np.isfinite(found).all():
             return found
-    except ValueError:
+    except ValueError:  # what numpy says of a row is none of the file
         pass
-    wrong = [line for line, text in lines if text.strip() and not _finite(text.split(sign), count)]
-    raise MeshError(
-        Place(path, wrong[0] if wrong else 0), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign)
-    )
-
-
-def _finite(cells: list[str], count: int) -> bool:
-    """Return whether cells are as many finite numbers."""
-    try:
-        return len(cells) == count and bool(np.isfinite([float(cell) for cell in cells]).all())
-    except ValueError:
-        return False
+    for wrong, text in lines:
+        try:
+            if not np.isfinite(np.array(text.split(sign), float)).all() or len(text.split(sign)) != count:
+                break
+        except ValueError:
+            break
+    raise MeshError(Place(path, wrong), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign))
 
 
 def _market(files: list[Path], count: int) -> tuple[list[Any], np.ndarray]:
@@ -188,24 +177,20 @@ def _market(files: list[Path], count: int) -> tuple[list[Any], np.ndarray]:
     return [0.5 * (one + one.T) for one in found], freedoms
 
 
-def _nodes(path: Path, length: float) -> Mesh:
+def _nodes(path: Path, unit: str) -> Mesh:
     """Return the nodes and sets of a table."""
-    rows: list[list[str]] = list(csv.reader(text_lines(path)))
-    if not rows or [cell.strip() for cell in rows[0]] != list(COLUMNS):
-        raise MeshError(Place(path, 1), f"expected the columns {','.join(COLUMNS)}")
-    ids, points, sets = [], [], {}
-    for line, cells in enumerate(rows[1:], 2):
+    draft = Draft(path, unit)
+    header, *rows = [*csv.reader(text_lines(path))] or [[]]
+    if [cell.strip() for cell in header] != list(COLUMNS):
+        draft.fail(f"expected the columns {','.join(COLUMNS)}", 1)
+    for line, cells in enumerate(rows, 2):
         try:
-            number, *place = (float(cell) for cell in cells[:4])
-            if not np.isfinite(place).all() or len(cells) != len(COLUMNS) or int(number) in ids:
-                raise ValueError
-        except ValueError:
-            text = f"expected a number of its own, three finite numbers and a set, got {','.join(cells)[:60]!r}"
-            raise MeshError(Place(path, line), text) from None
+            number, *place = int(cells[0]), *map(float, cells[1:4])
+        except (ValueError, IndexError):
+            number, place = 0, []
+        if len(place) != 3 or len(cells) != len(COLUMNS) or not np.isfinite(place).all():
+            draft.fail(f"expected a whole number, three finite ones and a set, got {','.join(cells)[:60]!r}", line)
+        draft.node(number, number, place, line)
         if name := cells[4].strip():
-            sets.setdefault(name, []).append(len(ids))
-        ids.append(int(number))
-        points.append(place)
-    lines = np.arange(2, len(ids) + 2)
-    groups = {name: np.array(own) for name, own in sets.items()}
-    return Mesh(path, np.array(points) * length, np.array(ids), lines, (), groups)
+            draft.sets.setdefault(name, []).append(number)
+    return draft.mesh()

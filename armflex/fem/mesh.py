@@ -185,7 +185,7 @@ class Draft:
         """Return the mesh.
 
         Raises:
-            MeshError: It has no solids, an element names what is not there, or what makes sets alone has a section.
+            MeshError: An element or a section names what is not there, or what makes sets alone has a section.
         """
         made, rows = {}, {key: row for row, key in enumerate(self.nodes)}
         for keys, material, line in self.sections:
@@ -204,8 +204,6 @@ class Draft:
                     self.fail(f"{text}: {NOT_COMPUTED}", line)
             else:
                 sorts.setdefault((kind, made.get(key, "")), []).append((number, [rows[node] for node in nodes], line))
-        if not sorts and not (beyond := tuple(beyond)):
-            self.fail(f"has no solid elements ({', '.join(SOLIDS)})")
         blocks = []
         for (kind, name), several in sorts.items():
             ids, nodes, lines = (np.array(column) for column in zip(*several, strict=True))
@@ -230,8 +228,10 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
     """Return the mesh of elements that all have a material; what is given [Pa, 1, kg/m^3] is that of all.
 
     Raises:
-        MeshError: Elements have none, or one that no solid has.
+        MeshError: There are no elements, or they have no material or one that no solid has.
     """
+    if not mesh.blocks and not mesh.beyond:
+        raise mesh.fail(f"has no solid elements ({', '.join(SOLIDS)})")
     flags, blocks = list(mesh.flags), []
     given = {"young": young, "poisson": poisson, "density": density}
     given = {name: value for name, value in given.items() if value is not None}

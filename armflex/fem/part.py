@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.declaration import Declaration, read_toml
+from armflex.declaration import read_toml
 from armflex.errors import Flag
-from armflex.fem.surface import Surface, surface_path, write_surface
-from armflex.result import Result
+from armflex.fem.surface import LAYOUT, surface_path
+from armflex.result import Result, plain
+from armflex.storage.array_file import write_arrays
 from armflex.storage.whole_file import together, write_whole
 
 FORMAT = "armflex-part-1"
@@ -50,7 +53,7 @@ class Part(Result):
         young_std: Relative standard uncertainty of the compliance, one factor of all of it; 0 where nobody says.
         nodes: Number of the mesh's nodes.
         flags: What is doubtful.
-        surface: What pages draw, None of several loaded interfaces and where the part was read from its file.
+        surface: Of `surface_of`, which pages draw; None of several loaded interfaces, and of a part that was read.
     """
 
     mesh: str
@@ -71,7 +74,7 @@ class Part(Result):
     young_std: float = 0.0
     nodes: int = 0
     flags: tuple[Flag, ...] = ()
-    surface: Surface | None = None
+    surface: Mapping[str, Array] | None = None
 
     TOLD = (
         *("mesh", "sha256", "nodes", "fixed", "fixed_origin", "loaded", "interface", "origin", "compliance"),
@@ -102,16 +105,16 @@ class Part(Result):
         return self.compliance @ self.weight @ gravity
 
 
+WORDS = ("mesh", "sha256", "nodes", "fixed", "loaded", "interface", "young_std", "mass", "frequencies_hz")
+
+
 def _shapes(count: int) -> dict[str, tuple[int, ...]]:
     """Return the arrays of a PART.toml with so many loaded interfaces: their shapes."""
     size = 6 * count
+    found = {"fixed_origin": (3,), "origins": (count, 3), "com": (3,), "inertia": (3, 3)}
     return {
-        "fixed_origin": (3,),
-        "origins": (count, 3),
-        "com": (3,),
-        "inertia": (3, 3),
-        "compliance": (size, size),
-        "mass_matrix": (size, size),
+        **found,
+        **dict.fromkeys(("compliance", "mass_matrix"), (size, size)),
         "weight": (size, 3),
         "spin": (size, 3),
     }
@@ -119,21 +122,16 @@ def _shapes(count: int) -> dict[str, tuple[int, ...]]:
 
 def write_part(part: Part, path: Path) -> Path:
     """Write a PART.toml, and beside it PART.surface.safetensors for pages, whole or not at all."""
-    import tomlkit
-
-    about = tomlkit.document()
-    about.add(tomlkit.comment(f"Condensed from {part.mesh!r} by `armflex fem`. Axes of the mesh, SI."))
-    names = ("mesh", "sha256", "nodes", "fixed", "loaded", "interface", "young_std", "mass")
-    for name, value in (("format", FORMAT), *((name, getattr(part, name)) for name in names)):
-        about.add(name, list(value) if isinstance(value, tuple) else value)
-    lines = [about.as_string().rstrip(), f"frequencies_hz = {part.frequencies_hz.tolist()}"]
-    for name, shape in _shapes(len(part.loaded)).items():
-        values = getattr(part, name).tolist()
-        rows = "".join(f"    {row},\n" for row in values)
-        lines.append(f"{name} = [\n{rows}]" if len(shape) > 1 else f"{name} = {values}")
+    lines = [f"# Condensed from {part.mesh!r} by `armflex fem`. Axes of the mesh, SI.", f'format = "{FORMAT}"']
+    for name in (*WORDS, *_shapes(len(part.loaded))):
+        value = getattr(part, name)
+        if np.ndim(value) == 2:
+            lines.append(f"{name} = [\n" + "".join(f"    {row},\n" for row in value.tolist()) + "]")
+        else:  # as JSON, which TOML reads
+            lines.append(f"{name} = {json.dumps(plain(value), ensure_ascii=False)}")
     with together():
         if part.surface is not None:
-            write_surface(part.surface, surface_path(path), part.sha256)
+            write_arrays(surface_path(path), LAYOUT, part.surface, {"sha256": part.sha256})
         return write_whole(path, ("\n".join(lines) + "\n").encode())
 
 
@@ -149,8 +147,12 @@ def read_part(path: Path) -> Part:
     if not 1 <= len(names) <= MOST:
         raise table.fail("loaded", f"expected 1 to {MOST} names, got {len(names)}")
     arrays: dict[str, Any] = {name: table.numbers(name, shape) for name, shape in _shapes(len(names)).items()}
-    arrays["compliance"] = _definite(table, arrays["compliance"])
-    frequencies = table.raw("frequencies_hz")
+    own, frequencies = arrays["compliance"], table.raw("frequencies_hz")
+    root = np.sqrt(np.diag(own).clip(1e-300))
+    scaled = own / np.outer(root, root)
+    if np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] <= 0.0:
+        raise table.fail("compliance", "is not symmetric and positive definite")
+    arrays["compliance"] = 0.5 * (own + own.T)
     count = len(frequencies) if isinstance(frequencies, list) else 0
     found = Part(
         mesh=table.text("mesh"),
@@ -168,16 +170,3 @@ def read_part(path: Path) -> Part:
     if found.mass < 0.0:
         raise table.fail("mass", f"expected 0 kg or more, got {found.mass:g}")
     return found
-
-
-def _definite(table: Declaration, found: Array) -> Array:
-    """Return a compliance, symmetric and positive definite."""
-    diagonal = np.diag(found)
-    if diagonal.min() <= 0.0:
-        raise table.fail(
-            "compliance", f"[{diagonal.argmin()}][{diagonal.argmin()}] is {diagonal.min():g}, expected > 0"
-        )
-    scaled = found / np.sqrt(np.outer(diagonal, diagonal))
-    if np.abs(scaled - scaled.T).max() > SYMMETRIC or np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] <= 0.0:
-        raise table.fail("compliance", "is not symmetric and positive definite")
-    return 0.5 * (found + found.T)

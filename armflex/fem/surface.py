@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.fem.mesh import FACES, Mesh
-from armflex.storage.array_file import Layout, read_arrays, write_arrays
+from armflex.fem.mesh import FACES, Mesh, corners_of
+from armflex.storage.array_file import Layout, read_arrays
 from armflex.storage.schema import Numbers
 
 LAYOUT = Layout(
@@ -24,21 +24,6 @@ LAYOUT = Layout(
     {"sha256": str},
     anew="run `armflex fem` again",
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """The surface of a mesh.
-
-    Attributes:
-        points: (V, 3) its nodes [m].
-        triangles: (F, 3) rows of them, seen from outside against the clock.
-        shapes: (V, 3, 6) shift of each per twist of the loaded interface at its centroid, the fixed one held.
-    """
-
-    points: Array
-    triangles: np.ndarray
-    shapes: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,24 +66,19 @@ def surface_path(part: Path) -> Path:
     return part.with_suffix(".surface.safetensors")
 
 
-def surface_of(mesh: Mesh, shapes: Array) -> Surface:
-    """Return the surface of a mesh, whose N nodes move by (3 N, 6) shapes."""
+def surface_of(mesh: Mesh, shapes: Array) -> dict[str, np.ndarray]:
+    """Return the arrays of `LAYOUT` of a mesh, whose N nodes move by (3 N, 6) shapes per twist of its loaded interface.
+
+    Triangles are rows of the points, seen from outside against the clock.
+    """
     found = []
     for corners, faces in FACES.items():
-        own = [
-            b.nodes[:, face] for b in mesh.blocks if (b.nodes.shape[1] in (4, 10)) == (corners == 4) for face in faces
-        ]
+        own = [b.nodes[:, face] for b in mesh.blocks if corners_of(b.kind) == corners for face in faces]
         if own:
             every = np.vstack(own)
             _, first, times = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
             outer = every[first[times == 1]]  # a face of two elements is inside
             found += [outer[:, [0, i, i + 1]] for i in range(1, every.shape[1] - 1)]
-    triangles = np.vstack(found)
-    kept, numbers = np.unique(triangles, return_inverse=True)
-    return Surface(mesh.points[kept], numbers.reshape(-1, 3), shapes.reshape(-1, 3, 6)[kept])
-
-
-def write_surface(surface: Surface, path: Path, sha256: str) -> None:
-    """Write a surface whole or not at all."""
-    arrays = {"points": surface.points, "triangles": surface.triangles.astype("i8"), "shapes": surface.shapes}
-    write_arrays(path, LAYOUT, arrays, {"sha256": sha256})
+    kept, numbers = np.unique(np.vstack(found), return_inverse=True)
+    moves = shapes.reshape(-1, 3, 6)[kept]
+    return {"points": mesh.points[kept], "triangles": numbers.reshape(-1, 3).astype("i8"), "shapes": moves}

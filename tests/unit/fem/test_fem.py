@@ -396,7 +396,11 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], tuple[object, ...], str]] = {
         "elements of the type S4 are not computed",
     ),
     "a tie": (edited(lambda t: t + "*TIE, NAME=T\nA, B\n"), (), "*TIE is not computed here"),
-    "a number": (edited(lambda t: t.replace("2.1e11, 0.3", "2.1e11, O.3")), (), "expected 2 finite numbers, got '2.1e11,O.3'"),
+    "a number": (
+        edited(lambda t: t.replace("2.1e11, 0.3", "2.1e11, O.3")),
+        (),
+        "expected 2 finite numbers, got '2.1e11,O.3'",
+    ),
     "a node that is not there": (
         edited(lambda t: t.replace("\n2, ", "\n1001, ", 1)),
         (),
