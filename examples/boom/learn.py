@@ -3,8 +3,8 @@
     python learn.py FOLDER
 
 reads the tables in FOLDER, and writes beside them NAME.safetensors (what learned.toml names), M1.toml's numbers and
-errors.csv: training, held-out and new-load errors of the parametric model, the network and the Bayesian network.
-Held out are a fifth of the rows after another.
+errors.csv: training, held-out and new-load errors of the parametric model, the network, the Bayesian network and of
+what `auto` chooses. Held out are a fifth of the rows after another; `auto` chooses anew without each.
 """
 
 from __future__ import annotations
@@ -69,6 +69,14 @@ def main(folder: Path, names: tuple[str, ...] = NAMES) -> None:
                     f"{name},{model},{len(new)},share of new inside 95 %,"
                     + ",".join(f"{x:.3f}" for x in inside.mean(axis=0))
                 )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            auto = armflex.train(data, "auto", options=Options(neurons=NEURONS))
+        each = {"training": auto.train_rms, "held out": auto.held_out_rms, "new": errors(auto.trained.law, new)}
+        for part, rms in each.items():
+            rows = new if part == "new" else data
+            lines.append(f"{name},auto,{len(rows)},{part}," + ",".join(f"{x:.4g}" for x in rms))
+        lines.append(f"{name},auto,{len(data)},chosen,{auto.parameters['chosen'].replace(', ', ' ')}")
     file = folder / f"errors{'' if names == NAMES else '_' + names[0]}.csv"
     file.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(table(file))
@@ -79,7 +87,7 @@ def table(file: Path) -> str:
     found = {}
     for line in file.read_text(encoding="utf-8").splitlines()[1:]:
         name, model, _, error, *values = line.split(",")
-        found[name, model, error] = np.array(values, float)
+        found[name, model, error] = values[0] if error == "chosen" else np.array(values, float)
 
     def norms(*key: str) -> str:
         return " / ".join(f"{1e3 * np.linalg.norm(part):.3g}" for part in found[key].reshape(2, 3))
@@ -88,8 +96,9 @@ def table(file: Path) -> str:
     for name in dict.fromkeys(key[0] for key in found):
         cells = [name, norms(name, "the data's own RMS", "new")]
         cells += ["; ".join(norms(name, model, error) for error in ("training", "held out", "new")) for model in MODELS]
-        inside = found[name, "Bayesian ANN", "share of new inside 95 %"].mean()
-        lines.append(f"| {' | '.join(cells)}; {100.0 * inside:.0f} % |")
+        cells[-1] += f"; {100.0 * found[name, 'Bayesian ANN', 'share of new inside 95 %'].mean():.0f} %"
+        auto = "; ".join(norms(name, "auto", error) for error in ("training", "held out", "new"))
+        lines.append(f"| {' | '.join(cells)} | {found[name, 'auto', 'chosen']}: {auto} |")
     return "\n".join(lines)
 
 
