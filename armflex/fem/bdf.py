@@ -10,8 +10,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
 from armflex.errors import Flag
 from armflex.fem.mesh import FLAT, NOT_COMPUTED, Draft, Mesh, text_lines
 
@@ -38,27 +36,15 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
     """
     draft, at, properties, flags = Draft(path, unit), {}, [], [Flag("no_end", f"{path} has no ENDDATA: is it whole?")]
 
-    def number(cell: str, line: int) -> float:
-        text = re.sub(r"(?<=[0-9.])([+-]\d+)$", r"E\1", cell.strip().upper().replace("D", "E"))
-        try:
-            value = float(text) if text else 0.0
-        except ValueError:
-            value = np.nan
-        return value if np.isfinite(value) else draft.fail(f"expected a finite number, got {cell.strip()!r}", line)
-
-    def whole(cell: str, line: int) -> int:
-        return int(cell) if cell.strip().isdigit() else draft.fail(f"expected a whole number, got {cell!r}", line)
-
     def add_nodes(name: str, cells: list[str], line: int) -> None:
         words, found = iter([cell for cell in cells if cell.strip()]), []
         for word in words:
-            if found and word.strip().upper() == "THRU":
-                last = whole(next(words, ""), line)
-                if last - found[-1] > MOST:
-                    draft.fail(f"THRU {last} is too far from {found[-1]}", line)
-                found += range(found[-1] + 1, last + 1)
-            else:
-                found.append(whole(word, line))
+            if thru := bool(found) and word.strip().upper() == "THRU":
+                word = next(words, "")
+            (last,) = draft.whole(line, [word], 1)
+            if thru and last - found[-1] > MOST:
+                draft.fail(f"THRU {last} is too far from {found[-1]}", line)
+            found += range(found[-1] + 1, last + 1) if thru else [last]
         draft.sets.setdefault(name, []).extend(found)
         at.setdefault(name, line)
 
@@ -69,21 +55,19 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
         elif word == "GRID":
             if cells[1].strip() not in ("", "0"):
                 draft.fail("GRID in a coordinate system of its own is not read", line)
-            one = whole(cells[0], line)
-            draft.node(one, one, [number(cell, line) for cell in cells[2:5]], line)
+            (one,) = draft.whole(line, cells[:1], 1)
+            draft.node(one, one, draft.numbers(line, cells[2:5]), line)
         elif word in KINDS or word in FLAT:
-            one, own = whole(cells[0], line), [whole(cell, line) for cell in cells[2:] if cell.strip()]
-            if word in FLAT:  # thickness and angle come after the nodes
-                kind, own = word, own[: FLAT[word]]
-            elif (kind := KINDS[word].get(len(own))) is None:
+            one, part = draft.whole(line, [cells[0], cells[1].strip() or cells[0]], 2)
+            own = draft.whole(line, cells[2 : 2 + FLAT.get(word, 20)])  # of faces thickness and angle come after
+            if (kind := KINDS[word].get(len(own)) if word in KINDS else word) is None:
                 draft.fail(f"{word} {one} has {len(own)} nodes, expected {' or '.join(map(str, KINDS[word]))}", line)
-            own = [own[i] for i in UPWARD] if kind == "C3D20" else own
-            draft.element(one, one, kind, own, line)
-            draft.groups.setdefault(f"PID{whole(cells[1].strip() or cells[0], line)}", []).append(one)
+            draft.element(one, one, kind, [own[i] for i in UPWARD] if kind == "C3D20" else own, line)
+            draft.groups.setdefault(f"PID{part}", []).append(one)
         elif word in ("PSOLID", "PSHELL", "PCOMP"):
-            properties.append((f"PID{whole(cells[0], line)}", word, cells[1].strip(), line))
+            properties.append((f"PID{cells[0].strip()}", word, cells[1].strip(), line))
         elif word == "MAT1":
-            young, shear, poisson, mass = (number(cell, line) for cell in cells[1:5])
+            young, shear, poisson, mass = draft.numbers(line, cells[1:5])
             if not young or not (shear or cells[3].strip()):
                 draft.fail("MAT1 needs E, and G or NU", line)
             poisson = poisson if cells[3].strip() else 0.5 * young / shear - 1.0

@@ -151,21 +151,6 @@ class _Reader:
             self.fail(f"*{one.keyword} needs {key}=NAME", one.line)
         return one.parameters[key].upper()
 
-    def numbers(self, line: int, cells: list[str], least: int) -> list[float]:
-        try:
-            found = [float(cell.replace("D", "E").replace("d", "e")) if cell else 0.0 for cell in cells]
-        except ValueError:
-            found = []
-        if len(found) < least or not np.isfinite(found).all():
-            self.fail(f"expected {least} finite numbers, got {','.join(cells)[:60]!r}", line)
-        return found
-
-    def whole(self, line: int, cells: list[str]) -> list[int]:
-        try:
-            return [int(cell) for cell in cells if cell]
-        except ValueError:
-            self.fail(f"expected whole numbers, got {','.join(cells)[:60]!r}", line)
-
     def into(self, sets: dict[str, list], name: str) -> list[list]:
         """Return the lists of a set: in an instance its own, and the one of all instances."""
         return [sets.setdefault(one, []) for one in dict.fromkeys((name.upper(), f"{self.prefix}{name.upper()}"))]
@@ -175,7 +160,7 @@ class _Reader:
         if one.parameters.get("SYSTEM", "R").upper() != "R":
             self.fail("*NODE in cylindrical or spherical coordinates is not read", one.line)
         for line, cells in one.data:
-            (number,), place = self.whole(line, cells[:1]), self.numbers(line, cells, 2)[1:4]
+            (number,), place = self.draft.whole(line, cells[:1]), self.draft.numbers(line, cells, 2)[1:4]
             place = self.turn @ [*place, 0.0, 0.0][:3] + self.shift if self.prefix else [*place, 0.0, 0.0][:3]
             self.draft.node(f"{self.prefix}{number}", number, place, line)
             for own in sets:
@@ -194,7 +179,7 @@ class _Reader:
         waiting, begun = [], one.line
         for line, cells in [*one.data, (one.line, [])]:
             begun = begun if waiting else line
-            waiting += self.whole(line, cells)
+            waiting += self.draft.whole(line, cells)
             if len(waiting) > count + 1 or (waiting and not cells):
                 self.fail(f"element {waiting[0]} has {len(waiting) - 1} nodes; a {kind} has {count}", begun)
             if len(waiting) == count + 1:
@@ -209,7 +194,7 @@ class _Reader:
         known = self.draft.nodes if of is self.draft.sets else self.draft.elements
         before = f"{one.parameters['INSTANCE'].upper()}." if "INSTANCE" in one.parameters else self.prefix
         if "GENERATE" in one.parameters:
-            first, last, step = [*self.whole(line, cells), 1, 1, 1][:3]
+            first, last, step = [*self.draft.whole(line, cells), 1, 1, 1][:3]
             if len(cells) < 2 or step < 1 or (last - first) // step > MOST:
                 self.fail(f"expected first, last, step, got {','.join(cells)}", line)
             yield from (f"{before}{number}" for number in range(first, last + 1, step) if f"{before}{number}" in known)
@@ -269,13 +254,13 @@ class _Reader:
         if not kind.startswith("ISO") or len(one.data) != 1 or not self.material:
             text = "one line of an isotropic *ELASTIC in a *MATERIAL is read: Young's modulus, Poisson's ratio"
             self.fail(text, one.line)
-        young, poisson = self.numbers(*one.data[0], 2)[:2]
+        young, poisson = self.draft.numbers(*one.data[0], 2)[:2]
         self.draft.material(self.material, young=young, poisson=poisson)
 
     def density(self, one: _Statement) -> None:
         if not one.data or not self.material:
             self.fail("*DENSITY needs a number and a *MATERIAL", one.line)
-        self.draft.material(self.material, density=self.numbers(*one.data[0], 1)[0])
+        self.draft.material(self.material, density=self.draft.numbers(*one.data[0], 1)[0])
 
     def section(self, one: _Statement) -> None:
         keys = list(self.members(self.draft.groups, one, one.line, [self.name(one, "ELSET")]))
@@ -283,10 +268,10 @@ class _Reader:
 
     def placed(self, one: _Statement) -> tuple[Array, Array]:
         """Return the (3,) shift and (3, 3) rotation of an instance."""
-        shift = np.array(self.numbers(*one.data[0], 3)[:3]) if one.data else np.zeros(3)
+        shift = np.array(self.draft.numbers(*one.data[0], 3)[:3]) if one.data else np.zeros(3)
         if len(one.data) < 2:
             return shift, np.eye(3)
-        x = np.array(self.numbers(*one.data[1], 7)[:7])
+        x = np.array(self.draft.numbers(*one.data[1], 7)[:7])
         if not (axis := x[3:6] - x[:3]).any():
             self.fail("*INSTANCE is turned about an axis without length", one.line)
         turn = Rotation.from_rotvec(np.radians(x[6]) * axis / np.linalg.norm(axis)).as_matrix()

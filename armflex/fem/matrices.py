@@ -140,20 +140,21 @@ def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
 def _rows(path: Path, sign: str | None, cells: str) -> Array:
     """Return the finite numbers of a file, in rows of such cells apart by a sign; lines of keywords are left out."""
     lines = [(line, text) for line, text in enumerate(text_lines(path), 1) if text.strip() and text[0] != "*"]
-    count, wrong = len(cells.split()), 0
+    count = len(cells.split())
     try:
         found = np.loadtxt([text for _, text in lines], ndmin=2, delimiter=sign)
         if found.shape[1] == count and np.isfinite(found).all():
             return found
     except ValueError:  # what numpy says of a row is none of the file
         pass
-    for wrong, text in lines:
+    for line, text in [*lines, (0, "")]:
         try:
-            if not np.isfinite(np.array(text.split(sign), float)).all() or len(text.split(sign)) != count:
-                break
+            row = np.array(text.split(sign), float)
         except ValueError:
+            row = np.zeros(0)
+        if len(row) != count or not np.isfinite(row).all():
             break
-    raise MeshError(Place(path, wrong), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign))
+    raise MeshError(Place(path, line), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign))
 
 
 def _market(files: list[Path], count: int) -> tuple[list[Any], np.ndarray]:

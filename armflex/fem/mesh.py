@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
@@ -48,6 +49,9 @@ MOST_BYTES = 500_000_000
 
 YOUNG, DENSITY = (1e7, 2e12), (10.0, 3e4)
 """What solids have [Pa, kg/m^3]: rubber to diamond, foam to tungsten."""
+
+
+_EXPONENT = re.compile(r"(?<=[0-9.])(?:[dDeE]([+-]?)|([+-]))(?=\d+$)")
 
 
 def corners_of(kind: str) -> int:
@@ -162,6 +166,26 @@ class Draft:
     def fail(self, problem: str, line: int = 0) -> NoReturn:
         """Raise the error that names the file and a line."""
         raise MeshError(Place(self.path, line), problem)
+
+    def numbers(self, line: int, cells: Sequence[str], least: int = 1) -> list[float]:
+        """Return numbers as Fortran writes them, 0 for empty cells."""
+        try:
+            found = [float(_EXPONENT.sub(r"E\1\2", cell.strip() or "0")) for cell in cells]
+        except ValueError:
+            found = []
+        if len(found) < least or not np.isfinite(found).all():
+            self.fail(f"expected {least} finite numbers, got {','.join(cells)[:60]!r}", line)
+        return found
+
+    def whole(self, line: int, cells: Sequence[str], least: int = 0) -> list[int]:
+        """Return whole numbers, none for empty cells."""
+        try:
+            found = [int(cell) for cell in cells if cell.strip()]
+        except ValueError:
+            found = None
+        if found is None or len(found) < least:
+            self.fail(f"expected whole numbers, got {','.join(cells)[:60]!r}", line)
+        return found
 
     def node(self, key: Any, number: int, place: Any, line: int) -> None:
         """Add a node."""
