@@ -61,22 +61,18 @@ def condense(
     loaded = tuple(loaded)
     if not 1 <= len(loaded) <= MOST or len({name.lower() for name in (fixed, *loaded)}) <= len(loaded):
         raise InputError(f"expected one held set and 1 to {MOST} loaded ones, all different, got {listing(loaded)}")
-    mesh = structure.mesh if isinstance(structure, Matrices) else structure
+    found, mesh = (structure, structure.mesh) if isinstance(structure, Matrices) else (None, structure)
     check_size(mesh)
     sets = {name: mesh.nodes_of(name) for name in (fixed, *loaded)}
-    if isinstance(structure, Matrices):
-        found = structure
-    else:
+    if found is None:
         check_connected(mesh, sets)
         found = of_mesh(mesh, lambda done, total: said("assembling elements", done, total))
-    stiffness, body = found.stiffness, found.mass
     origins = np.array([mesh.points[sets[name]].mean(axis=0) for name in loaded])
-    inside, reduced, entry = _interfaces(found, sets, fixed, loaded, origins, interface)
+    free, reduced, entry = _interfaces(found, sets, origins, interface)
     rigid = found.rigid(origins[0])
-    moved = body @ rigid
-    stiffness, inner = (reduced.T @ stiffness @ reduced).tocsc(), (reduced.T @ body @ reduced).tocsc()
-    pull = reduced.T @ moved
-    nodes = found.freedoms[inside, 0]
+    moved = found.mass @ rigid
+    stiffness, inner = ((reduced.T @ one @ reduced).tocsc() for one in (found.stiffness, found.mass))
+    nodes = found.freedoms[free, 0]
     places = np.full((stiffness.shape[0], 3), np.nan)
     places[: len(nodes)] = np.where(nodes[:, None] == MODAL, np.nan, mesh.points[nodes])
     try:
@@ -85,86 +81,72 @@ def condense(
         raise mesh.fail("is free to move: its stiffness is singular") from None
     except MemoryError:
         raise OutOfMemoryError(f"{mesh.path}: the stiffness of {len(mesh.points)} nodes has no room") from None
-    loads = np.hstack([entry.toarray(), pull])
+    loads, size = np.hstack([entry.toarray(), reduced.T @ moved]), 6 * len(loaded)
     moves = solver.solve(loads)
-    size = 6 * len(loaded)
     left = np.linalg.norm(stiffness @ moves - loads, axis=0)
     if not np.isfinite(moves).all() or (left > ACCURATE * np.linalg.norm(loads, axis=0).clip(1e-300)).any():
-        raise mesh.fail(
-            f"is free to move though {fixed!r} is held: parts that share an edge or a node alone are hinged"
-        )
+        text = f"is free to move though {fixed!r} is held: parts that share an edge or a node alone are hinged"
+        raise mesh.fail(text)
     compliance = entry.T @ moves[:, :size]
     compliance = 0.5 * (compliance + compliance.T)
     shapes = np.linalg.solve(compliance, moves[:, :size].T).T
-    flags = list(mesh.flags)
-    carried_rigid = rigid.T @ moved
-    total = float(carried_rigid[0, 0])
-    frequencies = np.zeros(0)
-    if total > 0.0:
+    carried_rigid, inner_mass = rigid.T @ moved, shapes.T @ (inner @ shapes)
+    mass, first = float(carried_rigid[0, 0]), carried_rigid[3:, :3]  # the skew matrix of the centre's place, times mass
+    arm = np.array([first[2, 1], first[0, 2], first[1, 0]]) / mass if mass else np.zeros(3)
+    inertia = carried_rigid[3:, 3:] - mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    flags, frequencies = list(mesh.flags), np.zeros(0)
+    if mass > 0.0:
         said("natural frequencies", 0, None)
         frequencies = _frequencies(stiffness, inner, solver)
     else:
         flags.append(Flag("no_density", "no density is known: the part has neither mass, weight nor frequencies"))
-    flags += [
-        Flag(
-            "stiff_elements",
-            f"{block.name or 'elements'}: {block.kind} are too stiff in bending; C3D10 or C3D20 are not",
-        )
-        for block in mesh.blocks
-        if block.kind in ("C3D4", "C3D8")
-    ]
-    first = carried_rigid[3:, :3]  # mass times the skew matrix of the centre's place
-    arm = np.array([first[2, 1], first[0, 2], first[1, 0]]) / total if total else np.zeros(3)
-    inertia = carried_rigid[3:, 3:] - total * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    inner_mass = shapes.T @ (inner @ shapes)
+    for kind in {block.kind for block in mesh.blocks} & {"C3D4", "C3D8"}:
+        flags.append(Flag("stiff_elements", f"{kind} are too stiff in bending; C3D10 or C3D20 are not"))
     carried = np.linalg.solve(compliance, entry.T @ moves[:, size:])
     return Part(
-        mesh.path.name,
-        sha256_of(mesh.path),
-        fixed,
-        mesh.points[sets[fixed]].mean(axis=0),
-        loaded,
-        origins,
-        interface,
-        compliance,
-        total,
-        origins[0] + arm,
-        0.5 * (inertia + inertia.T),
-        0.5 * (inner_mass + inner_mass.T),
-        carried[:, :3],
-        carried[:, 3:],
-        frequencies,
-        young_std,
-        len(mesh.points),
-        tuple(dict.fromkeys(flags)),
-        surface_of(mesh, np.asarray(reduced @ shapes)) if mesh is structure and len(loaded) == 1 else None,
+        mesh=mesh.path.name,
+        sha256=sha256_of(mesh.path),
+        fixed=fixed,
+        fixed_origin=mesh.points[sets[fixed]].mean(axis=0),
+        loaded=loaded,
+        origins=origins,
+        interface=interface,
+        compliance=compliance,
+        mass=mass,
+        com=origins[0] + arm,
+        inertia=0.5 * (inertia + inertia.T),
+        mass_matrix=0.5 * (inner_mass + inner_mass.T),
+        weight=carried[:, :3],
+        spin=carried[:, 3:],
+        frequencies_hz=frequencies,
+        young_std=young_std,
+        nodes=len(mesh.points),
+        flags=tuple(dict.fromkeys(flags)),
+        surface=surface_of(mesh, np.asarray(reduced @ shapes)) if mesh is structure and len(loaded) == 1 else None,
     )
 
 
 def _interfaces(
-    found: Matrices, sets: dict[str, np.ndarray], fixed: str, loaded: tuple[str, ...], origins: Array, interface: str
+    found: Matrices, sets: dict[str, np.ndarray], origins: Array, interface: str
 ) -> tuple[np.ndarray, Any, Any]:
     """Return the freedoms that are unknowns, the (N, n) map from these and those of rigid interfaces to all, and the
-    (n, 6 m) loads on them per interface's load."""
-    count, places = len(found.freedoms), {name: found.at(rows) for name, rows in sets.items()}
-    bodies = [found.rigid(origin)[places[name]] for name, origin in zip(loaded, origins, strict=True)]
-    for name, body in zip(loaded, bodies, strict=True):
+    (n, 6 m) loads on them per interface's load; the first set is held."""
+    place: Any = sparse.eye_array(len(found.freedoms), format="csc")
+    (held, *own), names = [found.at(rows) for rows in sets.values()], list(sets)[1:]
+    moved = []
+    for name, freedoms, origin in zip(names, own, origins, strict=True):
+        body = found.rigid(origin)[freedoms]
         if np.linalg.matrix_rank(body) < 6:
             raise found.mesh.fail(f"set {name!r} has too few freedoms to carry every load: are they held already?")
-    gone = [places[fixed], *((places[name] for name in loaded) if interface == "rigid" else ())]
-    free = np.setdiff1d(np.arange(count), np.concatenate(gone))
-    place: Any = sparse.eye_array(count, format="csc")
-    reduced = place[:, free]
-    own = [place[:, places[name]] for name in loaded]
-    if interface == "rigid":
-        moved = [where @ sparse.csc_array(body) for where, body in zip(own, bodies, strict=True)]
-        size = 6 * len(loaded)
-        entry = sparse.csc_array(
-            (np.ones(size), (reduced.shape[1] + np.arange(size), range(size))), (reduced.shape[1] + size, size)
-        )
-        return free, sparse.hstack([reduced, *moved], "csc"), entry
-    spread = sparse.block_diag([sparse.csc_array(body @ np.linalg.inv(body.T @ body)) for body in bodies], "csc")
-    return free, reduced, reduced.T @ sparse.hstack(own, "csc") @ spread
+        each = body if interface == "rigid" else body @ np.linalg.inv(body.T @ body)
+        moved.append(place[:, freedoms] @ sparse.csc_array(each))
+    gone = np.concatenate([held, *own] if interface == "rigid" else [held])
+    free = np.setdiff1d(np.arange(len(found.freedoms)), gone)
+    if interface == "average":
+        return free, place[:, free], place[:, free].T @ sparse.hstack(moved, "csc")
+    count, size = len(free), 6 * len(own)
+    entry = sparse.eye_array(count + size, size, k=-count, format="csc")
+    return free, sparse.hstack([place[:, free], *moved], "csc"), entry
 
 
 def _frequencies(stiffness: Any, mass: Any, solver: Any) -> Array:

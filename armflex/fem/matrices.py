@@ -147,14 +147,15 @@ def _rows(path: Path, sign: str | None, cells: str) -> Array:
             return found
     except ValueError:  # what numpy says of a row is none of the file
         pass
-    for line, text in [*lines, (0, "")]:
+
+    def fits(text: str) -> bool:
         try:
-            row = np.array(text.split(sign), float)
+            return len(row := np.array(text.split(sign), float)) == count and bool(np.isfinite(row).all())
         except ValueError:
-            row = np.zeros(0)
-        if len(row) != count or not np.isfinite(row).all():
-            break
-    raise MeshError(Place(path, line), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign))
+            return False
+
+    wrong = next((line for line, text in lines if not fits(text)), 0)
+    raise MeshError(Place(path, wrong), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign))
 
 
 def _market(files: list[Path], count: int) -> tuple[list[Any], np.ndarray]:
