@@ -63,9 +63,10 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             if (kind := KINDS[word].get(len(own)) if word in KINDS else word) is None:
                 draft.fail(f"{word} {one} has {len(own)} nodes, expected {' or '.join(map(str, KINDS[word]))}", line)
             draft.element(one, one, kind, [own[i] for i in UPWARD] if kind == "C3D20" else own, line)
-            draft.groups.setdefault(f"PID{part}", []).append(one)
+            draft.groups.setdefault(f"{'PID' if word in FLAT else 'PSOLID'}{part}", []).append(one)
         elif word in ("PSOLID", "PSHELL", "PCOMP"):
-            properties.append((f"PID{cells[0].strip()}", word, cells[1].strip(), line))
+            name = f"{'PSOLID' if word == 'PSOLID' else 'PID'}{cells[0].strip()}"
+            properties.append((name, word, cells[1].strip(), line))
         elif word == "MAT1":
             young, shear, poisson, mass = draft.numbers(line, cells[1:5])
             if not young or not (shear or cells[3].strip()):
