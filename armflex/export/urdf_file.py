@@ -111,6 +111,9 @@ def _as_xml(urdf: Urdf) -> etree._Element:
             known = {"lower": joint.lower, "upper": joint.upper, "effort": joint.effort, "velocity": joint.velocity}
             finite = {name: repr(float(value)) for name, value in known.items() if np.isfinite(value)}
             etree.SubElement(element, "limit", {"effort": "0", "velocity": "0"} | finite)
+        if joint.mimic is not None:
+            told = zip(("joint", "multiplier", "offset"), joint.mimic, strict=True)
+            etree.SubElement(element, "mimic", {key: str(value) for key, value in told})
     return root
 
 

@@ -96,7 +96,8 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
                 where, numbers = Place(path, lines.get((kind, names[i]), 0)), listing(map(str, np.ravel(found[i])))
                 raise UrdfError(where, f"{kind} {names[i]!r}: {key} is {numbers}, expected finite numbers")
     joined = _joined(mujoco, model, bodies) if declares else {}
-    loops = _loops(mujoco, model, bodies, joined)
+    followers = _followers(mujoco, model, joints)
+    loops = _loops(mujoco, model, bodies, joined, followers)
     efforts = np.where(model.jnt_actfrclimited, np.abs(model.jnt_actfrcrange).max(axis=1, initial=0.0), np.inf)
     for i in range(model.nu):
         if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and model.actuator_forcelimited[i]:
@@ -145,7 +146,7 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
                 tree.link(child, None, line, between=True)
             ends, at = (parent, child), here * shift * back
             rest = shift.inverse() if last else pin.SE3.Identity()
-            tree.joint(joints[j], kind, ends, at, rest, axis.copy(), limits, where, problem)
+            tree.joint(joints[j], kind, ends, at, rest, axis.copy(), limits, where, problem, followers.get(j))
             parent, here = child, shift.inverse()
     for i, name in enumerate(sites):
         if name and name not in tree.links:
@@ -155,11 +156,11 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
             ends = (bodies[model.site_bodyid[i]], name)
             tree.joint(f"{name}_fixed", "fixed", ends, place, pin.SE3.Identity(), np.eye(3)[0], line=line)
     tree.flags += flags
-    tree.declared = _declared(mujoco, model, (bodies, joints), joined) if declares else {}
+    tree.declared = _declared(mujoco, model, (bodies, joints), joined, followers) if declares else {}
     for i in range(model.ntendon if declares else 0):
         name = model.tendon(i).name or f"tendon{i}"
-        if name not in tree.declared.get("spring", {}):
-            text = f"{path}: tendon {name!r} is no spring between two sites: it is left out"
+        if name not in {**tree.declared["spring"], **tree.declared["cylinder"]}:
+            text = f"{path}: tendon {name!r} is no spring or cylinder between two sites: it is left out"
             tree.flags.append(Flag("tendon", text))
     if root.find("option[@gravity]") is not None:
         x, y, z = model.opt.gravity.tolist()
@@ -233,30 +234,64 @@ def _joined(mujoco: Any, model: Any, bodies: list[str]) -> dict[int, dict[str, A
     return found
 
 
-def _declared(
-    mujoco: Any, model: Any, names: tuple[list[str], list[str]], joined: dict[int, dict[str, Any]]
-) -> dict[str, Any]:
-    """Return loops, springs and passive joints as tables of an arm.toml.
+def _followers(mujoco: Any, model: Any, joints: list[str]) -> dict[int, tuple[str, float, float]]:
+    """Return the joints that an equality ties to another in proportion: whom, by what factor and from what offset.
 
-    In a file with actuators the joints around its loops that none of them moves are passive.
+    MuJoCo counts both positions in the polynomial from those of the reference configuration.
+    """
+    found, ref = {}, model.qpos0[model.jnt_qposadr]
+    for i in np.flatnonzero(model.eq_active0 & (model.eq_type == int(mujoco.mjtEq.mjEQ_JOINT))).tolist():
+        joint, master, numbers = int(model.eq_obj1id[i]), int(model.eq_obj2id[i]), model.eq_data[i]
+        if master >= 0 and not numbers[2:5].any():
+            factor = float(numbers[1])
+            found[joint] = joints[master], factor, float(ref[joint] + numbers[0] - factor * ref[master])
+    return found
+
+
+def _declared(
+    mujoco: Any,
+    model: Any,
+    names: tuple[list[str], list[str]],
+    joined: dict[int, dict[str, Any]],
+    followers: dict[int, tuple[str, float, float]],
+) -> dict[str, Any]:
+    """Return loops, springs, cylinders and passive joints as tables of an arm.toml.
+
+    A tendon that an actuator drives is a cylinder: as stiff as the actuator where that holds a position, else rigid.
+    In a file with actuators the joints around its loops and cylinders that none of them moves are passive.
     """
     (bodies, joints), springs, moved, around, site = names, {}, set(), set(), int(mujoco.mjtWrap.mjWRAP_SITE)
     driving = {int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)}
+    cylinders: dict[str, dict[str, Any]] = {}
     for i in range(model.ntendon):
         first, rate, (short, long) = model.tendon_adr[i], float(model.tendon_stiffness[i]), model.tendon_lengthspring[i]
         sites = model.wrap_objid[first : first + model.tendon_num[i]].tolist()
         plain = len(sites) == 2 and set(model.wrap_type[first : first + 2].tolist()) == {site}
-        if plain and rate > 0.0 and short == long > 0.0:
-            ends = [(bodies[model.site_bodyid[one]], model.site_pos[one].tolist()) for one in sites]
-            table = dict(zip(("link", "at", "to", "at_to"), (*ends[0], *ends[1]), strict=True))
-            springs[model.tendon(i).name or f"tendon{i}"] = {**table, "rate": rate, "free_length": float(long)}
+        if not plain:
+            continue
+        name = model.tendon(i).name or f"tendon{i}"
+        ends = [(bodies[model.site_bodyid[one]], model.site_pos[one].tolist()) for one in sites]
+        table = dict(zip(("link", "at", "to", "at_to"), (*ends[0], *ends[1]), strict=True))
+        if rate > 0.0 and short == long > 0.0:
+            springs[name] = {**table, "rate": rate, "free_length": float(long)}
+        drives = (model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_TENDON)) & (model.actuator_trnid[:, 0] == i)
+        for u in np.flatnonzero(drives).tolist():
+            gear, held = float(model.actuator_gear[u, 0]), -float(model.actuator_biasprm[u, 1])
+            cylinders[name] = table | ({"stiffness": held * gear**2} if held > 0.0 else {})
+            limits = model.tendon_range[i] if model.tendon_limited[i] else np.zeros(2)
+            if not model.tendon_limited[i] and held > 0.0 and model.actuator_ctrllimited[u]:
+                limits = np.sort(model.actuator_ctrlrange[u] / gear)
+            cylinders[name] |= dict(zip(("lower", "upper"), limits.tolist(), strict=True)) if limits.any() else {}
+            if model.actuator_forcelimited[u]:
+                cylinders[name]["effort"] = abs(gear) * float(np.abs(model.actuator_forcerange[u]).max())
     for i in range(model.nu):
         if int(model.actuator_trntype[i]) in driving:
             moved.add(int(model.actuator_trnid[i, 0]))
-    for loop in joined.values():
-        around |= _ways(model, bodies.index(loop["link"])) ^ _ways(model, bodies.index(loop["to"]))
-    free = [i for i in range(model.njnt) if int(model.jnt_bodyid[i]) in around and i not in moved] if model.nu else []
-    return {"loop": [*joined.values()], "spring": springs, "joint": {joints[i]: {"passive": True} for i in free}}
+    for one in (*joined.values(), *cylinders.values()):
+        around |= _ways(model, bodies.index(one["link"])) ^ _ways(model, bodies.index(one["to"]))
+    free = [i for i in range(model.njnt) if int(model.jnt_bodyid[i]) in around and i not in {*moved, *followers}]
+    passive = {joints[i]: {"passive": True} for i in free} if model.nu else {}
+    return {"loop": [*joined.values()], "spring": springs, "cylinder": cylinders, "joint": passive}
 
 
 def _ways(model: Any, body: int) -> set[int]:
@@ -268,7 +303,9 @@ def _ways(model: Any, body: int) -> set[int]:
     return found
 
 
-def _loops(mujoco: Any, model: Any, bodies: list[str], joined: dict[int, dict[str, Any]]) -> dict[int, str]:
+def _loops(
+    mujoco: Any, model: Any, bodies: list[str], joined: dict[int, Any], followers: dict[int, Any]
+) -> dict[int, str]:
     """Return what is said of the bodies that close a loop with others, by number; not of loops that are declared."""
     found: dict[int, str] = {}
     tied, follows = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD)), int(mujoco.mjtEq.mjEQ_JOINT)
@@ -282,9 +319,10 @@ def _loops(mujoco: Any, model: Any, bodies: list[str], joined: dict[int, dict[st
             pair = " to ".join(repr(bodies[end]) for end in ends)
             text = f"an equality ties body {pair}, which closes a loop: that needs an arm.toml, and a weld that is met"
             found |= dict.fromkeys(_ways(model, ends[0]) ^ _ways(model, ends[1]), text)
-        elif int(model.eq_type[i]) == follows:
+        elif int(model.eq_type[i]) == follows and ends[0] not in followers:
             joint, master = ends
-            whom = repr(model.joint(master).name) if master >= 0 else "a constant"
-            text = f"an equality makes joint {model.joint(joint).name!r} follow {whom}, which is not supported"
+            whom = f"{model.joint(master).name!r} by a curve" if master >= 0 else "a constant"
+            text = f"an equality makes joint {model.joint(joint).name!r} follow {whom}"
+            text += ", which is not supported: in proportion (polycoef = a b 0 0 0) it is"
             found[int(model.jnt_bodyid[joint])] = text
     return found

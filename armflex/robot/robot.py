@@ -412,7 +412,7 @@ def following_of(urdf: Urdf, chain: Sequence[Joint]) -> dict[str, tuple[str, flo
             raise UrdfError(moving[name].place, f"joint {name!r}, mimic: {missing}")
         if master not in moving:
             text = f"joint {name!r} of the chain mimics {master!r}, which is not one that moves between base and tip: "
-            own = f"remove the <mimic> tag and give a column of its own, q_{name} = {factor:g} q_{master} + {offset:g}"
+            own = f"remove that and give a column of its own, q_{name} = {factor:g} q_{master} + {offset:g}"
             raise UrdfError(moving[name].place, text + own)
         way = [name]
         while way[-1] in found:

@@ -47,6 +47,7 @@ class Tree:
         limits: tuple[float, float, float, float] = FREE,
         line: int = 0,
         problem: str = "",
+        mimic: tuple[str, float, float] | None = None,
     ) -> None:
         """Add a joint from a parent's to a child's link: its frame in the parent's, the child's frame in its own.
 
@@ -71,7 +72,7 @@ class Tree:
             self.link(between, None, line, between=True)
             self.joint(f"{name}/{child}", "fixed", (between, child), rest, pin.SE3.Identity(), axis, FREE, line)
         pose = (at.translation.copy(), at.rotation.copy())
-        self.joints[name] = Joint(name, kind, parent, between, *pose, axis, *limits, None, place, faults)
+        self.joints[name] = Joint(name, kind, parent, between, *pose, axis, *limits, mimic, place, faults)
 
     def robot(self, name: str) -> Urdf:
         """Return all of them.

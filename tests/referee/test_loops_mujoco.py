@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import mujoco
@@ -15,7 +16,7 @@ from support.small_arms import ROBOTS
 
 import armflex
 from armflex import read_trajectory
-from armflex.errors import UrdfError
+from armflex.errors import ArmFileError, UrdfError
 from armflex.mechanics.mechanism import Mechanism
 from armflex.tasks.settle import settle
 
@@ -207,6 +208,41 @@ def test_loops_and_springs_of_mjcf_are_those_of_an_arm_file(name: str, tmp_path)
         np.testing.assert_allclose(found.displacement, other.displacement, rtol=0, atol=1e-9)
         assert found.passive == pytest.approx(other.passive, abs=1e-9)
         np.testing.assert_allclose(found.drive_loads, other.drive_loads, rtol=1e-7, atol=1e-4)
+
+
+def driven_tendons(text: str) -> str:
+    """Return the crane with its cylinders as tendons that actuators drive: one that holds a length, one of force."""
+    machine = MACHINES["crane"]
+    spans = "".join(
+        f'<spatial name="{name}" {limits}><site site="{name}/0"/><site site="{name}/1"/></spatial>'
+        for name, limits in (("lift", ""), ("fold", 'limited="true" range="0.9 2"'))
+    )
+    kept = f'<position name="valve" tendon="lift" kp="{machine.cylinders["lift"][4] / 4}" gear="2" '
+    kept += 'ctrllimited="true" ctrlrange="1.8 4.4" forcelimited="true" forcerange="-1e5 1e5"/>'
+    motors = f'{kept}<motor tendon="fold"/><motor joint="slew"/>'
+    text = re.sub("<tendon>.*</tendon>", f"<tendon>{spans}</tendon>", text)
+    return text.replace("</mujoco>", f"<actuator>{motors}</actuator></mujoco>")
+
+
+def test_driven_tendons_of_mjcf_are_cylinders(tmp_path) -> None:
+    machine = MACHINES["crane"]
+    rigid = {**machine.cylinders, "fold": (*machine.cylinders["fold"][:4], 1e15, *machine.cylinders["fold"][5:])}
+    expected = replace(machine, cylinders=rigid).load(tmp_path)
+    text = driven_tendons(replace(machine, gives={}).mjcf(dict.fromkeys(machine.cylinders, 1.5)))
+    (tmp_path / "machine.xml").write_text(text)
+    flexures = machine.declared().split("[flexure.", 1)[1]
+    (tmp_path / "mjcf.toml").write_text(f"{TREE}\n[flexure.{flexures}")
+    arm = armflex.load_arm(tmp_path / "mjcf.toml")
+    assert arm.joint_names == expected.joint_names and set(arm.robot.linkage.passive) == {"boom", "jib"}
+    lift, fold = arm.robot.linkage.cylinders
+    assert (lift.lower, lift.upper, lift.effort) == (0.9, 2.2, 2e5) and (fold.lower, fold.upper) == (0.9, 2.0)
+    for q in poses("crane"):
+        found, other = arm.deflection(q), expected.deflection(q)
+        np.testing.assert_allclose(found.displacement, other.displacement, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(found.drive_loads, other.drive_loads, rtol=1e-6, atol=1e-6)
+    (tmp_path / "machine.xml").write_text(text.replace('limited="true" range="0.9 2"', ""))
+    with pytest.raises(ArmFileError, match=r"\[cylinder.fold\] needs 'lower'"):
+        armflex.load_arm(tmp_path / "mjcf.toml")
 
 
 def test_a_weld_of_mjcf_is_a_fixed_loop(tmp_path) -> None:

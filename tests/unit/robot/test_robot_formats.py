@@ -112,6 +112,24 @@ def test_commands_take_mjcf(tmp_path: Path) -> None:
     fine(run_here(tmp_path, "deflect", "crane.xml", "--tip", "hook"))
 
 
+TIED = '<joint joint1="reach" joint2="{}" polycoef="{}"/>'
+
+
+def test_a_joint_that_an_equality_ties_in_proportion_follows_as_in_mujoco(tmp_path: Path) -> None:
+    tied = MJCF.replace("<actuator>", f"<equality>{TIED.format('luff', '0.1 0.3 0 0 0')}</equality><actuator>")
+    path = write(tmp_path, tied, "crane.xml")
+    arm = make_arm(path, {"luff": 2e5}, tip="hook", gravity=[0, 0, -9.81])
+    assert arm.joint_names == ("slew", "luff", "roll")
+    model, rng = mujoco.MjModel.from_xml_path(str(path)), np.random.default_rng(3)
+    for q in rng.uniform(-0.8, 0.8, (5, 3)):
+        data = mujoco.MjData(model)
+        for name, value in zip(arm.joint_names, q, strict=True):
+            data.qpos[model.joint(name).qposadr[0]] = value
+        data.qpos[model.joint("reach").qposadr[0]] = 0.05 + 0.1 + 0.3 * (q[1] - np.radians(15.0))
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(arm.rigid_pose(q).translation, data.body("hook").xpos, rtol=0, atol=1e-12)
+
+
 BAD_MJCF = {
     "element": (('<joint name="luff"', '<joynt name="luff"'), r"MuJoCo cannot read it: .*joynt", "joynt"),
     "attribute": (('range="-60 75"', 'range="-60"'), r"MuJoCo cannot read it", 'range="-60"'),
@@ -129,7 +147,17 @@ BAD_MJCF = {
     ),
     "follows": (
         ("<actuator>", '<equality><joint joint1="luff" joint2="lid"/></equality><actuator>'),
-        r"joint 'luff' follow 'lid', which is not supported",
+        r"joint 'luff' of the chain mimics 'lid', which is not one that moves between base and tip",
+        'name="luff"',
+    ),
+    "follows by a curve": (
+        ("<actuator>", f'<equality>{TIED.format("luff", "0 1 0.2 0 0")}</equality><actuator>'),
+        r"joint 'reach' follow 'luff' by a curve, which is not supported: in proportion",
+        "",
+    ),
+    "follows nothing": (
+        ("<actuator>", '<equality><joint joint1="luff"/></equality><actuator>'),
+        r"joint 'luff' follow a constant, which is not supported",
         "",
     ),
     "mesh": (
