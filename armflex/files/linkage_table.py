@@ -16,13 +16,13 @@ from armflex.laws.joint.linear import LinearLaw, declared_std, read_compliance
 from armflex.laws.joint.oil_column import OilColumn
 from armflex.mechanics.mechanism import ASSEMBLED, Closing, gaping
 from armflex.mechanics.pinocchio_model import build_model
-from armflex.mechanics.ties import Ties
+from armflex.mechanics.ties import Pin, Ties
 from armflex.robot import Corrections, Robot
 from armflex.robot.linkage import KINDS, Cylinder, Linkage, Loop
 from armflex.robot.urdf import MOVING, Joint
 
 SAME = 1e-6
-"""Distance [m] within which two points of a link are one."""
+"""Distance [m] within which two points are one."""
 
 
 def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[Robot, tuple[Flexure, ...]]:
@@ -81,7 +81,7 @@ def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[
     flags = tuple(f for f in robot.flags if f.code != "locked_mimic" or not any(repr(j.name) in f.text for j in beside))
     robot = replace(robot, linkage=linkage, locked=locked, flags=flags)
     _check(root, robot, names)
-    robot = replace(robot, linkage=replace(linkage, loops=_turned(robot)))
+    robot = replace(robot, linkage=replace(linkage, loops=_turned(robot, names)))
     flexures = [_gives(one, names[one.name]) for one in (*read, *pistons)]
     for table in tables:
         table.finish()
@@ -136,18 +136,10 @@ def _check(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) ->
     linkage, model = robot.linkage, build_model(robot)
     closures = (*linkage.loops, *linkage.cylinders)
     carrier = {link: model.model.frames[model.frame(link)].parentJoint for link in model.links}
-    placed = {link: model.model.frames[model.frame(link)].placement for link in model.links}
-    points = []
     for one in closures:
-        ends = {carrier[one.link]: placed[one.link].act(one.at), carrier[one.to]: placed[one.to].act(one.at_to)}
-        if len(ends) == 1:
+        if carrier[one.link] == carrier[one.to]:
             text = f"joins {one.link!r} to {one.to!r}, which no joint moves against each other"
             raise names[one.name].fail("to", f"{one.name!r} {text}")
-        for other, there in points:
-            same = isinstance(one, Cylinder) is isinstance(other, Cylinder) and ends.keys() == there.keys()
-            if same and all(np.linalg.norm(ends[key] - there[key]) < SAME for key in ends):
-                raise names[one.name].fail("at", f"{one.name!r} says what {other.name!r} says: leave one of them out")
-        points.append((one, ends))
     held = set().union(*(_ways(robot, one.link) ^ _ways(robot, one.to) for one in closures))
     for name in linkage.passive:
         if name not in held:
@@ -186,15 +178,18 @@ def _as_points(loops: Sequence[Loop]) -> tuple[Loop, ...]:
     return tuple(replace(loop, kind="spherical") for loop in loops)
 
 
-def _turned(robot: Robot) -> tuple[Loop, ...]:
-    """Return the loops with the axes of `link` in `to`, as they are where the points meet near the zero pose."""
+def _turned(robot: Robot, names: Mapping[str, Declaration]) -> tuple[Loop, ...]:
+    """Return the loops with the axes of `link` in `to`, as they are where the points meet near the zero pose.
+
+    Loops and cylinders between the same bodies are refused where one leaves nothing free that the other holds.
+    """
     linkage, model = robot.linkage, build_model(robot)
     data = model.model.createData()
     ties = Ties(model.model, data, replace(linkage, loops=_as_points(linkage.loops)))
     closing = Closing(robot, model, ties, Corrections())
     free = np.array([at or 0.0 for at in linkage.free.values()])
-    met = closing.nearest(robot.home, free)
-    ties.place(closing.configuration(robot.home, met))
+    met = closing.configuration(robot.home, closing.nearest(robot.home, free))
+    ties.place(met)
     found = []
     for loop in linkage.loops:
         turns = []
@@ -202,6 +197,17 @@ def _turned(robot: Robot) -> tuple[Loop, ...]:
             frame = model.model.frames[model.frame(link)]
             turns.append(data.oMi[frame.parentJoint].rotation @ frame.placement.rotation)
         found.append(replace(loop, turn_to=turns[1].T @ turns[0]))
+    ties = Ties(model.model, data, replace(linkage, loops=tuple(found)))
+    ties.place(met)
+    said: list[tuple[str, set[int], Array]] = []
+    for name, one in zip(linkage.joined, (*ties.loops, *ties.cylinders), strict=True):
+        way = one.rows @ one.place()[1] if isinstance(one, Pin) else one.place()[1][None]
+        joints = {end.joint for end in one.ends}
+        for other, there, known in said:
+            rank = np.linalg.matrix_rank(np.concatenate([way, known]), SAME)
+            if joints == there and rank == max(len(way), len(known)):
+                raise names[name].fail("at", f"{name!r} says what {other!r} says: leave one of them out")
+        said.append((name, joints, way))
     return tuple(found)
 
 

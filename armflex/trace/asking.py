@@ -12,9 +12,10 @@ from itertools import combinations
 
 import numpy as np
 
-from armflex.errors import ArmflexError
+from armflex.errors import ArmflexError, listing
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.view import look
+from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
 from armflex.measured.measurements import Measurements
 from armflex.plan.asking import OFFERED, Asked, Cause, Pair, Question
@@ -167,7 +168,7 @@ def _before(state: State) -> Before:
     return Before(setup, Told(campaign, view, weights, fit), noises)
 
 
-def lacking(measurements: Measurements) -> tuple[str, ...]:
+def lacking(measurements: Measurements, context: Context) -> tuple[str, ...]:
     """Return in words what would make a campaign able to show more."""
     told, used = [], measurements.measured
     kinds = len({payload for payload, read in zip(measurements.payload, used, strict=True) if read})
@@ -191,6 +192,12 @@ def lacking(measurements: Measurements) -> tuple[str, ...]:
         )
     if "time" in measurements.derived:
         told.append("Write down the time of every row: nothing that drifts, lags or slips was looked for.")
+    cylinders = [one.name for one in context.robot.linkage.cylinders]
+    if cylinders and "hold" not in context.recorded:
+        told.append(
+            f"Write down in a column `hold` how long each pose has stood [s], and let it differ: whether "
+            f"{listing(cylinders)} leaks was not looked for."
+        )
     if len(set(zip(measurements.pose, measurements.payload, strict=True))) == len(measurements):
         told.append("Repeat ten poses or more: repeats give the noise without any model.")
     return tuple(told)

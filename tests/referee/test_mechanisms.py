@@ -62,7 +62,12 @@ def test_a_spring_is_found_as_it_was_built(tmp_path):
 def test_a_leaking_cylinder_is_named(tmp_path):
     rng, truth = np.random.default_rng(3), Truth(offsets=DRAWN, leaks={"lift": 6e-11})
     arm = declared(CRANE, tmp_path, PRIOR)
-    (found,) = armflex.trace(arm, campaign(CRANE, arm, truth, 60, rng, tmp_path / "read.csv")).found
+    read = campaign(CRANE, arm, truth, 60, rng, tmp_path / "read.csv")
+    (found,) = armflex.trace(arm, read).found
+    asked = "column `hold` how long each pose has stood [s], and let it differ: whether lift, fold leaks was not looked"
+    without = armflex.trace(arm, replace(read, hold=None))
+    assert any(asked in text for text in without.next_measurement)
+    assert "cylinder_leak" not in [one.effect.law.name for one in without.found]
     assert (found.effect.law.name, found.effect.location.site) == ("cylinder_leak", "lift")
     assert found.effect.acting == pytest.approx([6e-11], abs=3.5 * found.std["c"])
 

@@ -179,8 +179,15 @@ def test_a_declaration_that_cannot_be_meant_is_refused_with_its_line(case, tmp_p
     assert caught.value.place.line > 0
 
 
-def test_two_loops_that_say_the_same_are_refused(tmp_path):
-    machine = replace(PARALLELOGRAM, loops={**PARALLELOGRAM.loops, "again": PARALLELOGRAM.loops["tail"]})
+SAME = {
+    "at the same point": (*PARALLELOGRAM.loops["tail"][:4], None),
+    "along the same axis": ("rod", (0.0, 0.2, 1.1), "fore", (-0.4, 0.2, 0.0), (0, 1, 0)),
+}
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_two_loops_that_say_the_same_are_refused(case, tmp_path):
+    machine = replace(PARALLELOGRAM, loops={**PARALLELOGRAM.loops, "again": SAME[case]})
     with pytest.raises(ArmFileError, match="'again' says what 'tail' says"):
         machine.load(tmp_path)
 

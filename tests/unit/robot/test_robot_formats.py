@@ -151,7 +151,7 @@ BAD_MJCF = {
         'name="luff"',
     ),
     "follows by a curve": (
-        ("<actuator>", f'<equality>{TIED.format("luff", "0 1 0.2 0 0")}</equality><actuator>'),
+        ("<actuator>", f"<equality>{TIED.format('luff', '0 1 0.2 0 0')}</equality><actuator>"),
         r"joint 'reach' follow 'luff' by a curve, which is not supported: in proportion",
         "",
     ),
