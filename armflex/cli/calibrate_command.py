@@ -31,7 +31,7 @@ from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
 
 SCATTERED = 1.5
-"""Scatter over the stated noise from which an arm is said to lack something."""
+"""Scatter over the stated noise from which an effect is reported missing."""
 
 
 @click.command(cls=options.Command)
@@ -59,7 +59,9 @@ def command(
     """
     arm = options.declared_arm(arm_path, "calibrate", keep, lax)
     if sample and keep:
-        raise InputError("--keep keeps laws as an earlier campaign taught them: leave out --sample, or --keep")
+        raise InputError(
+            "--sample draws laws that are learned, and --keep keeps them as they are: leave out one of the two"
+        )
     if sample and not any(flexure.learn for flexure in arm.flexures):
         raise InputError(f"{arm_path}: no flexure has learn = true: there is no law for --sample")
     measurements = measured(arm)
@@ -115,7 +117,9 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     if chosen:
         columns = ["parameter", "value", "± std", "unit", "prior deviations", "determined"]
         cells = [_cells(one, words) for one in chosen]
-        print_table("Parameters" if show_all else "Moved most, against their priors", columns, cells)
+        print_table(
+            "Parameters" if show_all else "Parameters that moved most, relative to their priors", columns, cells
+        )
     blind = [p for p in found.undetermined if p.kind is not ParameterKind.LAW]
     if blind:
         called = {name: one for name, (one, _) in words.items()}
@@ -179,7 +183,16 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
             sizes = [number(size * factor, 3) for size in (axis.declared, axis.learned, axis.correction, axis.std)]
             sampled = [] if axis.sampled is None else [number(axis.sampled * factor, 3)]
             rows.append([axis.flexure, axis.axis, *sizes, unit, *sampled])
-    columns = ["flexure", "axis", "declared", "learned", "bent", "± std", "unit", *(["sampled"] if samples else [])]
+    columns = [
+        "flexure",
+        "axis",
+        "declared",
+        "learned",
+        "nonlinear",
+        "± std",
+        "unit",
+        *(["sampled"] if samples else []),
+    ]
     print_table("Laws learned: RMS over the observed loads", columns, rows)
     left = ", ".join(f"{axis.flexure} {axis.axis}" for axis in axes if not axis.told)
     if left:

@@ -50,13 +50,13 @@ def command(
     best_effort: bool,
     covariates: dict[str, float],
 ) -> int:
-    """Put the loaded, deflected tip where the rigid arm would have been, and say what remains.
+    """Put the loaded, deflected tip where the rigid arm would have been, and report what remains.
 
     Process forces are those of the rows, of --force or of --force-table; they are written with the rows.
     Nothing is written where a row cannot be reached, unless --best-effort is given.
     """
     if slower is not None and not calm:
-        raise InputError("--slower says how much longer --calm may take: give --calm, too")
+        raise InputError("--slower limits the time that --calm adds: give --calm, too")
     trajectory = options.read_path(trajectory_path, arm, unnamed, table_path)
     with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
@@ -129,7 +129,7 @@ def print_compensation(found: Compensation) -> None:
     print_table(f"Tip error, matching {found.match}", columns, shown[:MOST_ROWS])
     if hidden := shown[MOST_ROWS:]:
         missed = sum(row[-1] != "reached" for row in hidden)
-        say(f"... and {len(hidden)} more via-points and rows not reached, {missed} of them not reached.")
+        say(f"{len(hidden)} further rows are not shown; {missed} of them were not reached.")
     reached = sum(row.reached for row in found.rows)
     sigma, relative = found.remains_m[1], found.relative_sigma_m
     known = "" if relative is None else f" (± mm: {plus_minus(relative)})"
@@ -139,9 +139,9 @@ def print_compensation(found: Compensation) -> None:
     )
     say(f"{reached} of {len(found.rows)} rows reached; {largest}; turned by up to {turns}.")
     if sigma is not None:
-        say("± is one standard uncertainty, of the laws and of what was fitted: by so much the machine may be off.")
+        say("± is one standard uncertainty of what remains, from the laws and the fitted parameters.")
     if plus_minus(sigma) != plus_minus(relative):
         text = "It is relative to the instrument of the campaign. In the base frame it is up to"
-        say(f"{text} ± {plus_minus(sigma)} mm: where the base stands is the same for all rows, and known no better.")
+        say(f"{text} ± {plus_minus(sigma)} mm: the place of the base is uncertain, alike in all rows.")
     if found.between_m is not None:
-        say(f"Halfway between rows of one payload up to {number(found.between_m * 1e3, 3)} mm remain.")
+        say(f"Halfway between rows of one payload the error is up to {number(found.between_m * 1e3, 3)} mm.")

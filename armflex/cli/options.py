@@ -245,7 +245,7 @@ keep = click.option(
     "--keep",
     is_flag=True,
     help="ARM is calibrated or traced already: keep it, and fit only where the instrument stands. The uncertainty of "
-    "what was fitted before stays as it was, and is part of the new frames'. Not for an arm with an "
+    "the fitted parameters is kept and enters that of the new frames. Not for an arm with an "
     "effect on the model itself: link_mass, payload_mass, payload_com, gravity_tilt, tracker_scale, session_frame.",
 )
 
@@ -253,7 +253,7 @@ keep = click.option(
 anyway = click.option(
     "--anyway",
     is_flag=True,
-    help="Take the campaign as it is written, also where it is plausible only in another convention.",
+    help="Take the campaign as it is written, even if it is plausible only in another convention.",
 )
 
 
@@ -277,7 +277,7 @@ def as_they_are(function: Callable) -> Callable:
             "--take",
             multiple=True,
             metavar="COLUMN=MEANING",
-            help="What a column is where its name does not say it: q_J1_deg, x_mm, pose, time, payload, session.",
+            help="Meaning of a column whose name does not state it: q_J1_deg, x_mm, pose, time, payload, session.",
         ),
         click.option(
             "--sigma",
@@ -369,7 +369,7 @@ def declared_arm(path: Path, command: str, keep: bool | None = None, lax: bool =
     `keep` is None of a command that has no such option.
     """
     if path.suffix != ".toml":
-        raise InputError(f"{path}: {command} needs an arm.toml, whose [prior] says what may move")
+        raise InputError(f"{path}: {command} needs an arm.toml, whose [prior] names what is fitted")
     arm = load_arm(path, strict=not lax)
     if arm.certainty is not None and not keep:
         other = "" if keep is None else ", or with --keep from this one"

@@ -215,7 +215,7 @@ def _remarks(found: Trace) -> Iterator[str]:
     if unknown := len(found.unjudged):
         yield f"{unknown} of the rows are not in the fit: the direction of a joint is not known before it first moves."
     if far := found.told("unexplained"):
-        yield f"{far} more rows, far off together, are excluded: no candidate explains them."
+        yield f"{far} more rows are excluded: their errors are large, and no candidate explains them."
     for one, which in zip(found.found, found.numbers, strict=True):
         title = f"{one.effect.title}{numbered(which)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
@@ -229,7 +229,7 @@ def _remarks(found: Trace) -> Iterator[str]:
             f"by the calibrated arm to {calibrated} {unit}."
         )
     if left := found.unexplained:
-        where = "without a place" if left.site is None else f"at {left.site.removeprefix(LINK)} {left.axis}"
+        where = "at no particular joint" if left.site is None else f"at {left.site.removeprefix(LINK)} {left.axis}"
         size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
         others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
         also = f" (or {others})" if others else ""

@@ -93,9 +93,7 @@ def command(
     if model == "auto":
         tried = "; ".join(candidate.name for candidate in candidates(how))
         starts = f"from {affordable_starts(how, data.deflections.size)} of {how.starts} starts"
-        complain(
-            f"comparing on {len(data)} rows: {tried}, {starts}: as many as it has measured numbers for each neuron"
-        )
+        complain(f"comparing on {len(data)} rows: {tried}, {starts}, one for each measured number per neuron")
     with progress("learning") as tick:
         result = train(data, model, structure, how, tick)
     with together():
@@ -127,8 +125,8 @@ def print_training(result: TrainResult) -> None:
         print_table("Compared, held-out RMS on the same folds", columns, cells)
         if timed:
             say(
-                f"Choosing anew in every fold, for the held-out error, took {result.seconds[CHOICE]:.2f} s; "
-                "a network is left there as soon as it cannot be chosen any more."
+                f"Selecting the model anew in every fold, for the held-out error, took {result.seconds[CHOICE]:.2f} s; "
+                "a network is not fitted further there once it cannot be selected."
             )
     if "compliance" in result.parameters:
         compliance = np.array(result.parameters["compliance"])

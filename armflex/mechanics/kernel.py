@@ -1287,6 +1287,9 @@ def _shifted_mass(here, gravity):
             gravity[r, 2] += mass * here.motion[k, 2, r] + wx * y - wy * x
 
 
+ENTRIES = solve_many, sensitivities, responses, rigid_tips
+
+
 def compile_everything() -> None:
     """Compile what is not yet kept, by asking about no rows: it takes some seconds, and is better done beforehand."""
     links = np.zeros((0, 3), dtype=np.int64)
@@ -1294,15 +1297,16 @@ def compile_everything() -> None:
     laws = LawStack((), ()).numbers
     q, twists, changes, tip = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6)), np.zeros((0, 6))
     by_law, poses, nobody = np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 4, 4)), np.zeros(0, dtype=bool)
-    solve_many(*arm, laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
-    sensitivities(*arm, changes, q, twists, laws.compliance, nobody, by_law, np.zeros(0))
-    frames = (np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)), poses)
-    responses(
-        *arm, changes, q, twists, by_law, *frames, np.zeros((0, 6, 0)), by_law, twists, changes, np.zeros((0, 6, 3))
-    )
-    rigid_tips(*arm[:2], q, poses[:, 0] if poses.shape[1] else np.zeros((0, 4, 4)))
+    with kept_code.compiled_once(*ENTRIES):
+        solve_many(*arm, laws, room_for(0, 0, LANES), False, q, True, tip, twists, twists, nobody)
+        sensitivities(*arm, changes, q, twists, laws.compliance, nobody, by_law, np.zeros(0))
+        frames = (np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)), poses)
+        responses(
+            *arm, changes, q, twists, by_law, *frames, np.zeros((0, 6, 0)), by_law, twists, changes, np.zeros((0, 6, 3))
+        )
+        rigid_tips(*arm[:2], q, poses[:, 0] if poses.shape[1] else np.zeros((0, 4, 4)))
 
 
 def is_kept() -> bool:
     """Return whether nothing of what `compile_everything` compiles has to be."""
-    return all(kept_code.is_kept(function) for function in (solve_many, sensitivities, responses, rigid_tips))
+    return kept_code.is_kept(*ENTRIES)

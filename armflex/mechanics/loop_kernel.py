@@ -1278,13 +1278,14 @@ def compile_everything() -> None:
     laws, plain = LawStack((), ()).numbers, np.zeros((0, 0))
     loads, pushed = np.zeros((0, 0, 6)), (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)))
     arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, plain, none, np.zeros(0)
-    rest_rows(tree, laws.compliance, laws.offset, *pushed, plain, True, 0, np.zeros(0), plain, *arrays)
     frames = np.zeros(13), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12))
     answers = np.zeros((0, 6, 0, 6)), np.zeros((0, 6, 0)), np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 6, 6))
     answers += np.zeros((0, 6, 3)), np.zeros((0, 0, 4, 4)), loads
-    respond_rows(tree, laws.compliance, *pushed, plain, plain, plain, loads, plain, *frames, *answers)
+    with kept_code.compiled_once(rest_rows, respond_rows):
+        rest_rows(tree, laws.compliance, laws.offset, *pushed, plain, True, 0, np.zeros(0), plain, *arrays)
+        respond_rows(tree, laws.compliance, *pushed, plain, plain, plain, loads, plain, *frames, *answers)
 
 
 def is_kept() -> bool:
     """Return whether nothing has to be compiled."""
-    return kept_code.is_kept(rest_rows) and kept_code.is_kept(respond_rows)
+    return kept_code.is_kept(rest_rows, respond_rows)

@@ -9,12 +9,19 @@ from __future__ import annotations
 import hashlib
 import logging
 import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.serialize import dumps
 
 log = logging.getLogger(__name__)
+
+WAITED = 600.0
+"""Tolerance: seconds after which a process compiles beside another one that still does."""
 
 
 class _Checked(CompileResultCacheImpl):
@@ -57,15 +64,41 @@ class _Kept(FunctionCache):
             log.warning("%s: compiled code cannot be kept there: %s", self.cache_path, error.strerror)
 
 
-def is_kept(function: Any) -> bool:
-    """Return whether code of a function that is `kept` is there for this processor, for whatever arguments."""
-    cache = function._cache
+def is_kept(*functions: Any) -> bool:
+    """Return whether code of all functions that are `kept` is there for this processor, for whatever arguments."""
     try:
-        return isinstance(cache, _Kept) and any(
-            key[1] == function.targetctx.codegen().magic_tuple() for key in cache._cache_file._load_index()
+        return all(
+            isinstance(one._cache, _Kept)
+            and any(key[1] == one.targetctx.codegen().magic_tuple() for key in one._cache._cache_file._load_index())
+            for one in functions
         )
     except Exception:  # damaged, as `load_overload` will say
         return False
+
+
+@contextmanager
+def compiled_once(*functions: Any) -> Iterator[None]:
+    """Let one process at a time compile functions that are `kept`: the others wait, and then read what it kept.
+
+    Nobody waits for what is kept already, for a process that ended, where nothing can be kept, or beyond `WAITED`.
+    """
+    cache = functions[0]._cache
+    if is_kept(*functions) or not isinstance(cache, _Kept):
+        yield
+        return
+    lock = FileLock(Path(cache.cache_path) / "compiling.lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        log.warning("another process compiles: waiting for it")
+        with suppress(Timeout):
+            lock.acquire(timeout=WAITED)
+    except (OSError, NotImplementedError):  # read-only, or without locks
+        pass
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def kept(function: Any) -> Any:

@@ -109,7 +109,7 @@ def left(unexplained: Unexplained, readings: Readings) -> str:
     """Return what is left unexplained of some readings, with place and size."""
     size = f"{millimetres(unexplained.rms, unit=readings.unit)} RMS {readings.where_read}"
     if unexplained.site is None:
-        return f"Left unexplained: {size}, without a place."
+        return f"Left unexplained: {size}, at no particular joint."
     twist = "" if unexplained.std is None else f" of {measure(unexplained.std, None, unexplained.unit or '')}"
     where = f"{site_words(unexplained.site)} ({unexplained.axis})"
     text = f"Left unexplained: a change{twist} from pose to pose at {where}, {size}; no cause was recorded"

@@ -206,4 +206,4 @@ def test_auto_with_its_own_numbers_ends_and_says_what_took_how_long(armflex: Run
     asked = ["train", TABLE, "--model", "auto", "--neurons", "4", "--starts", "1", "-o", "a.safetensors"]
     shown = fine(armflex(*asked))
     assert "comparing on 20 rows: linear, diagonal; " in shown.stderr and "from 1 of 1 starts" in shown.stderr
-    assert "took s" in shown.stdout and "Choosing anew in every fold" in shown.stdout
+    assert "took s" in shown.stdout and "Selecting the model anew in every fold" in shown.stdout

@@ -444,7 +444,7 @@ def test_rows_that_are_left_out_of_a_table_are_counted_as_what_they_are(armflex:
     write_trajectory(many, tmp_path / "many.csv")
     shown = armflex("compensate", narrow, "many.csv", "-o", "o.csv").stdout
     lost = 50 - int(re.search(r"(\d+) of 50 rows reached", shown)[1])
-    hidden = re.search(r"\.\.\. and 10 more via-points and rows not reached, (\d+) of them not reached", shown)
+    hidden = re.search(r"10 further rows are not shown; (\d+) of them were not reached", shown)
     assert int(hidden[1]) == (10 if lost else 0)
 
 

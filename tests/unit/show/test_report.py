@@ -211,7 +211,7 @@ def test_unexplained_says_place_and_size(found: Trace) -> None:
 
 def test_unexplained_without_a_place(found: Trace) -> None:
     text = Outline(render_report(without_effects(found, Unexplained(None, None, None, None, 4e-4)))).text
-    assert "Left unexplained: 0.40 mm RMS at the target, without a place." in text
+    assert "Left unexplained: 0.40 mm RMS at the target, at no particular joint." in text
 
 
 def test_equivalents_are_said_first(found: Trace) -> None:

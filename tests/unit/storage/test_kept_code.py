@@ -11,16 +11,22 @@ from pathlib import Path
 
 import numba
 import pytest
+from filelock import FileLock
 from numba.core import caching
 
-from armflex.storage.kept_code import kept
+from armflex.storage.kept_code import compiled_once, kept
 
 ASK = """
+import time
 import numba
-from armflex.storage.kept_code import kept
+from armflex.storage.kept_code import compiled_once, is_kept, kept
 def twice(x):
     return 2 * x
-kept(numba.njit(twice))(21)
+function = kept(numba.njit(twice))
+with compiled_once(function):
+    alone = is_kept(function) or time.sleep(3)  # the others come while it compiles
+    function(21)
+print(sum(function.stats.cache_misses.values()))
 """
 
 
@@ -94,14 +100,36 @@ def test_another_processor_has_code_of_its_own(ask, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.slow
-def test_several_that_compile_at_once_leave_what_can_be_used(tmp_path: Path) -> None:
+def test_of_several_that_come_at_once_one_compiles(tmp_path: Path) -> None:
     (tmp_path / "program.py").write_text(ASK)
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": str(Path(__file__).parents[3])}
-    for _ in range(2):
+    for compiled in ("1", "0"):
         several = [
-            subprocess.Popen([sys.executable, "program.py"], cwd=tmp_path, env=env, stderr=subprocess.PIPE)
+            subprocess.Popen(
+                [sys.executable, "program.py"], cwd=tmp_path, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+            )
             for _ in range(3)
         ]
-        assert [one.communicate(timeout=120)[1] for one in several] == [b""] * 3
+        said = [one.communicate(timeout=120) for one in several]
         assert [one.returncode for one in several] == [0] * 3
+        assert sorted(out.decode().strip() for out, _ in said) == ["0", "0", compiled]
+        assert {error.decode().strip() for _, error in said} <= {"", "another process compiles: waiting for it"}
     assert len(list((tmp_path / "kept").rglob("*.nbc"))) == 1
+
+
+def test_nobody_waits_where_nothing_can_be_locked(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def read_only(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("filelock.FileLock.acquire", read_only)
+    function = kept(numba.njit(twice))
+    with compiled_once(function):
+        assert function(21) == 42
+
+
+def test_a_process_that_compiles_for_ever_is_not_waited_for(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("armflex.storage.kept_code.WAITED", 0.2)
+    function = kept(numba.njit(twice))
+    Path(function._cache.cache_path).mkdir(parents=True, exist_ok=True)
+    with FileLock(Path(function._cache.cache_path) / "compiling.lock"), compiled_once(function):
+        assert function(21) == 42
