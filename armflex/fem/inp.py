@@ -75,9 +75,12 @@ class _Reader:
 
     def mesh(self) -> Mesh:
         here = root = []
+        begun = _Statement("", {}, 0, [])
         parts: dict[str, list[_Statement]] = {}
         instances: dict[str, tuple[list[_Statement], Array, Array]] = {}
         for one in self.statements(self.draft.path):
+            if one.keyword in ("PART", "INSTANCE"):
+                begun = one
             if one.keyword == "STEP":
                 break
             if one.keyword == "PART":
@@ -92,6 +95,8 @@ class _Reader:
                 here = root
             else:
                 here.append(one)
+        if here is not root:
+            self.fail(f"*{begun.keyword} has no *END {begun.keyword}: is the file whole?", begun.line)
         whole = {f"{name}.": (own, np.zeros(3), np.eye(3)) for name, own in parts.items()}
         for prefix, (own, shift, turn) in {**(instances or whole), "": (root, np.zeros(3), np.eye(3))}.items():
             self.prefix, self.shift, self.turn = prefix, shift, turn
@@ -160,7 +165,7 @@ class _Reader:
         if one.parameters.get("SYSTEM", "R").upper() != "R":
             self.fail("*NODE in cylindrical or spherical coordinates is not read", one.line)
         for line, cells in one.data:
-            (number,), place = self.draft.whole(line, cells[:1]), self.draft.numbers(line, cells, 2)[1:4]
+            (number,), place = self.draft.whole(line, cells[:1], 1), self.draft.numbers(line, cells, 2)[1:4]
             place = self.turn @ [*place, 0.0, 0.0][:3] + self.shift if self.prefix else [*place, 0.0, 0.0][:3]
             self.draft.node(f"{self.prefix}{number}", number, place, line)
             for own in sets:
@@ -251,7 +256,7 @@ class _Reader:
 
     def elastic(self, one: _Statement) -> None:
         kind = one.parameters.get("TYPE", "ISO").upper()
-        if not kind.startswith("ISO") or len(one.data) != 1 or not self.material:
+        if not kind.startswith("ISO") or len(one.data) != 1 or len(one.data[0][1]) > 3 or not self.material:
             text = "one line of an isotropic *ELASTIC in a *MATERIAL is read: Young's modulus, Poisson's ratio"
             self.fail(text, one.line)
         young, poisson = self.draft.numbers(*one.data[0], 2)[:2]

@@ -27,8 +27,11 @@ def read_msh(path: Path, unit: str = "m") -> Mesh:
     try:
         found: Any = meshio.gmsh.read(path)
     except Exception as error:  # meshio raises whatever its parsers do
-        text = f"is no gmsh mesh that meshio reads: {str(error) or type(error).__name__}"
-        draft.fail(f"{text} (with physical groups, save what is in one alone)")
+        opened = [(line, text.strip()) for line, text in enumerate(text_lines(path), 1) if text.startswith("$")]
+        if opened and not opened[-1][1].startswith("$End"):
+            draft.fail(f"{opened[-1][1]} does not end: is the file whole?", opened[-1][0])
+        text = f"is no gmsh mesh that meshio reads ({type(error).__name__}: {error})"
+        draft.fail(f"{text}: with physical groups, save what is in one alone")
     nodes, elements = (_numbered(path, section) for section in ("Nodes", "Elements"))
     for key, place in enumerate(found.points):
         number, line = next(nodes, (key + 1, 0))

@@ -119,6 +119,24 @@ def test_every_reader_gives_the_same_part(tmp_path: Path) -> None:
     assert set(found.sets["FACES"]) == set(range(len(found.points)))
 
 
+def gmsh41(points: np.ndarray, cells: list[np.ndarray], names: list[str]) -> str:
+    """Return a text of gmsh's version 4.1: two surfaces and a volume, each a physical group, numbers with gaps."""
+    box = "0 0 0 1 1 1"
+    lines = ["$MeshFormat", "4.1 0 8", "$EndMeshFormat", "$PhysicalNames", "3"]
+    lines += [f'{2 + (n == 3)} {n} "{name}"' for n, name in enumerate(names, 1)]
+    lines += ["$EndPhysicalNames", "$Entities", "0 0 2 1", *(f"{n} {box} 1 {n} 0" for n in (1, 2)), f"1 {box} 1 3 0"]
+    count, total = len(points), sum(map(len, cells))
+    lines += ["$EndEntities", "$Nodes", f"1 {count} 1 {count}", f"3 1 0 {count}", *(str(n + 1) for n in range(count))]
+    lines += [" ".join(map(str, place)) for place in points.tolist()]
+    lines += ["$EndNodes", "$Elements", f"3 {total} 1 {10 * total}"]
+    number = 0
+    for n, own in enumerate(cells, 1):
+        lines.append(f"{2 + (n == 3)} {n % 3 + (n == 3)} {2 + 2 * (n == 3)} {len(own)}")
+        for row in own + 1:
+            lines.append(" ".join(map(str, [10 * (number := number + 1), *row])))
+    return "\n".join([*lines, "$EndElements"]) + "\n"
+
+
 def test_gmsh_meshes_are_read(tmp_path: Path) -> None:
     meshio = pytest.importorskip("meshio")
     points, nodes = bar("C3D4", (4, 2, 2), (0.6, 0.1, 0.2))
@@ -136,6 +154,25 @@ def test_gmsh_meshes_are_read(tmp_path: Path) -> None:
     found = condensed(tmp_path, tmp_path / "bar.msh", "--young", YOUNG, "--poisson", POISSON, "--density", DENSITY)
     same = write_bar(tmp_path / "bar.inp", "C3D4", points, nodes)
     np.testing.assert_allclose(found["compliance"], condensed(tmp_path, same)["compliance"], rtol=1e-9, atol=1e-18)
+    # In text, of either version, what is wrong is named by the file's numbers and lines.
+    given = ("--fixed", "root", "--loaded", "tip", "--young", YOUNG, "--poisson", POISSON, "-o", "q.toml")
+    for version in (2, 4):
+        if version == 2:
+            mesh = meshio.Mesh(points, cells, cell_data=data, field_data=names)
+            meshio.write(tmp_path / "bar.msh", mesh, "gmsh22", binary=False)
+        else:
+            (tmp_path / "bar.msh").write_text(gmsh41(points, [own for _, own in cells], list(names)))
+        lines = (tmp_path / "bar.msh").read_text().splitlines()
+        last = lines.index("$EndElements")
+        number, *others, first, second = lines[last - 1].split()
+        lines[last - 1] = " ".join([number, *others, second, first])
+        (tmp_path / "bar.msh").write_text("\n".join(lines) + "\n")
+        found = run_here(tmp_path, "fem", "bar.msh", *given)
+        assert f"bar.msh:{last}: element {number} (C3D4) has no positive volume" in fine(found, 2).stderr
+        (tmp_path / "bar.msh").write_text("\n".join(lines[: last - 9]) + "\n")
+        found = run_here(tmp_path, "fem", "bar.msh", *given)
+        opened = lines.index("$Elements") + 1
+        assert f"bar.msh:{opened}: $Elements does not end: is the file whole?" in fine(found, 2).stderr
 
 
 def test_faces_that_gmsh_writes_are_sets(tmp_path: Path) -> None:
@@ -400,6 +437,16 @@ BROKEN: dict[str, tuple[Callable[[Path], Path], tuple[object, ...], str]] = {
         edited(lambda t: t.replace("2.1e11, 0.3", "2.1e11, O.3")),
         (),
         "expected 2 finite numbers, got '2.1e11,O.3'",
+    ),
+    "a decimal comma": (
+        edited(lambda t: t.replace("2.1e11, 0.3", "210000000000,0, 0,3")),
+        (),
+        "Young's modulus, Poisson's ratio",
+    ),
+    "a part that does not end": (
+        edited(lambda t: f"*PART, NAME=P\n{t}"),
+        (),
+        "bar.inp:1: *PART has no *END PART: is the file whole?",
     ),
     "a node that is not there": (
         edited(lambda t: t.replace("\n2, ", "\n1001, ", 1)),
