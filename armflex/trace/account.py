@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from armflex.estimate.fit import THOROUGH
 from armflex.estimate.held_out import held_out, judged_by, pose_folds
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.posterior import certainty_of
+from armflex.estimate.robust import robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
@@ -33,7 +35,7 @@ from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, refitted, standing
-from armflex.trace.selection import SCALES
+from armflex.trace.selection import BETTER, SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
@@ -125,12 +127,17 @@ def _likelier(here: Standing, found: Sequence[Credible]) -> Standing | None:
     return None
 
 
-def settled_exactly(state: State) -> State:
-    """Return the state fitted to the end."""
-    try:
-        return refit(state, state.effects, state.random, state.fit.values, THOROUGH)
-    except ArmflexError:  # what was reached stands
-        return state
+def settled_exactly(here: Standing) -> Standing:
+    """Return the state fitted to the end, with a linear problem of its own where that makes it more probable."""
+    state = sorted_out(here.state)
+    with suppress(ArmflexError):  # else what was reached stands
+        exact = refit(state, state.effects, state.random, state.fit.values, THOROUGH)
+        limit = robust_limit(exact.fit.view)
+        rise = 0.5 * (state.fit.cost(limit) - exact.fit.cost(limit)) / state.quiet**2
+        if state is here.state and rise < BETTER:
+            return replace(here, state=exact)
+        state = exact
+    return here if state is here.state else standing(state, here)
 
 
 def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = None) -> Trace:
@@ -142,9 +149,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         ask: Whether rows are wanted that decide what is in question.
     """
     here.state.teller.stage("fitting to the end")
-    exact = settled_exactly(sorted_out(here.state))
-    here = standing(exact, here) if exact is not here.state else here
-    known, withdrawn = weighed(here)
+    known, withdrawn = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
     found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
     left = unexplained(state, here.places)
