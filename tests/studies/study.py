@@ -163,6 +163,7 @@ def summary(scores: Sequence[Score]) -> str:
         f"({extra} with something else beside), in the reported class {sum(one.verdict in IN_CLASS for one in real)}",
         f"95 % intervals cover      {covered} of {checked}" + (f" ({covered / checked:.0%})" if checked else ""),
         f"after over the noise      median {_median(ratios):.3f}, worst {max(ratios, default=np.nan):.2f}",
+        f"held-out coordinates within 1.96 standard deviations: {np.nanmean([one.within for one in scores]):.1%}",
     ]
     if asked := [one for one in real if one.asked]:
         before, after = (sum(getattr(one, what) in RIGHT for one in asked) for what in ("unasked", "verdict"))

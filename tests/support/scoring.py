@@ -61,6 +61,8 @@ class Score:
         stated: Of each name found and of what else it may be, the probability stated of it and whether it is a hidden
             one; and the same of nothing.
         sets: Of each 95 % credible set whether it holds a hidden one, and how many names it has.
+        within: Share of the coordinates of the held-out rows whose error by the trace is within 1.96 of its standard
+            deviation, `sigma` of the prediction and the noise together.
         checked, covered: Parameters with a true value, and those within 1.96 standard deviations of it.
         seconds: Of the processor, of the last trace.
         asked: How often rows were asked for, driven and read before the account that is judged.
@@ -89,6 +91,7 @@ class Score:
     floor: float = np.nan
     shown: float = np.nan
     strain: float = np.nan
+    within: float = np.nan
     checked: int = 0
     covered: int = 0
     seconds: float = np.nan
@@ -145,10 +148,12 @@ def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
     rows = armflex.read_measurements(truth.test, arm)
     believed = rows.measured & ~truth.lost
     result.floor = 1e3 * _rms((rows.position - truth.clean)[believed])
-    result.before, result.after = (
-        1e3 * _rms((armflex.predict(one, rows).position - rows.position)[believed])
-        for one in (account.calibration.arm, account.arm)
-    )
+    predicted = [armflex.predict(one, rows) for one in (account.calibration.arm, account.arm)]
+    errors = [(one.position - rows.position)[believed] for one in predicted]
+    result.before, result.after = (1e3 * _rms(one) for one in errors)
+    if (sigma := predicted[1].sigma) is not None:
+        std = np.hypot(sigma, min(1.0, account.noise) * rows.sigma)[believed]
+        result.within = float((np.abs(errors[1]) < 1.96 * std).mean())
     result.truth = [(e.name, e.site, e.axis, e.parameters) for e in truth.effects]
     result.found = [described(one.effect, one.evidence) for one in account.found]
     result.equivalents = [[described(other) for other, _ in one.equivalent] for one in account.found]
