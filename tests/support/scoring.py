@@ -59,7 +59,7 @@ class Score:
         before, after, floor: RMS on the held-out rows with calibration, with the trace, and of the noise itself [mm].
         shown, strain: What calibration leaves of the effects [mm], and how far they move it.
         stated: Of each name found and of what else it may be, the probability stated of it and whether it is a hidden
-            one; and the same of nothing.
+            one; and the same of nothing, which is right where calibration hides all that there is, too.
         sets: Of each 95 % credible set whether it holds a hidden one, and how many names it has.
         within: Share of the coordinates of the held-out rows whose error by the trace is within 1.96 of its standard
             deviation, `sigma` of the prediction and the noise together.
@@ -160,7 +160,7 @@ def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
     result.unexplained = _unexplained(account)
     pairs = [[(one.effect, one.probability), *one.credible] for one in account.found]
     names_of_each = [[(chance, any(_is(e, effect) for e in truth.effects)) for effect, chance in own] for own in pairs]
-    result.stated = [*chain(*names_of_each), (account.nothing, not truth.effects)]
+    result.stated = [*chain(*names_of_each)]
     result.sets = [(any(right for _, right in own), len(own)) for own in names_of_each]
     result.verdict = verdict(truth.effects, account)
     result.first, result.axis, result.rank = first_found(truth.effects, account)
@@ -176,6 +176,7 @@ def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
         result.shown, result.strain = 1e3 * left.rms, left.strain
         if result.verdict in ("missed", "unexplained", "WRONG") and not _could_show(result):
             result.verdict = "hidden"
+    result.stated.append((account.nothing, not truth.effects or set(result.named or [result.verdict]) == {"hidden"}))
 
 
 def _could_show(result: Score) -> bool:
