@@ -27,7 +27,7 @@ from armflex.measured.forces import (
     force_columns,
     read_loads,
 )
-from armflex.measured.table import Tabular, check_payloads, joint_kinds, read_table, write_table
+from armflex.measured.table import NOTHING, Tabular, check_payloads, joint_kinds, read_table, write_table
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.result import Result
@@ -413,7 +413,11 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)
             raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
-    covariates = {name: table.numbers(name) for name in others}
+    remarks = [name for name in others if are_remarks(table.texts(name))]
+    warn(
+        [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]
+    )
+    covariates = {name: table.numbers(name) for name in others if name not in remarks}
     try:
         for name, values in covariates.items():
             for value in dict.fromkeys(values.tolist()):
@@ -452,6 +456,12 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         wrenches=read_loads(table, arm),
         target=moved[TARGET],
     )
+
+
+def are_remarks(cells: Sequence[str]) -> bool:
+    """Return whether the cells of a column that are not empty are words, none of them meant as a number."""
+    words = list(filter(None, cells))
+    return bool(words) and all(word[0].isalpha() and word.lower() not in (*NOTHING, "inf") for word in words)
 
 
 def misspelt(name: str, known: Iterable[str]) -> bool:

@@ -558,8 +558,8 @@ def accepted_effects(declared: Path, path: Path, sha256: str) -> tuple[Effect, .
 
 def _passing(path: Path) -> list[Path]:
     """Return the file beside an unfinished arm.toml that holds its covariance: it belongs to that arm.toml."""
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    try:  # a device or a pipe may have no end
+        document = tomllib.loads(path.read_text(encoding="utf-8") if path.is_file() else "")
     except (OSError, ValueError):
         return []
     name = document.get("calibration", {}).get("covariance_file")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array, no_unit
 from armflex.errors import Frame, NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
-from armflex.measured.table import Table, Tabular, read_table
+from armflex.measured.table import IN_BRACKETS, Table, Tabular, read_table
 from armflex.result import Result
 
 KINDS = {
@@ -89,15 +89,17 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
     """Read a joint_data.csv, or a data frame of the same columns.
 
     Args:
-        path: The file or data frame: columns fx fy fz [mx my mz] and dx dy dz [rx ry rz], each with its unit as a
-            suffix.
+        path: The file or data frame: columns fx fy fz [mx my mz] and dx dy dz [rx ry rz], or Fx .. Rz, each with its
+            unit as a suffix, or in brackets.
         read_as: Units to be read as others, such as {"mm": "um"}, where a header is probably wrong.
 
     Raises:
         TableError: A column is missing, misspelt or not numeric, or there are no more rows than components.
         UnitError: A column has no unit, or `read_as` names one that is not in the header or not of its kind.
     """
-    table, read_as = read_table(path, KINDS), read_as or {}
+    table, read_as = read_table(path, KINDS | {name.capitalize(): kind for name, kind in KINDS.items()}), read_as or {}
+    small = {name: name.lower() for name in table.columns if name.lower() in KINDS.keys() - table.columns}
+    table = replace(table, columns={small.get(name, name): column for name, column in table.columns.items()})
     others = [name for name in table.columns if name not in KINDS]
     for name in others:
         if (meant := _meant(name)) is not None:
@@ -168,7 +170,8 @@ def _meant(name: str) -> str | None:
     The names have two letters, so most short words are near one: `day` is not `dy`. A slip is assumed where the unit
     fits, as in `mxx_Nm`, or where the letters are the same, as in `xd`.
     """
-    base, _, unit = name.rpartition("_")
+    bracketed = IN_BRACKETS.fullmatch(name)
+    base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
     has_unit = any(unit in units for units in UNITS.values())
     stem = (base if has_unit else name).lower()
     if stem.partition("_")[0] in KINDS:

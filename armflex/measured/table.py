@@ -144,6 +144,11 @@ class Table:
         missing = [name for name in expected if name not in self.columns]
         if missing:
             hint = did_you_mean(missing[0], [name for name in self.columns if name not in expected])
+            joints = {name.removeprefix("q_"): name for name in missing if name.startswith("q_")}
+            plain = [name for name in self.columns if re.split(r"[_ \[]", name)[0] in joints]
+            if plain:  # a table of a controller or of a spreadsheet
+                joint = re.split(r"[_ \[]", plain[0])[0]
+                hint = f": {plain[0]!r} is to be called {plain[0].replace(joint, joints[joint], 1)!r}, and so on"
             seen = f"expected: {listing(expected)}; found: {listing(self.columns)}"
             raise TableError(Place(self.path, 1), f"has no column {listing(map(repr, missing))}{hint} ({seen})")
 

@@ -257,3 +257,10 @@ def test_bench_in_kN_and_mm_from_table_to_arm(armflex: Run, tmp_path: Path) -> N
     fine(armflex("deflect", "arm.toml", "--json", "d.json"))
     assert np.isfinite(strict_json(tmp_path / "d.json")["displacement"]).all()
     assert load_law(tmp_path / "a4.safetensors").metadata["units"] == ["mm"] * 3 + ["mrad"] * 3
+
+
+def test_headers_of_a_bench_may_have_capitals_and_brackets(tmp_path: Path) -> None:
+    lines = TABLE.read_text().splitlines()
+    (tmp_path / "capital.csv").write_text("\n".join(["Fx [kN],Fy [kN],Fz [kN],Dx [mm],Dy [mm],Dz [mm],No", *lines[1:]]))
+    found, plain = read_joint_data(tmp_path / "capital.csv"), read_joint_data(TABLE)
+    assert np.array_equal(found.loads, plain.loads) and np.array_equal(found.deflections, plain.deflections)

@@ -158,6 +158,16 @@ def test_an_input_is_refused_from_the_shell(shell: Run, tmp_path: Path) -> None:
     assert (tmp_path / "in.csv").read_bytes() == TABLE.read_bytes() and not (tmp_path / "o.safetensors").exists()
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_fit_does_not_read_the_device_that_it_is_written_to(armflex: Run, tmp_path: Path) -> None:
+    boom = ROBOTS / "tarm_like"
+    (tmp_path / "rows.csv").write_text("\n".join((boom / "campaign.csv").read_text().splitlines()[:61]))
+    asked = ("calibrate", boom / "measured.toml", "rows.csv", "-o", "/dev/full", "--json", "out.json")
+    assert "/dev/full: cannot be written: No space left" in fine(armflex(*asked), 2).stderr
+    assert not (tmp_path / "out.json").exists()
+
+
 @pytest.mark.parametrize("file", ["traced.toml", "tarm_like/arm.toml", "tarm_like/campaign.csv"])
 def test_a_demo_keeps_its_files_apart(folder: Path, file: str) -> None:
     (folder / "d").mkdir()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from armflex import Arm, InputError, Trajectory, read_trajectory, write_trajectory
-from armflex.errors import ShapeError, TableError
+from armflex.errors import ArmflexWarning, ShapeError, TableError
 
 JOINTS = ("M1", "A1", "A2", "A3", "A4", "A5", "A6")
 HEADER = "time,q_M1,q_A1,q_A2,q_A3,q_A4,q_A5,q_A6,payload,via"
@@ -89,9 +89,21 @@ def test_byte_order_mark_blank_lines_and_crlf(tarm: Arm, tmp_path: Path) -> None
     same(read_trajectory(path, tarm), plain)
 
 
+def test_a_column_of_remarks_is_left_out_with_a_warning(tarm: Arm, tmp_path: Path) -> None:
+    plain, path = read_trajectory(table(tmp_path), tarm), tmp_path / "remarks.csv"
+    path.write_text(
+        "\n".join(
+            [HEADER + ",note", *(f"{row},{text}" for row, text in zip(ROWS, ("slowly", "", "port"), strict=True))]
+        )
+    )
+    with pytest.warns(ArmflexWarning, match="column 'note' is text"):
+        same(read_trajectory(path, tarm), plain)
+
+
 BAD = {
     "missing joint": ([(",q_A3", ",x_A3")], 1, r"no column 'q_A3'.*found: time"),
     "missing joint names the nearest": ([(",q_A3", ",q_A33")], 1, r"did you mean 'q_A"),
+    "joints called as in a spreadsheet": ([("q_A3", "A3 [deg]")], 1, r"'A3 \[deg\]' is to be called 'q_A3 \[deg\]'"),
     "missing time": ([("time,", "tme,")], 1, r"no column 'time', did you mean 'tme'"),
     "misspelt payload": ([("payload", "paylod")], 1, r"unknown column 'paylod', did you mean 'payload'"),
     "capital via": ([(",via", ",Via")], 1, r"unknown column 'Via', did you mean 'via'"),
