@@ -26,6 +26,7 @@ from armflex.storage.whole_file import together, write_whole
     "the dictionary. Without it the arm file has the board.",
 )
 @click.option("--board-on-arm", is_flag=True, help="The board is on the arm and the camera beside it.")
+@click.option("--tip", metavar="LINK", help="Last link of a URDF among the files, where it has several ends.")
 @click.option(
     "--arm",
     "arm_path",
@@ -43,6 +44,7 @@ def command(
     dh: str | None,
     board: str | None,
     board_on_arm: bool,
+    tip: str | None,
     arm_path: Path | None,
     output: Path,
 ) -> None:
@@ -70,6 +72,7 @@ def command(
         dh=dh,
         board=board,
         on_arm=board_on_arm,
+        tip=tip,
         beside=output.absolute().parent,
     )
     if arm_path is not None and found.arm is None:

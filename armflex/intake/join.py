@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armflex.conventions import NUMBER, UNITS, Array
-from armflex.errors import InputError, ManyErrors, Place, TableError, UrdfError, did_you_mean, listing
+from armflex.errors import InputError, ManyErrors, Place, TableError, UnknownNameError, UrdfError, did_you_mean, listing
 from armflex.intake.dh import UPRIGHT, arm_text, is_dh, read_dh
-from armflex.intake.meanings import COUNTS, Ask, Meaning, meanings
+from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
 from armflex.intake.pictures import camera, joined_by_number
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
@@ -88,6 +88,7 @@ def intake(
     board: str | None = None,
     on_arm: bool = False,
     beside: Path | None = None,
+    tip: str | None = None,
 ) -> Intake:
     """Return the campaign that a controller's log and a tracker's export are together, or one file with both.
 
@@ -107,6 +108,7 @@ def intake(
         board: The board in pictures as one option, see `board_of`; None where the arm file has it.
         on_arm: Whether the board is on the arm, and not the camera.
         beside: Folder of the campaign, that of the log when not given: what is named in it is relative to this.
+        tip: Last link of a URDF among the files, its only leaf when not given.
 
     Raises:
         ManyErrors: With everything that is wrong or open in the files, each with what to do.
@@ -126,8 +128,8 @@ def intake(
     sources, arm = [one for one in sources if one is not rows_of_arm], None
     try:
         arm = read_dh(rows_of_arm, dh, ask) if rows_of_arm is not None else None
-        robot = load_robot(robots[0]) if robots else None
-    except (TableError, ManyErrors, UrdfError) as error:
+        robot = load_robot(robots[0], tip, allow_massless=True) if robots else None
+    except (TableError, ManyErrors, UrdfError, UnknownNameError) as error:
         wrong += str(error).splitlines()
     if len(robots) + (rows_of_arm is not None) > 1:
         wrong.append("several files describe the arm: give one URDF, or one table of DH parameters")
@@ -184,11 +186,18 @@ def intake(
     if robot is not None:
         urdf = Path(os.path.relpath(robots[0], beside)).as_posix()
         lines = ["[robot]", f'urdf = "{urdf}"', f'tip = "{robot.tip}"', UPRIGHT]
+        lines += ["allow_massless = true"] if any(one.code == "massless" for one in robot.flags) else []
         text = arm_text(lines, robot.tip, found.declare, bool(points))
         return replace(found, arm=text)
     if rows_of_arm is None or arm is None:
         return found
     joints = [name.removeprefix("q_") for name in found.columns if name.startswith("q_")]
+    if {*joints} == {f"{name}_joint" for name in UR}:  # ROS sorts them by name
+        joints = [f"{name}_joint" for name in UR]
+    elif all(one[-1:].isdigit() for one in joints):
+        joints.sort(key=lambda one: int(one[-1]))
+    else:
+        found = replace(found, notes=(*found.notes, f"the rows of {rows_of_arm.title} are {listing(joints)}"))
     if len(joints) != len(arm.rows):
         text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
         raise TableError(Place(rows_of_arm.path), text)
@@ -203,8 +212,11 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
     Joints that a controller only numbers are those of the file, base to tip.
     """
     named, moving = [one.name for one in of_log if one.kind == "joint"], [one.name for one in robot.moving]
-    if set(named) == set(moving):
-        return of_log, []
+    if set(moving) <= set(named):
+        off = {"kind": "unused", "unit": "", "why": "no joint between base and tip"}
+        return tuple(
+            replace(one, **off) if one.kind == "joint" and one.name not in moving else one for one in of_log
+        ), []
     numbered = [re.fullmatch(r"\D*?(\d)", one) for one in named]
     if [match and int(match[1]) for match in numbered] != list(range(1, len(moving) + 1)):
         text = f"the log has joints {listing(named)}, and {robot.urdf.path.name} has {listing(moving)}"
