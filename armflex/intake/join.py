@@ -26,8 +26,10 @@ from armflex.measured.points import LENGTHS
 from armflex.measured.table import Column, Table, csv_text
 from armflex.robot.robot import Robot, load_robot
 
-TARGET = re.compile(r"(.+?)[ _\-.:]*(?:T|SMR|TGT|TARGET|PRISM|REFL\w*)[ _\-]?(\d)", re.IGNORECASE)
-"""How the name of a point ends that is of one target among several."""
+TARGET = re.compile(
+    r"(.+?)(?:(?:(?<=\d)|[ _\-.:])T|[ _\-.:]*(?:SMR|TGT|TARGET|PRISM|REFL\w*))[ _\-]?(\d)", re.IGNORECASE
+)
+"""How the name of a point ends that is of one target among several; not that of `Punkt_1`."""
 
 CLOCK = re.compile(
     r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)?))?\s*([ap]m)?\D*",
@@ -506,9 +508,13 @@ def _joined(
         split, targets = [(one, "") for one in labels], [""]
     several = f", targets {listing(targets)}" if len(targets) > 1 else ""
     rows_of = {one: np.array([i for i, (_, own) in enumerate(split) if own == one]) for one in targets}
+    bases = {base for base, _ in split} if given is not None else set[str]()
+    if not set(() if wanted is None else map(str, wanted)) & bases:  # names under a header that says nothing
+        texts = (cells for one, cells in zip(of_log, log.columns, strict=True) if one.kind == "covariate")
+        wanted = next((cells for cells in texts if bases and bases <= {*map(str, cells)}), wanted)
     counted = any(one.kind == "name" and one.why == COUNTS for one in of_log)
-    shared = set(wanted or ()) & {base for base, _ in split} if given is not None else set[str]()
-    if wanted is not None and shared and (not counted or shared == {base for base, _ in split}):
+    shared = set(map(str, () if wanted is None else wanted)) & bases
+    if wanted is not None and shared and (not counted or shared == bases):
         found, spare = {}, list[int]()
         for target, own in rows_of.items():
             left: dict[str, list[int]] = {}

@@ -36,7 +36,8 @@ COMMANDED = re.compile(r"target|command|cmd|set ?point|soll|desired", re.IGNOREC
 """In the name of a column beside one of the same joint that says where it is."""
 
 NAMES = (
-    r"(?:(?:point|target|object|feature|element)?[ _]?(?:name|id)|point|punkt(?:name)?|pose|pt|feature|merkmal|element)"
+    r"(?:(?:point|target|object|feature|element)?[ _]?(?:name|id)|point|(?:mess)?punkt(?:name)?|pose|pt|feature"
+    r"|merkmal|element)"
 )
 TIMES = r"(?:_*time(?:[ _]?stamp)?|zeit(?:stempel)?|uhrzeit|date(?: ?time)?|datum|heure|t)"
 COORDINATE = (

@@ -26,8 +26,11 @@ COMMA = re.compile(r"[+-]?(?:\d+|\d{1,3}(?:\.\d{3})+),\d+(?:[eE][+-]?\d+)?")
 """A number with a decimal comma, points between its thousands or none."""
 
 AXIS = re.compile(r"(?:.*[ ._\-])?([xyz])", re.IGNORECASE)
-MEASURED = re.compile(r"(?:.*\W)?(?:meas|act|ist|mess|mesur|value|wert)\w*.*", re.IGNORECASE)
+MEASURED = re.compile(r"(?:.*\W)?(?:meas|act|ist|(?:ge)?mess|mesur|value|wert)\w*.*", re.IGNORECASE)
 """Header of the column with what was measured, where a line has one coordinate: beside nominal and deviation."""
+
+UNIT = re.compile(r"[\[(][^\])]{0,8}[\])]")
+"""A cell below a name that is a unit, whatever it is of."""
 
 LISTED = re.compile(r"[\[(]\s*(.*?)\s*,?\s*[\])]")
 """A cell that holds a list."""
@@ -93,7 +96,7 @@ def read_table_source(path: Path) -> Source:
             elif line.strip() and not line.lower().startswith("sep="):
                 kept.append((number, line.rstrip("\r\n")))
         rows, mark = _split(kept)
-    numeric = [sum(map(_number, cells)) >= min(max(len(cells), 2) / 2, 3) for _, cells in rows]
+    numeric = [sum(map(_number, cells)) >= min(max(len(cells), 2) / 2, 2) for _, cells in rows]
     widths = Counter(len(cells) for (_, cells), full in zip(rows, numeric, strict=True) if full and len(cells) > 1)
     if not widths:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
@@ -105,7 +108,7 @@ def read_table_source(path: Path) -> Source:
         heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
     head = heads[0] if heads else None
     known = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", ""}
-    if len(heads) > 1 and head and {cell.strip("[]() ").lower() for cell in head} <= known:  # units below the names
+    if len(heads) > 1 and head and all(UNIT.fullmatch(one) or one.lower() in known for one in head):  # below the names
         units = (cell.strip("[]() ") for cell in head)
         head = [f"{name} [{unit}]" if unit else name for name, unit in zip(heads[1], units, strict=True)]
     comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is one for one in heads)]

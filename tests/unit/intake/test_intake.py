@@ -349,3 +349,28 @@ def test_a_board_in_one_option_and_a_urdf_are_an_arm_file(tmp_path: Path) -> Non
     found = intake([tmp_path / "log.csv", tmp_path / "corners.csv"], None, board="board = {}", on_arm=True)
     assert found.columns["cam"] == ["0.png", "", "2.png"]
     assert 'corners = "corners.csv"' in found.declare
+
+
+def test_workbooks_as_an_office_has_them(tmp_path: Path) -> None:
+    """Titles, units in brackets below the names, decimal commas as text, a coordinate a line, points that end in a
+    letter of a target.
+    """
+    openpyxl = pytest.importorskip("openpyxl")
+    log, export = openpyxl.Workbook(), openpyxl.Workbook()
+    for row in (["Roboter", None, "Datum:"], [None], ["Station", "Achse 1", "Achse 2", "Temperatur", "Bemerkung"],
+                [None, "[°]", "[°]", "[°C]", None]):  # fmt: skip
+        log.active.append(row)
+    for row in (["Bericht"], ["Einheit: mm"], ["Name", "Kontrolle", "Nominal", "Gemessen", "Tol"]):
+        export.active.append(row)
+    for i in range(6):
+        log.active.append([f"Punkt_{i}", comma(Q[i, 0]), comma(Q[i, 1]), comma(20.0 + i * i), "ok" if i == 3 else None])
+        for k, axis in enumerate("XYZ") if i != 2 else ():
+            export.active.append([None if k else f"Punkt_{i}", axis, XYZ[i, k] + 1.0, XYZ[i, k], "±0,1"])
+    log.save(tmp_path / "log.xlsx")
+    export.save(tmp_path / "export.xlsx")
+    found = intake([tmp_path / "log.xlsx", tmp_path / "export.xlsx"], 5e-5)
+    assert found.joined == "by name"
+    assert found.columns["x"][2] == ""
+    assert found.columns["z"][5] == pytest.approx(1e-3 * XYZ[5, 2])
+    assert found.columns["q_Achse_2"][0] == pytest.approx(np.radians(Q[0, 1]), abs=1e-5)
+    assert found.columns["Temperatur_C"][2] == 24.0
