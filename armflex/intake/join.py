@@ -163,7 +163,8 @@ def intake(
             named = listing(source.header)
             wrong.append(f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg")
     if not wrong and (len(logs) != 1 or len(pictures) > 1 or (not points and not pictures and len(sources) > 1)):
-        text = f"{len(logs)} files have joints, {len(points)} have x y z and {len(pictures)} are pictures"
+        text = f"{len(logs)} files have joints and {len(points)} have x y z"
+        text += f", {len(pictures)} are pictures" if pictures else ""
         wrong.append(f"{text}: give one log and one export, or one file of both")
     if points and sigma is None:
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
