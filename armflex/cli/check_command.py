@@ -56,7 +56,7 @@ def command(
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
         swing = None if within is None else settle(arm, trajectory, within, how["covariates"])
     moved = against is not None or trajectory.is_moved
-    names = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst")
+    names = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst", "relative_sigma_m")
     told = {name: getattr(report, name) for name in names} | (
         {"against": str(desired_path or trajectory_path)} if moved else {}
     )
@@ -91,6 +91,10 @@ def print_check(report: CheckReport, moves: str = "moves") -> None:
     for point in dict.fromkeys([*report.via_points, report.path_worst]):
         if point.reason:
             say(f"{point.name or 'between'} at {point.time:g} s: {point.reason}")
+    worst, relative = report.path_worst.sigma_m, report.relative_sigma_m
+    if worst is not None and relative is not None and 2.0 * relative < worst:
+        text = "± is of the tip in the base frame; that of the campaign's target before its instrument is up to"
+        say(f"{text} {plus_minus(relative)} mm. The rest is where base and target stand, the same for all rows.")
     failed = report.path_worst.verdict == "fail"
     verdict = "within tolerance" if report.ok else f"NOT {'' if failed else 'certain to be '}within tolerance"
     say(f"The path is {verdict} ({report.samples} configurations evaluated).")

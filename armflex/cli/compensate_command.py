@@ -141,7 +141,7 @@ def print_compensation(found: Compensation) -> None:
     if sigma is not None:
         say("± is one standard uncertainty of what remains, from the laws and the fitted parameters.")
     if plus_minus(sigma) != plus_minus(relative):
-        text = "It is relative to the instrument of the campaign. In the base frame it is up to"
-        say(f"{text} ± {plus_minus(sigma)} mm: the place of the base is uncertain, alike in all rows.")
+        text = "It is that of the campaign's target before its instrument. Of the tip in the base frame it is up to"
+        say(f"{text} ± {plus_minus(sigma)} mm: the places of base and target are uncertain, alike in all rows.")
     if found.between_m is not None:
         say(f"Halfway between rows of one payload the error is up to {number(found.between_m * 1e3, 3)} mm.")

@@ -27,6 +27,10 @@ OTHER_PARAMETERS = Flag(
 )
 
 
+STANDS = (ParameterKind.INSTRUMENT, ParameterKind.TOOL, ParameterKind.MOUNTING)
+"""What says where base and target of a campaign stand."""
+
+
 def certainty_of(fit: Fit) -> Certainty:
     """Return what a fit leaves behind; a random twist per pose is kept by its size, not by its values.
 
@@ -96,20 +100,21 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
     Args:
         arm: The arm; see `Arm.certainty`.
         rows: Where its joints are.
-        relative: Whether the motion is that in the frame of the campaign's instrument instead. What only says where the
-            base stands in it, such as the zero of a vertical first joint, then cancels.
+        relative: Whether the motion is that of the campaign's target in the frame of its instrument instead. What only
+            says where the base stands, such as the zero of a vertical first joint, or where the target is on the tool,
+            such as the length of the flange and the zero of the last joint, then cancels.
     """
     if arm.certainty is None:
         return None, ()
     tip, stands = unread(len(rows), Position, Orientation), Instrument()
     if relative and arm.instrument is not None:
-        stands = Instrument(arm.instrument.pose)
+        stands = Instrument(arm.instrument.pose, target=arm.instrument.target)
     view = look(Setup(arm, stands), rows, readings=tip)
     jacobian = _jacobian(arm.certainty, view)
     if jacobian is None:
         return None, (OTHER_PARAMETERS,)
     groups = [parameter.group for parameter in arm.certainty.parameters]
-    counted = [one.moves or (relative and one.kind is ParameterKind.INSTRUMENT) for one in groups]
+    counted = [one.moves or (relative and one.kind in STANDS) for one in groups]
     turn = np.kron(np.eye(2), stands.pose.rotation.T)  # to base axes
     jacobian = np.einsum("de,nep->ndp", turn, np.where(counted, jacobian, 0.0))
     covariance = np.einsum("ndp,pq,neq->nde", jacobian, arm.certainty.covariance, jacobian, optimize=True)

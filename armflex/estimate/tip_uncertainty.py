@@ -44,8 +44,8 @@ def total_covariance(
 
     Args:
         found: What `Arm.deflection` returned.
-        relative: Whether the displacement is that in the frame of the campaign's instrument, in which what only says
-            where the base stands cancels; in base axes all the same.
+        relative: Whether the displacement is that of the campaign's target before its instrument, in which what only
+            says where base and target stand cancels; in base axes all the same.
 
     Returns:
         (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and flags.

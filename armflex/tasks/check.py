@@ -14,7 +14,7 @@ from armflex.configurations import furthest
 from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance
+from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance, total_covariance
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.equilibrium import MAX_ROTATION
@@ -53,6 +53,9 @@ CLOSEST = 1e-6
 
 ENDLESS = 1e9
 """Tolerances that an infinite uncertainty counts as."""
+
+MOST_RELATIVE = 200
+"""Rows that `relative_sigma_m` is looked for in."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +109,9 @@ class CheckReport(Result):
         segments: Worst point of each stretch between rows, in order.
         path_worst: Worst point anywhere on the path.
         samples: Number of configurations evaluated.
+        relative_sigma_m: Largest standard uncertainty of the position at the via-points, at all rows if none is named,
+            without what only says where base and target stand, see `total_covariance`; None of an arm that was not
+            fitted.
         load_factor: Least of `Deflection.load_factor` met where it is below 2, else infinite.
         flags: Flags met on the way.
         rows: Every row, in order, via-points among them.
@@ -124,6 +130,7 @@ class CheckReport(Result):
     flags: tuple[Flag, ...]
     rows: tuple[Point, ...] = ()
     load_factor: float = np.inf
+    relative_sigma_m: float | None = None
 
 
 @checked_kinds
@@ -206,7 +213,23 @@ def check(
     held_only = trajectory.target is not None and angle is None and len(arm.joint_names) >= 6  # a pose takes six
     turned = turned_further(*turns.tolist()) if held_only else ()
     flags = (*doubts, *held, *derived, *met.values(), *turned)
-    return CheckReport(ok, tolerance, angle, tuple(vias), tuple(segments), worst, samples, flags, tuple(rows), factor)
+    named = [i for i, row in enumerate(rows) if row.name and not row.reason]
+    possible = named or [i for i, row in enumerate(rows) if not row.reason]
+    relative = _relative(certain, trajectory, np.array(possible, dtype=int), method) if arm.certainty else None
+    shown = tuple(vias), tuple(segments)
+    return CheckReport(ok, tolerance, angle, *shown, worst, samples, flags, tuple(rows), factor, relative)
+
+
+def _relative(certain: Arm, trajectory: Trajectory, rows: np.ndarray, method: str) -> float | None:
+    """Return the largest standard uncertainty [m] at some rows without what only says where base and target stand."""
+    if not len(rows):
+        return None
+    points = trajectory.points.some(rows[np.unique(np.linspace(0, len(rows) - 1, MOST_RELATIVE).astype(int))])
+    found = certain.deflection(points.q, points.payload, enforce_limits=False, method=method, **points.asked)
+    covariance, _ = total_covariance(found, relative=True)
+    if covariance is None:
+        return None
+    return float(np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2)).max())
 
 
 def doubtful_tolerance(tolerance: float, reach: float, angle: float | None = None) -> tuple[Flag, ...]:

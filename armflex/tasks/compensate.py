@@ -75,8 +75,8 @@ class CompensatedRow:
             `after` is what the arm as declared and fitted does, the machine is so far from it. Of the laws and of all
             that was fitted; infinite where it depends on what neither a campaign nor a prior determined, None where
             nobody states one.
-        relative_sigma_m: `sigma_m` in the frame of the instrument that the arm was calibrated with: without what only
-            says where the base stands, which is the same for all rows.
+        relative_sigma_m: `sigma_m` of the target that the arm was calibrated with, before its instrument: without what
+            only says where base and target stand, which is the same for all rows.
     """
 
     time: float

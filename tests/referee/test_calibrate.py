@@ -249,8 +249,9 @@ def test_what_only_says_where_the_base_stands_is_apart_from_what_is_relative(fou
         assert row.sigma_m**2 - row.relative_sigma_m**2 == pytest.approx((prior * reach) ** 2, rel=0.2)
     assert made.relative_sigma_m < 0.5 * made.remains_m[1]
     certainty = found.arm.certainty
-    frame = np.array([not label.startswith("instrument ") for label in certainty.labels])
-    alone = dataclasses.replace(found.arm, certainty=certainty.part(np.flatnonzero(frame)))
+    frame = np.array([not label.startswith(("instrument ", "tool ")) for label in certainty.labels])
+    at_tip = dataclasses.replace(found.arm.instrument, target=np.zeros(3))
+    alone = dataclasses.replace(found.arm, instrument=at_tip, certainty=certainty.part(np.flatnonzero(frame)))
     for row in compensate(alone, path).rows[:3]:
         assert row.relative_sigma_m == pytest.approx(row.sigma_m, rel=1e-9)
 

@@ -2,92 +2,95 @@
 
     python tests/studies/fleets.py [--fleets N] [--seed S]
 
-Every sister has its own joint zeros, geometry and compliance about the fleet's: heavy_six under two payloads, a tracker
-that stands anywhere. Each is left out in turn. Printed are the RMS of the readings' error at 72 other poses
-[mm], how many coordinates are within 1.96 of the stated standard deviation, the same with the fleet's true mean and
-spread as the prior, and how often a stranger with other common errors is left out.
+The machines are those of `support.plant`, which shares no code with armflex: heavy_six under two payloads, each with
+joint zeros, geometry and compliance of its own about the fleet's. Each is left out in turn. Printed are the RMS of the
+readings' error at 72 other poses [mm], and how many coordinates are within 1.96 of the stated standard deviation, of
+a tracker that stands anywhere with a target that is anywhere on the tool, and of one that both are known of; the same
+with the fleet's true mean and spread as the prior; and how often a stranger with other common errors is left out.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
-from support.heavy_campaign import declared
 
-import armflex
-from armflex.arm import Arm, Setup
-from armflex.estimate.block import factor_block
-from armflex.estimate.calibrate import calibrate
-from armflex.estimate.fleet import common
-from armflex.measured.measurements import Measurements
-from armflex.parameters import ParameterKind, of_motions, of_offsets
-from armflex.readings.instrument import Instrument
-from armflex.robot import Corrections
-from armflex.tasks.predict import predict
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
-PRIOR = "joint_offset = 2e-3\ngeometry = 1e-3\ncompliance = 0.3\ntool = 0.05"
+from support.heavy_campaign import declared  # noqa: E402
+from support.plant import Plant, Rows, apply, pose, screw, turn  # noqa: E402
 
+import armflex  # noqa: E402
+from armflex.arm import Arm  # noqa: E402
+from armflex.estimate.block import factor_block  # noqa: E402
+from armflex.estimate.calibrate import calibrate  # noqa: E402
+from armflex.estimate.fleet import common  # noqa: E402
+from armflex.measured.measurements import Measurements  # noqa: E402
+from armflex.parameters import ParameterKind, of_motions, of_offsets  # noqa: E402
+from armflex.tasks.predict import predict  # noqa: E402
 
-def sister(arm: Arm, rng: np.random.Generator, mean: dict, spread: float) -> Arm:
-    """Return an arm of the fleet."""
-    names = arm.joint_names
-    offset = {name: float(mean["offset"][i] + spread * 4e-4 * rng.normal()) for i, name in enumerate(names)}
-    geometry = {
-        name: mean["geometry"][i] + spread * np.array([2e-4] * 3 + [1e-4] * 3) * rng.normal(size=6)
-        for i, name in enumerate(names)
-    }
-    block = factor_block(arm, {f.name: tuple(f.law.freed(None)) for f in arm.flexures})  # every axis that gives
-    factors = mean["compliance"][: len(block.parameters)] + spread * 0.05 * rng.normal(size=len(block.parameters))
-    soft = block.apply(Setup(arm, Instrument()), factors).arm
-    return replace(soft, corrections=Corrections(offset, geometry))
+PRIOR = "joint_offset = 2e-3\ngeometry = 1e-3\ncompliance = 0.3\n"
+SPREAD = {"offset": 4e-4, "geometry": np.array([2e-4] * 3 + [1e-4] * 3), "compliance": 0.05}
+"""Of a fleet's sisters, times --spread."""
 
 
-def known(arm: Arm, mean: dict, spread: float) -> dict[str, tuple[float, float]]:
+def drawn(rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return what all of a fleet have: zeros [rad], motions at each joint [m, rad], relative compliances."""
+    shape = {"offset": (6,), "geometry": (6, 6), "compliance": (6, 6)}
+    size = {"offset": 8e-4, "geometry": 3e-4, "compliance": 0.15}
+    return {name: size[name] * rng.normal(size=shape[name]) for name in shape}
+
+
+def sister(file: Path, rng: np.random.Generator, mean: dict[str, np.ndarray], spread: float) -> Plant:
+    """Return a machine of the fleet."""
+    own = {name: mean[name] + spread * SPREAD[name] * rng.normal(size=mean[name].shape) for name in mean}
+    plant = Plant.read(file)
+    for i, joint in enumerate(plant.joints):
+        joint.origin = joint.origin @ screw(own["geometry"][i])
+        plant.offset[joint.name] = own["offset"][i]
+        plant.compliance[joint.name] = plant.compliance[joint.name] * (1.0 + own["compliance"][i])
+    return plant
+
+
+def known(arm: Arm, mean: dict[str, np.ndarray], spread: float) -> dict[str, tuple[float, float]]:
     """Return mean and standard deviation of each parameter as they were drawn."""
-    found = {}
-    for i, one in enumerate(of_offsets(arm.robot)):
-        found[one.label] = mean["offset"][i], 4e-4 * spread
+    found = {one.label: (mean["offset"][i], 4e-4 * spread) for i, one in enumerate(of_offsets(arm.robot))}
     for i, one in enumerate(of_motions(ParameterKind.GEOMETRY, arm.joint_names)):
-        found[one.label] = mean["geometry"].ravel()[i], spread * (2e-4 if str(one.name)[0] == "d" else 1e-4)
-    block = factor_block(arm, {f.name: tuple(f.law.freed(None)) for f in arm.flexures})
-    for i, one in enumerate(block.parameters):
-        found[one.label] = mean["compliance"][i], spread * 0.05
+        found[one.label] = mean["geometry"].ravel()[i], spread * SPREAD["geometry"][i % 6]
+    freed = {f.name: tuple(f.law.freed(None)) for f in arm.flexures}
+    every = {f.name: i for i, f in enumerate(arm.flexures)}
+    axes = [(every[name], axis) for name, own in freed.items() for axis in own]
+    for (i, axis), one in zip(axes, factor_block(arm, freed).parameters, strict=True):
+        found[one.label] = mean["compliance"][i][int(axis)], spread * SPREAD["compliance"]
     return {name: (float(a), float(b)) for name, (a, b) in found.items()}
 
 
-def campaign(arm: Arm, rng: np.random.Generator, count: int, noise: float) -> Measurements:
-    """Return measured rows of an arm, and its instrument anywhere."""
-    lower = np.maximum([joint.lower for joint in arm.robot.moving], -2.0)
-    upper = np.minimum([joint.upper for joint in arm.robot.moving], 2.0)
-    q = rng.uniform(lower, upper, (count, len(lower)))
-    payload = tuple(rng.choice(["empty", "p200"], count).tolist())
-    pose = pin.SE3(pin.exp3(rng.normal(0.0, 0.5, 3)), rng.normal(0.0, 1.0, 3))
-    place = replace(arm, instrument=Instrument(pose, target=np.array([0.01, 0.02, 0.03])))
-    rows = Measurements(
-        joint_names=arm.joint_names, pose=tuple(map(str, range(count))), session=("a",) * count, payload=payload,
-        time=np.arange(float(count)), q=q, approach=np.zeros_like(q), measured=np.ones(count, bool),
-        position=np.zeros((count, 3)), sigma=np.full((count, 3), noise),
+def campaign(arm: Arm, plant: Plant, rng: np.random.Generator, count: int, noise: float, placed: bool) -> Measurements:
+    """Return measured rows of a machine, and its instrument and target anywhere, or in the base and at the tip."""
+    limits = [(max(joint.lower, -2.0), min(joint.upper, 2.0)) for joint in plant.joints]
+    q, loaded = rng.uniform(*np.array(limits).T, (count, 6)), rng.random(count) < 0.5
+    station, target = pose(rng.normal(0.0, 1.0, 3), turn(rng.normal(0.0, 0.5, 3))), np.array([0.01, 0.02, 0.03])
+    plant.target, station = (np.zeros(3), np.eye(4)) if placed else (target, station)
+    com = np.where(loaded[:, None], [0.1, 0.0, 0.0], 0.0)
+    true = apply(station, plant.points(plant.relax(Rows.plain(q, 200.0 * loaded, com))))
+    return Measurements(
+        joint_names=arm.joint_names, pose=tuple(map(str, range(count))), session=("a",) * count,
+        payload=tuple(np.where(loaded, "p200", "empty").tolist()), time=np.arange(float(count)), q=q,
+        approach=np.zeros_like(q), measured=np.ones(count, bool),
+        position=true + rng.normal(0.0, noise, true.shape), sigma=np.full((count, 3), noise),
     )  # fmt: skip
-    exact = predict(place, rows).position
-    return replace_position(rows, exact + rng.normal(0.0, noise, exact.shape))
 
 
-def replace_position(rows: Measurements, position: np.ndarray) -> Measurements:
-    kinds = tuple(replace(kind, values=position) for kind in rows.readings.kinds)
-    return replace(rows, readings=replace(rows.readings, kinds=kinds))
-
-
-def scored(found: Arm, pose_of: Measurements) -> tuple[float, float]:
+def scored(found: Arm, rows: Measurements) -> tuple[float, float]:
     """Return RMS error of predicted readings at fresh poses [m], and the share within 1.96 standard deviations."""
-    told = predict(found, pose_of)
-    off = told.position - pose_of.position
-    std = np.sqrt(told.sigma**2 + pose_of.sigma**2)
+    told = predict(found, rows)
+    off, std = told.position - rows.position, np.hypot(told.sigma, rows.sigma)
     return float(np.sqrt((off**2).sum(axis=1).mean())), float((np.abs(off) < 1.96 * std).mean())
 
 
@@ -99,44 +102,41 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     warnings.simplefilter("ignore")
-    lines, strange = [], []
-    with tempfile.TemporaryDirectory() as folder:
-        arm = armflex.load_arm(declared(Path(folder), PRIOR))
+    for placed in (False, True):
+        with tempfile.TemporaryDirectory() as folder:
+            file = declared(Path(folder), PRIOR + ("" if placed else "tool = 0.05\n"))
+            if placed:
+                file.write_text(file.read_text().replace('frame = "unknown"', 'frame = "base"'))
+            print("instrument and target known" if placed else "instrument and target anywhere")
+            one_setting(file, asked, placed)
+
+
+def one_setting(file: Path, asked: argparse.Namespace, placed: bool) -> None:
+    """Print the figures of all fleets."""
+    arm, lines, strange = armflex.load_arm(file), [], []
     for fleet in range(asked.fleets):
         rng = np.random.default_rng([asked.seed, fleet])
-
-        def means(rng: np.random.Generator = rng) -> dict:
-            return {"offset": 8e-4 * rng.normal(size=6), "geometry": 3e-4 * rng.normal(size=(6, 6)),
-                    "compliance": 0.15 * rng.normal(size=40)}  # fmt: skip
-
-        mean = means()
-        truths = [sister(arm, rng, mean, asked.spread) for _ in range(6)]
-        whole = [campaign(truth, rng, 132, asked.noise) for truth in truths]  # 60 fitted, 12 of them few, 72 kept back
+        mean = drawn(rng)
+        sisters = [sister(file, rng, mean, asked.spread) for _ in range(6)]
+        # 60 fitted, 12 of them few, 72 kept back
+        whole = [campaign(arm, plant, rng, 132, asked.noise, placed) for plant in sisters]
         fitted = [calibrate(arm, rows.some(np.arange(60))) for rows in whole]
-        other = sister(arm, rng, means(), asked.spread)
-        odd = calibrate(arm, campaign(other, rng, 60, asked.noise)).arm
+        other = sister(file, rng, drawn(rng), asked.spread)
+        odd = calibrate(arm, campaign(arm, other, rng, 60, asked.noise, placed)).arm
         for out in range(6):
             others = {str(i): one.arm for i, one in enumerate(fitted) if i != out}
-            prior = replace(arm.prior, each=common(others).each)
-            kept = whole[out].some(np.arange(60, 132))
-            few = whole[out].some(np.arange(12))
-            oracle = calibrate(replace(arm, prior=replace(arm.prior, each=known(arm, mean, asked.spread))), few)
-            with_prior = calibrate(replace(arm, prior=prior), few)
-            alone = calibrate(arm, few)
-            line = [scored(one.arm, kept) for one in (with_prior, alone, fitted[out], oracle)]
+            few, kept = (whole[out].some(own) for own in (np.arange(12), np.arange(60, 132)))
+            priors = (common(others).each, None, known(arm, mean, asked.spread))
+            each = [replace(arm, prior=arm.prior if own is None else replace(arm.prior, each=own)) for own in priors]
+            line = [scored(calibrate(one, few).arm, kept) for one in each] + [scored(fitted[out].arm, kept)]
             lines.append([number for pair in line for number in pair])
             if out == 0:
                 strange.append("odd" in common({**others, "odd": odd}).strangers)
             print(fleet, out, *(f"{1e3 * rms:.4f} mm {100 * share:.0f} %" for rms, share in line), flush=True)
     table = np.array(lines)
-    for name, i in (
-        ("12 rows with the fleet", 0),
-        ("12 rows alone", 2),
-        ("60 rows alone", 4),
-        ("12 rows, fleet known", 6),
-    ):
-        rms = 1e3 * np.sqrt((table[:, i] ** 2).mean())
-        print(f"{name}: {rms:.4f} mm, {100 * table[:, i + 1].mean():.1f} % within 1.96 standard deviations")
+    for i, name in enumerate(("12 rows, fleet", "12 rows alone", "12 rows, fleet known", "60 rows alone")):
+        rms = 1e3 * np.sqrt((table[:, 2 * i] ** 2).mean())
+        print(f"{name}: {rms:.4f} mm, {100 * table[:, 2 * i + 1].mean():.1f} % within 1.96 standard deviations")
     print(f"strangers left out: {sum(strange)} of {len(strange)}")
 
 

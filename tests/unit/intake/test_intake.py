@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import numpy as np
@@ -223,6 +224,12 @@ def test_three_files_of_metrology_come_to_a_sheet(tmp_path: Path) -> None:
     fine(run_here(tmp_path, "intake", "log.txt", "-o", "path.csv"))
     fine(run_here(tmp_path, "export", "fit.toml", "--to", "krl", "--traj", "path.csv", "-o", "path.src"))
     assert (tmp_path / "path.src").read_text().count("PTP {E6AXIS") == 80
+    # Where the target is on the flange, and the instrument, are nothing to what the campaign says of the rest.
+    fine(run_here(tmp_path, "compensate", "fit.toml", "path.csv", "--best-effort", "-o", "c.csv", "--json", "c.json"))
+    run_here(tmp_path, "check", "fit.toml", "path.csv", "--tolerance", "5mm", "--json", "k.json")
+    made, checked = (json.loads((tmp_path / name).read_text()) for name in ("c.json", "k.json"))
+    assert made["sigma_m"] > 1e-3
+    assert max(made["relative_sigma_m"], checked["relative_sigma_m"]) < 1e-4
     for i in range(1, 5):  # zero and theta are one number, which is known far better than either
         zero = sheet["joint_offset", f"J{i + 1}", "offset"]
         assert float(zero["std"]) < 2e-4
