@@ -90,7 +90,7 @@ def _krl_move(row: int, at: Mapping[str, str], time: float | None, blend: float)
 
 
 def _krl_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
-    told = (f"KRL wants the file to be named as the program is: {name}.src.",)
+    told = (f"A KRL file must have the name of its program: {name}.src.",)
     lost = [f"{times} times between rows"] * bool(times) + [f"{blends} blends"] * bool(blends)
     if not lost:
         return told

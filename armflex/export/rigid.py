@@ -178,7 +178,7 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     loops, opened = _loops_left_out(arm, drawn)
     unknown = (*loops, *unknown)
     if not arm.flexures and not arm.effects:
-        told = ("The arm gives nowhere: this file leaves out nothing that is known.", *unknown)
+        told = ("No flexure and no effect is declared: this file leaves out nothing.", *unknown)
         return told, {"left_out": [], "without": [], **opened}
     aside: list[Effect] = []
     if over is None:

@@ -107,7 +107,7 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     if parallel and (most := without_beta(whole, splits)) > RESOLUTION:
         pairs = listing(" and ".join(pair) for pair in parallel)
         text = f"{pairs}: axes are nearly parallel, so their rows have Hayati's beta and common normals that fit it"
-        told += (f"{text}; a controller that knows no beta leaves the tip up to {most * 1e3:.3g} mm away",)
+        told += (f"{text}; a controller without beta is off by up to {most * 1e3:.3g} mm at the tip",)
         lost |= {"without_beta_m": most}
     return Exported(_table(values, std), (*warnings, *told), lost, page=_page(arm, values, std))
 

@@ -183,6 +183,7 @@ def intake(
     log, exports = logs[0], [i for i in points if i not in logs]
     for i in exports:  # what an instrument's program adds is no cause of the arm's errors
         understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
+    understood[log] = _named_alike(sources, understood, log, exports)
     sources, notes = _standing(sources, understood, log, exports)
     found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes])
     found = replace(found, declare="\n\n".join(filter(None, (found.declare, declared))))
@@ -207,6 +208,22 @@ def intake(
     of_arm = tuple((rows_of_arm.title, *cells) for cells in arm.taken)
     text = arm_text(arm.lines(joints), "flange", found.declare, bool(points))
     return replace(found, taken=of_arm + found.taken, arm=text)
+
+
+def _named_alike(
+    sources: Sequence[Source], understood: Sequence[tuple[Meaning, ...]], log: int, exports: Sequence[int]
+) -> tuple[Meaning, ...]:
+    """Return what a log's columns are, one without a meaning among them its names where most are those of points."""
+    own, source = understood[log], sources[log]
+    given = [cells for i in exports if (cells := _cells(sources[i], understood[i], "name")) is not None]
+    if not given or any(one.kind == "name" for one in own):
+        return own
+    labels = {str(one).split("::")[-1].strip() for cells in given for one in cells}
+    names = labels | {match[1] for label in labels if (match := TARGET.fullmatch(label))}
+    for i, (one, cells) in enumerate(zip(own, source.columns, strict=True)):
+        if one.kind in ("covariate", "unused") and 2 * len(names & set(map(str, cells))) > len(cells):
+            return (*own[:i], replace(one, kind="name", name="pose", unit="", why="the points' names"), *own[i + 1 :])
+    return own
 
 
 def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning, ...], list[str]]:
@@ -529,7 +546,7 @@ def _joined(
             notes.append(f"{len(spare)} {what}s of {export.path.name} belong to no row (lines {at})")
         empty = [names[i] for i in range(count) if all(found[target][i] < 0 for target in targets)]
         if empty:
-            notes.append(f"no {what} of {len(empty)} rows: {listing(empty, 5)}; they stay empty")
+            notes.append(f"{listing(empty, 5)} without a {what}: {len(empty)} of {count} rows stay empty")
         return found, names, f"by name{several}", notes
     if log.spans is not None and export.spans is log.spans:
         empty = sum(not line for line in export.lines)

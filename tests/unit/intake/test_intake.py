@@ -28,6 +28,8 @@ def comma(value: float) -> str:
 LOGS = {
     "degrees": "Point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n"
     + "\n".join(f"{name},{','.join(map(str, q))}" for name, q in zip(NAMES, Q, strict=True)),
+    "names called otherwise": "Nr,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n"
+    + "\n".join(f"{name},{','.join(map(str, q))}" for name, q in zip(NAMES, Q, strict=True)),
     "kuka": "$AXIS_ACT.A1;$AXIS_ACT.A2;$AXIS_ACT.A3;$AXIS_ACT.A4;$AXIS_ACT.A5;$AXIS_ACT.A6;Name\n"
     + "\n".join(f"{';'.join(f'{v:.4f}'.replace('.', ',') for v in q)};{n}" for n, q in zip(NAMES, Q, strict=True)),
     "ur": "timestamp "
@@ -140,7 +142,7 @@ def test_clocks_join_where_there_is_nothing_else(tmp_path: Path) -> None:
     [
         ("", "", "holds no rows of numbers"),
         (LOGS["degrees"], "a;b;c\n1;2;3\n4;5;6\n", "neither joints nor x y z"),
-        (LOGS["degrees"], LOGS["bare"], "2 files have joints and 0 have x y z"),
+        (LOGS["degrees"], LOGS["bare"], "2 files have joints, 0 have x y z"),
         (LOGS["degrees"].replace("J2", "J1"), EXPORTS["leica"], "two columns are called"),
     ],
 )
