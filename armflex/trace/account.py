@@ -18,7 +18,7 @@ from armflex.estimate.robust import robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
-from armflex.trace.asking import Ask, lacking, next_measurement
+from armflex.trace.asking import Ask, lacking, misplaced_centres, next_measurement
 from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
@@ -160,7 +160,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     state.teller.stage("looking what would decide what is in question")
     following = next_measurement(state, known.credible, ask or Ask())
-    seen = known.validated
+    wrong, seen = misplaced_centres(state.fitted, state.fit.setup.arm.robot), known.validated
     return Trace(
         **_errors(state),
         found=found,
@@ -170,7 +170,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         undecided=None if state.effects or left is not None else _undecided(known),
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
-        next_measurement=(*following.texts, *lacking(state.measurements, state.context)),
+        next_measurement=(*wrong, *following.texts, *lacking(state.measurements, state.context)),
         asked=following.asked,
         compared=None if seen is None else seen.compared,
         withdrawn=withdrawn,

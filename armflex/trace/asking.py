@@ -17,11 +17,14 @@ from armflex.estimate.posterior import certainty_of
 from armflex.estimate.view import look
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.link_mass import LINK_MASS
+from armflex.laws.effects.location import link_of
 from armflex.measured.measurements import Measurements
 from armflex.plan.asking import OFFERED, Asked, Cause, Pair, Question
 from armflex.plan.design import instead
 from armflex.plan.design_model import Before, Told, noises_of
 from armflex.plan.instruments import levels_tell
+from armflex.robot.robot import Robot
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import CREDIBLE, Credible
 from armflex.trace.state import State
@@ -34,6 +37,9 @@ POSSIBLE, RIVALS = 0.01, 4
 
 LOOKED = 64
 """Tolerance: rows, a power of two, by which it is judged whether any decides, where none are asked for."""
+
+ABSURD_MASS = 0.25
+"""Prior: share of a link's declared mass by which none differs from that."""
 
 STEMS = ("ask", "ask_2")
 """How the poses of rows that were asked for begin, and their files are called: twice at most."""
@@ -166,6 +172,23 @@ def _before(state: State) -> Before:
     scatter = float(np.sqrt(left.sum() / max(fit.view.count, 1)))
     noises = {name: max(noise, scatter if state.random is not None else 1.0) for name, noise in noises_of(fit).items()}
     return Before(setup, Told(campaign, view, weights, fit), noises)
+
+
+def misplaced_centres(effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
+    """Return in words that masses which no link has may be centres of mass at wrong places: they load joints alike."""
+    far = {}
+    for effect in effects:
+        if effect.law is LINK_MASS and effect.named.get("mass"):
+            link = robot.urdf.links[link_of(effect.location.site, robot)]
+            declared = link.inertial.mass if link.inertial else 0.0
+            if abs(effect.named["mass"]) > ABSURD_MASS * declared:
+                far[link.name] = f"{link.name} by {effect.named['mass']:+.3g} kg of {declared:.3g} kg"
+    if not far:
+        return ()
+    text = f"Masses differ more from the declared ones than a link's does ({listing(far.values())})"
+    return (
+        f"{text}: check the declared centres of mass of these links and their neighbours, which load joints alike.",
+    )
 
 
 def lacking(measurements: Measurements, context: Context) -> tuple[str, ...]:
