@@ -274,7 +274,7 @@ class Certainty:
     design_effect: float = 1.0
 
     def __post_init__(self) -> None:
-        if len(set(self.labels)) < len(self.labels):  # a file could not tell them apart
+        if len(set(self.labels)) < len(self.labels):  # a file could not distinguish them
             twice = next(label for label in self.labels if self.labels.count(label) > 1)
             raise InputError(f"two parameters are both named {twice!r}: rename a flexure or a node of its assembly")
 

@@ -78,7 +78,7 @@ def fit_structural(loads: Array, deflections: Array, assembly: StructuralLaw) ->
     names = [f"{assembly.subjoints[i].node} C_{TWIST_NAMES[axis]}" for i, axis in free]
     if (stds > UNKNOWN).all():
         raise IdentifiabilityError("loads do not determine the compliances of the sub-joints", 0, np.inf, names)
-    # The law tells its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip.
+    # The law states its sub-joints' uncertainty, the loads that they saw, and the scatter of the tip.
     shares = [[load for _, load in law.shares(wrench, NOWHERE)] for wrench in wrenches(loads)]
     fits, found, axes = laws(solved.x), {}, np.arange(6)
     for i, own in enumerate(fits):

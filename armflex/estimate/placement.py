@@ -257,7 +257,7 @@ def check_enough(points: Array, sigma: Array) -> None:
         IdentifiabilityError: With rank, condition and names of what is left free.
     """
     jacobian = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
-    # About their centre points always tell a shift; a turn must be known to better than COARSEST.
+    # About their centre points always determine a shift; a turn must be known to better than COARSEST.
     turns = np.linalg.svd(COARSEST * jacobian.reshape(-1, 6)[:, 3:], full_matrices=False)
     known = turns.S >= 1.0
     if not known.all():

@@ -103,7 +103,7 @@ def tip_covariance(
     parts, met = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if remembers(arm) else ())
     for some in (slice(first, first + AT_ONCE) for first in range(0, len(q), AT_ONCE)):
         given = {name: values[some] for name, values in known.items()}
-        # A direction of 0 is one that nothing tells: of effects that derive it, the joint came from either side.
+        # A direction of 0 is unknown: of effects that derive it, the joint came from either side.
         carried = cast(Sequence[str], payloads[some])  # one without a name may stand for itself here
         rows = Rows.of(arm.joint_names, q[some], carried, {"time": 0.0} | given, derived=derived)
         pulled = wrenches_in(wrenches, np.arange(len(q))[some])

@@ -246,7 +246,7 @@ def read_measurements(
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
     flags += (*table_flags(table, found), *_sensor_flags(found, arm, table), *force_flags(found, arm))
     flags += branch_flags(table, arm)
-    flags += () if found.measured.any() else unit_flags(table, arm)  # else readings tell, when the arm is fitted
+    flags += () if found.measured.any() else unit_flags(table, arm)  # else readings decide, when the arm is fitted
     if export is not None:
         sha256, frame = hashlib.sha256((sha256 + export.sha256).encode()).hexdigest(), export.frame
         base = arm.robot.base

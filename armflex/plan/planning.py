@@ -157,7 +157,7 @@ def plan(
     goal = _goal(before, model, every, hypotheses, along)
     tick(1, ROUNDS + 1)
 
-    # The best of all that is offered, then of what is near it; the most telling first.
+    # The best of all that is offered, then of what is near it; the most informative first.
     rng, here, known, width = np.random.default_rng(seed), offer, model.known, WIDTH
     chosen = exchanged(goal, known, every, greedy(goal, known, every, rows), 3)
     for number in range(ROUNDS):

@@ -236,7 +236,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     tip = readings.foremost
     fitted, about = fitted_variance(arm, rows, readings)
     untold = (untold_shifts(Setup(arm, instrument), rows, readings) ** 2).sum(axis=0)
-    # What directions leave open is told beside what a law or a fit has: alone it would be taken for all of it.
+    # What directions leave open is stated beside what a law or a fit has: alone it would be read as all of it.
     variance = None if fitted is None and found.covariance is None else untold
     if variance is not None and fitted is not None:
         variance = fitted + variance

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,9 @@ DRAWS = 200
 
 CURVES = 25
 """Of these, how many are drawn as curves."""
+
+WIDTH = 16
+"""Letters of a model's name below one bar."""
 
 
 def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Path:
@@ -83,7 +87,7 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
         axes = lower.subplots()
         own = result.trained.model
         bars = [(f"{own}\ntraining", result.train_rms), (f"{own}\nheld out", result.held_out_rms)]
-        bars += [(f"{name}\nheld out", rms) for name, rms in result.compared if len(result.compared) > 1]
+        bars += [(f"{fill(name, WIDTH)}\nheld out", rms) for name, rms in result.compared if len(result.compared) > 1]
         place, width = np.arange(len(bars)), 0.8 / size
         for column in range(size):
             values = [rms[column] for _, rms in bars]
