@@ -193,7 +193,7 @@ class Corrector:
         if ((short >= self.low) & (short <= self.high)).all():
             return short
         low, high, wanted = self.low / self.scale, self.high / self.scale, scaled @ start
-        # A little regularisation determines which joints belong at their limits; those known, the rest is solved exactly.
+        # A little regularisation determines which joints belong at their limits; the rest is then exact.
         short = _damped(scaled, wanted, REGULARISATION, low, high)
         free = (short > low) & (short < high)
         rest = wanted - scaled[:, ~free] @ short[~free]
