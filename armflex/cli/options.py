@@ -492,7 +492,7 @@ def configuration(function: Callable) -> Callable:
     """
 
     @arm
-    @click.option("--q", "positions", default="", metavar="A1=0.3,A4=-10deg",
+    @click.option("--q", "positions", multiple=True, metavar="A1=0.3,A4=-10deg",
                   help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.")  # fmt: skip
     @click.option("--payload", default="none", show_default=True, metavar="NAME", help="Payload of ARM.")
     @click.option("--force", "forces", multiple=True, metavar="LINK=FX,FY,FZ",
@@ -500,10 +500,15 @@ def configuration(function: Callable) -> Callable:
     @covariates
     @functools.wraps(function)
     def configured(
-        arm: Arm, positions: str, payload: str, forces: tuple[str, ...], covariates: dict[str, float], **rest: Any
+        arm: Arm,
+        positions: tuple[str, ...],
+        payload: str,
+        forces: tuple[str, ...],
+        covariates: dict[str, float],
+        **rest: Any,
     ) -> Any:
         wrenches = [parse_force(text, arm) for text in forces]
-        q, arm = parse_positions(positions, arm)
+        q, arm = parse_positions(",".join(positions), arm)
         return function(arm, q, payload, wrenches=wrenches, covariates=settled_covariates(arm, covariates), **rest)
 
     return configured

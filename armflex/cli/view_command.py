@@ -23,7 +23,7 @@ from armflex.trajectory import read_trajectory
 @click.option("--traj", "trajectory_path", type=options.InputPath, metavar="TRAJ.csv", help="Animate this trajectory.")
 @click.option("--tolerance", type=options.Quantity("length"), metavar="5mm",
               help="Colour the via-points by their verdict.")  # fmt: skip
-@click.option("--q", "positions", default="", metavar="A1=0.3", help="Joint positions where no trajectory is given.")
+@click.option("--q", "positions", multiple=True, metavar="A1=0.3", help="Joint positions where no path is given.")
 @click.option("--magnify", "magnification", type=float,
               help="Factor on the deflections shown; a round one is chosen otherwise.")  # fmt: skip
 @click.option("--meshes", is_flag=True, help="Draw the URDF's mesh files where they lie beside it.")
@@ -35,7 +35,7 @@ def command(
     unnamed: Unnamed,
     trajectory_path: Path | None,
     tolerance: float | None,
-    positions: str,
+    positions: tuple[str, ...],
     **shown: Any,
 ) -> None:
     """One self-contained page, made without a display, opened by any browser."""
@@ -47,7 +47,7 @@ def command(
     with together():
         if trajectory_path is None:
             pulled = () if unnamed.force is None else (unnamed.force,)
-            q, arm = options.parse_positions(positions, arm) if positions else (None, arm)
+            q, arm = options.parse_positions(",".join(positions), arm) if positions else (None, arm)
             view(arm, q, unnamed.payload, wrenches=pulled, **shown)
         else:
             trajectory = read_trajectory(trajectory_path, arm, unnamed)

@@ -8,7 +8,7 @@ C3D10, 27 in a C3D20, eight in a C3D20R and a C3D8. scikit-fem's own forms loop 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array
@@ -24,22 +24,9 @@ _TET = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1
 _HEX = np.array([[x, y, z] for z in (0.0, 1.0) for x, y in ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))])
 
 
-class Rule(NamedTuple):
-    """How an element is integrated.
-
-    Attributes:
-        shapes: (Q, k) shape functions at its points.
-        gradients: (Q, k, 3) their derivatives in the reference element.
-        weights: (Q,) weights of the points.
-    """
-
-    shapes: Array
-    gradients: Array
-    weights: Array
-
-
-def rule(kind: str) -> Rule:
-    """Return the rule of an element type."""
+def rule(kind: str) -> tuple[Array, Array, Array]:
+    """Return an element type's (Q, k) shape functions at its points of integration, their (Q, k, 3) derivatives in the
+    reference element, and the (Q,) weights of the points."""
     try:
         from skfem import element as elements
         from skfem.quadrature import get_quadrature
@@ -61,7 +48,7 @@ def rule(kind: str) -> Rule:
 
     points, weights = get_quadrature(one.refdom, degree)
     values = [one.lbasis(points, i) for i in order]
-    return Rule(np.array([v for v, _ in values]).T, np.array([g for _, g in values]).transpose(2, 0, 1), weights)
+    return np.array([v for v, _ in values]).T, np.array([g for _, g in values]).transpose(2, 0, 1), weights
 
 
 def assembled(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None) -> tuple[Any, Any]:
@@ -81,22 +68,22 @@ def assembled(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None)
         return coo_array((blocks.ravel(), (rows, columns)), (size, size)).tocsc()
 
     for block in mesh.blocks:
-        how, corners, own = rule(block.kind), corners_of(block.kind), block.material
-        straight = rule("C3D4" if corners == 4 else "C3D8")
+        (shapes, slopes, parts), corners, own = rule(block.kind), corners_of(block.kind), block.material
+        _, straight, _ = rule("C3D4" if corners == 4 else "C3D8")
         assert own is not None
         shear = 0.5 * own.young / (1.0 + own.poisson)
         first = 2.0 * shear * own.poisson / (1.0 - 2.0 * own.poisson)
         for start in range(0, len(block.ids), AT_ONCE):
             nodes = block.nodes[start : start + AT_ONCE]
             points, each = mesh.points[nodes], nodes.shape[1]
-            volumes, gradients = _at_points(points, how.gradients)
+            volumes, gradients = _at_points(points, slopes)
             # Middles of edges may hide that corners are exchanged.
-            least = np.hstack([volumes, _at_points(points[:, :corners], straight.gradients)[0]]).min(axis=1)
+            least = np.hstack([volumes, _at_points(points[:, :corners], straight)[0]]).min(axis=1)
             if len(bad := start + np.flatnonzero(least <= 0.0)):
                 more = f" (and {len(bad) - 1} others)" if len(bad) > 1 else ""
                 text = f"element {block.ids[bad[0]]} ({block.kind}) has no positive volume everywhere{more}"
                 raise mesh.fail(f"{text}: inverted, or distorted", block.lines[bad[0]])
-            weights = volumes * how.weights
+            weights = volumes * parts
             scaled = (gradients * np.sqrt(weights)[..., None, None]).reshape(*weights.shape, -1)
             pairs = (np.swapaxes(scaled, 1, 2) @ scaled).reshape(len(points), each, 3, each, 3)
             ke = shear * np.swapaxes(pairs, 2, 4)
@@ -104,7 +91,7 @@ def assembled(mesh: Mesh, tick: Callable[[int, int | None], None] | None = None)
             for axis in range(3):
                 ke[:, :, axis, :, axis] += along
             ke += first * pairs
-            me = (own.density or 0.0) * np.einsum("qi,qj,eq->eij", how.shapes, how.shapes, weights)
+            me = (own.density or 0.0) * np.einsum("qi,qj,eq->eij", shapes, shapes, weights)
             dofs = (3 * nodes[..., None] + np.arange(3)).reshape(len(nodes), -1)
             stiffness = stiffness + summed(ke.reshape(len(points), 3 * each, 3 * each), dofs, 3 * count)
             mass = mass + summed(me, nodes, count)

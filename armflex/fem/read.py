@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from armflex.errors import InputError, MeshError, Place, did_you_mean, listing
@@ -11,8 +12,8 @@ from armflex.fem.matrices import SUFFIXES
 from armflex.fem.mesh import Mesh, with_material
 from armflex.fem.msh import mesh_step, read_msh
 
-KINDS = (".inp", ".bdf", ".nas", ".dat", ".msh", ".step", ".stp")
-"""Suffixes that are read."""
+READERS = {".inp": read_inp, **dict.fromkeys((".bdf", ".nas", ".dat"), read_bdf), ".msh": read_msh}
+STEP = (".step", ".stp")
 
 
 def read_mesh(
@@ -37,24 +38,19 @@ def read_mesh(
         MeshError: It is none of them, cannot be read, or elements have no material.
     """
     suffix = path.suffix.lower()
-    if suffix not in KINDS:
-        hint = did_you_mean(suffix, KINDS)
-        raise MeshError(
-            Place(path),
-            f"{suffix or 'a file without a suffix'} is no mesh{hint} (known: {listing((*KINDS, *SUFFIXES))})",
+    if suffix not in (*READERS, *STEP):
+        known, named = (*READERS, *STEP, *SUFFIXES), suffix or "a file without a suffix"
+        raise MeshError(Place(path), f"{named} is no mesh{did_you_mean(suffix, known)} (known: {listing(known)})")
+    if (size is None) == (suffix in STEP):
+        text = (
+            "is meshed already: --size is for a STEP file" if size else "has no elements: give their size (--size 20mm)"
         )
-    step = suffix in (".step", ".stp")
-    if step and size is None:
-        raise InputError(f"{path}: a STEP file has no elements: give their size (--size 20mm)")
-    if size is not None and not step:
-        raise InputError(f"{path} is meshed already: --size is for a STEP file")
-    if step:
-        assert size is not None
+        raise InputError(f"{path} {text}")
+    if size is not None:
         found = mesh_step(path, size)
-    elif suffix == ".msh":
-        found = read_msh(path, unit)
     else:
-        found = read_inp(path, unit, springs) if suffix == ".inp" else read_bdf(path, unit)
+        read = partial(read_inp, springs=springs) if suffix == ".inp" else READERS[suffix]
+        found = read(path, unit)
     if found.beyond and not young is poisson is density is None:
         raise InputError(f"{path}: CalculiX reads this model as it stands: write its material there")
     return with_material(found, young, poisson, density)

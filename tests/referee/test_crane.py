@@ -133,15 +133,16 @@ def test_a_query_is_as_quick_as_with_flexures(folder: Path) -> None:
         f'[flexure.f{i}]\njoint = "{joint}"\ncompliance = [1e-9, 1e-9, 1e-9, 1e-7, 1e-7, 1e-7]\n'
         for i, joint in enumerate(("j1", "j2", "j3", "j4"))
     )
-    took = []
-    for text in (LINKS, by_numbers):
-        crane = arm(folder, text)
-        began = time.process_time()
-        for _ in range(50):
-            crane.deflection(np.zeros(4), "p")
-        took.append(time.process_time() - began)
-        assert len(crane.flexures) == 4
-    print(f"{took[0] / took[1]:.2f} times")
+    cranes = [arm(folder, text) for text in (LINKS, by_numbers)]
+    took = [np.inf, np.inf]
+    for _ in range(8):  # in turn, and the quickest of each: other programs run as well
+        for place, crane in enumerate(cranes):
+            began = time.process_time()
+            for _ in range(25):
+                crane.deflection(np.zeros(4), "p")
+            took[place] = min(took[place], (time.process_time() - began) / 25)
+    assert [len(crane.flexures) for crane in cranes] == [4, 4]
+    print(f"{1e6 * took[0]:.0f} us a query, {1e6 * took[1]:.0f} us with flexures, {took[0] / took[1]:.2f} times")
 
 
 @pytest.mark.parametrize(

@@ -269,6 +269,7 @@ BAD = {
     ),
     "unknown joint": (["deflect", A, "--q", "A9=1"], "no joint named 'A9', did you mean 'A"),
     "joint twice": (["deflect", A, "--q", "A1=1,A1=2"], "joint 'A1' is given twice"),
+    "joint in two options": (["deflect", A, "--q", "A1=1", "--q", "A1=2"], "joint 'A1' is given twice"),
     "no position": (["deflect", A, "--q", "A1"], "'A1' is not of the form JOINT=POSITION"),
     "empty position": (["deflect", A, "--q", "A1="], "'rad': expected a"),
     "outside limits": (["deflect", A, "--q", "A2=1"], "joint 'A2' at 1 is outside its limits"),
