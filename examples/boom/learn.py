@@ -71,7 +71,7 @@ def main(folder: Path, names: tuple[str, ...] = NAMES) -> None:
                 )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            auto = armflex.train(data, "auto", options=Options(neurons=NEURONS))
+            auto = armflex.train(data, "auto", options=Options(neurons=NEURONS, starts=3))
         each = {"training": auto.train_rms, "held out": auto.held_out_rms, "new": errors(auto.trained.law, new)}
         for part, rms in each.items():
             rows = new if part == "new" else data

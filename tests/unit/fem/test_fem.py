@@ -107,6 +107,12 @@ def test_every_reader_gives_the_same_part(tmp_path: Path) -> None:
     turn = np.kron(np.eye(2), [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(turned["compliance"], turn @ compliance @ turn.T, rtol=1e-6, atol=1e-18)
     np.testing.assert_allclose(turned["origin"], [0.95, 2.6, 3.1])
+    # Of two instances each has its own sets; both are a part of two pieces.
+    one = "*INSTANCE, NAME=J, PART=P\n3., 2., 3.\n*END INSTANCE\n*END ASSEMBLY"
+    (tmp_path / "two.inp").write_text(text.replace("*END ASSEMBLY", one))
+    both = read_inp(tmp_path / "two.inp")
+    assert len(both.sets["I.TIP"]) == len(both.sets["J.TIP"]) == len(both.sets["TIP"]) / 2
+    assert not np.intersect1d(both.sets["I.TIP"], both.sets["J.TIP"]).size
     # Nastran.
     (tmp_path / "bar.bdf").write_text(nastran(small(tmp_path)))
     np.testing.assert_allclose(
