@@ -219,7 +219,7 @@ def _remarks(found: Trace) -> Iterator[str]:
     for one, which in zip(found.found, found.numbers, strict=True):
         title = f"{one.effect.title}{numbered(which)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-        yield f"Probability: {one.probability:.0%} {title}{others}."
+        yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
     readings = found.state.measurements.readings
     unit, factor = SHOWN[readings.unit]
     for gone in found.withdrawn:

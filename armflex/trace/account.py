@@ -86,12 +86,17 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         here.state.teller.stage("weighing what else the effects may be")
         evidence, own, numbers = competing(here.screen, here.model)
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
-        found, null = tuple(sampled(evidence, model)), chance(here)
+        found, visited = sampled(evidence, model)
+        if idle(here.state) is None and any(one.doubtful for one in found[:-1]):
+            back, tried = {place: number for number, place in numbers.items()}, len(here.rejected)
+            models = [tuple(replace(one, number=back[one.number]) for one in some) for some in visited]
+            after = exchanged(here, models)
+            if after is not None or len(here.rejected) > tried:
+                here = here if after is None else after
+                continue
+        null = chance(here)
         if not model:
             return Weighed(here, found, None, null), tuple(withdrawn)
-        if (other := _likelier(here, found)) is not None:
-            here = other
-            continue
         here.state.teller.stage("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
@@ -111,20 +116,6 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             withdrawn += [one] if worse else []
             here.state.teller.stage(f"withdrawing {one.title}: {why}")
         here = standing(after, here)
-
-
-def _likelier(here: Standing, found: Sequence[Credible]) -> Standing | None:
-    """Return the state with a likelier hypothesis in the place of one that is not, or with that known to be unlikelier.
-
-    None where every hypothesis is the likeliest in its place, or the arm with what is likelier was fitted already.
-    """
-    for place, one in enumerate(found[:-1]):
-        if one.others and one.others[0][1] > one.probability:
-            tried = len(here.rejected)
-            after = exchanged(here, place)
-            if after is not None or len(here.rejected) > tried:
-                return after or here
-    return None
 
 
 def settled_exactly(here: Standing) -> Standing:

@@ -144,6 +144,14 @@ class Found:
         own = max(self.probability, 1e-9)
         return tuple((effect, 2.0 * float(np.log(own / share))) for effect, share in self.credible)
 
+    @property
+    def doubt(self) -> str:
+        """In words that something else in its place is likelier, '' where nothing is."""
+        if not self.credible or self.credible[0][1] <= self.probability:
+            return ""
+        other = self.credible[0][0].title
+        return f" It is not distinguished from {other}, which is likelier but with which the fitted arm is no better."
+
 
 @dataclass(frozen=True, eq=False)
 class FoundFamily:

@@ -45,6 +45,11 @@ class Credible:
     others: tuple[tuple[Hypothesis, float], ...]
     ranking: tuple[tuple[Hypothesis, float], ...]
 
+    @property
+    def doubtful(self) -> bool:
+        """Whether something else in its place is likelier than it."""
+        return bool(self.others) and self.others[0][1] > self.probability
+
 
 def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dict[int, int]]:
     """Return the evidence of what competes for any place in a model, its own hypotheses there, and their numbers.
@@ -69,8 +74,8 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     return screen.dense(tuple(charges), tuple(charges.values())), tuple(numbers[one.number] for one in model), numbers
 
 
-def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
-    """Return what every hypothesis of a model may be, and last what may be missing beside them.
+def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible, ...], set[Model]]:
+    """Return what every hypothesis of a model may be, and last what may be missing beside them; and the models drawn.
 
     Args:
         evidence: The hypotheses that compete.
@@ -83,7 +88,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
     mine = [names[one.number] for one in own]
     itself = np.zeros(len(own))
     chances: list[Counter] = [Counter() for _ in range(len(own) + 1)]
-    empty, counted = np.zeros(len(own) + 1), np.zeros(len(own) + 1)
+    empty, counted, visited = np.zeros(len(own) + 1), np.zeros(len(own) + 1), set[Model]()
     for _ in range(SWEEPS):
         for i in range(len(own) + 1):
             if i == len(own) and None in slots:
@@ -102,6 +107,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
                 itself[i] += 1.0 if held >= mine.count(mine[i]) else own_weight
                 drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
                 slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
+                visited.add(tuple(one for one in slots if one is not None))
     counted = np.maximum(counted, 1.0)
     empty = empty / counted
     chances = [Counter({name: p / n for name, p in one.items()}) for one, n in zip(chances, counted, strict=True)]
@@ -123,7 +129,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> list[Credible]:
                 others.append((best[name], float(chance_of)))
                 reached += chance_of
         found.append(Credible(probability, float(empty[i]), tuple(others), tuple(ranking)))
-    return found
+    return tuple(found), visited
 
 
 def _normal(weights: np.ndarray) -> np.ndarray:

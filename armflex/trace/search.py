@@ -171,23 +171,18 @@ def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     return here
 
 
-def exchanged(here: Standing, place: int) -> Standing | None:
-    """Return the state with one hypothesis of its model exchanged for a likelier one, None where none is.
+def exchanged(here: Standing, models: Sequence[Model]) -> Standing | None:
+    """Return the state refitted with the likeliest of some models that is more probable, None where none comes out so.
 
-    What does not come out as the linear problem promised, since it is linear about an arm that has the other, is from
+    The linear problem is about an arm that has other effects: what is new and does not come out as it promised is from
     then on worth there what came out.
     """
-    screen, model = here.screen, here.model
-    refiner, rest = Refiner(screen), (*model[:place], *model[place + 1 :])
-    while True:
-        trials = [(*model[:place], one.chosen, *model[place + 1 :]) for one in rivals(screen.beside(rest), refiner)]
-        trials = [one for one in trials if spots(screen, one) not in (*here.rejected, spots(screen, model))]
-        best = max(trials, key=screen.log_posterior, default=model)
-        if screen.log_posterior(best) <= here.value + BETTER:
-            return None
-        after = _fitted(here, best)
-        if after is not None:
+    for model in sorted(models, key=here.screen.log_posterior, reverse=True):
+        if len(here.rejected) >= MOST_STATES or here.screen.log_posterior(model) <= here.value + BETTER:
+            continue
+        if (after := _fitted(here, model)) is not None:
             return after
+    return None
 
 
 def _is_full(here: Standing) -> bool:

@@ -126,7 +126,7 @@ def sure(found: Found) -> str:
     worth = (
         f"Its probability is {found.probability:.1%}, its log odds beside the other effects {short(found.evidence / 2)}"
     )
-    parts = [f"{worth}; {chance}."]
+    parts = [f"{worth}; {chance}.{found.doubt}"]
     fall = f"The squared error of poses held out fell by {short(proof.errors_apart)} standard errors"
     if proof.errors_apart <= 0.0:
         fall = "The squared error of poses held out did not fall"

@@ -127,7 +127,7 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
         readings = columns @ np.where(present, amplitudes, 0.0) + rng.normal(size=ROWS)
         evidence = problem(columns, 0.97 * readings, np.full(8, np.log(0.15 / 0.85)))
         model = climbed(evidence)
-        for one, credible in zip(model, sampled(evidence, model), strict=False):
+        for one, credible in zip(model, sampled(evidence, model)[0], strict=False):
             stated.append(credible.probability)
             right.append(bool(present[one.number]))
     stated_, right_ = np.array(stated), np.array(right)
