@@ -26,8 +26,8 @@ from armflex.laws.law import split
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.parameters import ArmParameter, ParameterKind, of_effect, of_law
 
-PART = 1e-4
-"""Step of a difference quotient, in prior standard deviations."""
+STEP = 1e-4
+"""Tolerance: step of a difference quotient, in prior standard deviations, or as a part of what a value is."""
 
 USUAL_STEP = {"1": 0.1, "m": 1e-3, "rad": 1e-3}
 """By unit what takes the place of a prior standard deviation where there is none."""
@@ -69,7 +69,7 @@ class Block(ABC):
         """(k,) steps of difference quotients, where readings need them: small parts of what is likely."""
         likely = np.where(np.isfinite(self.prior), self.prior, 0.0) if len(self.prior) else np.zeros(len(self.start))
         usual = np.array([USUAL_STEP.get(unit, 1e-3) for unit in self.units])
-        return np.where(likely > 0.0, PART * likely, np.maximum(PART * np.abs(self.start), PART * usual))
+        return np.where(likely > 0.0, STEP * likely, STEP * np.maximum(np.abs(self.start), usual))
 
     def at_setup(self, setup: Setup) -> Block:
         """Return the block with its start where a setup is that the block was applied to."""
@@ -144,9 +144,6 @@ deviation. An axis that is off by two degrees somebody sees."""
 
 LOOSE = 2.0
 """Prior standard deviation of the logarithm of an inner parameter about where its search ended."""
-
-STEP = 1e-4
-"""Step of numerical derivatives by inner parameters: relative for positive ones, of their size for others."""
 
 
 @dataclass(frozen=True, eq=False)

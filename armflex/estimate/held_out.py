@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.estimate.outliers import DOUBTED
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View, foremost_rms
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
@@ -30,9 +31,6 @@ EXACT = 1e-9
 FIRST = (ParameterKind.INSTRUMENT, ParameterKind.MOUNTING, ParameterKind.TOOL)
 """What is of the first of several campaigns, and of those after it but for what is their own."""
 
-BELIEVED = 0.5
-"""Robust weight below which a row is left out of held-out errors: a lost beam says nothing about a model."""
-
 
 def near(*views: View) -> np.ndarray:
     """Return (M, d) readings that one or more of several views of the same rows come near, by the limit of the closest.
@@ -41,13 +39,8 @@ def near(*views: View) -> np.ndarray:
     view misses about none of them.
     """
     limit = np.min([robust_limit(view) for view in views], axis=0)
-    close = np.any([huber_weights(view, limit) > BELIEVED for view in views], axis=0)
+    close = np.any([huber_weights(view, limit) > DOUBTED for view in views], axis=0)
     return close & np.isfinite(views[0].sigma)
-
-
-def believed(*fits: Fit) -> np.ndarray:
-    """Return (M,) rows of which one or more of several fits to the same rows come near a reading; see `near`."""
-    return np.any(near(*(fit.view for fit in fits)), axis=1)
 
 
 def judged_by(*fits: Fit) -> np.ndarray:
@@ -100,7 +93,7 @@ def held_out(
             error = error - follow @ most_probable(follow, fit.precision[some], error)
         left[own] = error
     readings = fit.view.readings if judged is None else fit.view.readings.where(judged)
-    rows_judged = (readings.foremost_count > 0) & (True if judged is not None else believed(fit))
+    rows_judged = (readings.foremost_count > 0) & (True if judged is not None else near(fit.view).any(axis=1))
     return HeldOut(readings.row_squares(errors_of(fit, left)), rows_judged)
 
 

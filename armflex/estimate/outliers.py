@@ -22,7 +22,8 @@ LOST = 0.1
 """Confidence: robust weight below which a reading may be a lost beam, at forty standard deviations or more."""
 
 DOUBTED = 0.5
-"""Confidence: robust weight below which a reading speaks for its neighbours: they are far off for one reason."""
+"""Confidence: robust weight below which a reading says nothing about a model, and speaks for its neighbours: they are
+far off for one reason."""
 
 NEAR = (-2, -1, 1, 2)
 """Tolerance: steps in time to a reading's neighbours."""

@@ -84,23 +84,22 @@ def median_scatter(view: View, number: int) -> float:
 
 def instrument_weights(view: View, limit: Array | float | None = None) -> Array:
     """Return the (M, G) weights of what each instrument read in a row: a level is no worse for a lost beam."""
-    limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
-    weights = np.ones((len(view.residual), len(limits)))
-    for number, (length, expected, _) in enumerate(_lengths(view, outlier_limit)):
-        weights[:, number] = np.minimum(1.0, limits[number] * expected / np.maximum(length, 1e-300))[:, 0]
-    return weights
+    return np.concatenate([np.empty((len(view.residual), 0)), *_weights(view, limit, False)], axis=1)
 
 
 def huber_weights(view: View, limit: Array | float | None = None) -> Array:
     """Return the (M, d) weights of the numbers of the rows: the same for all that an instrument read in one look."""
-    limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
     found = np.ones(view.residual.shape)
-    for one, place, (length, expected, _) in zip(
-        limits, view.readings.groups, _lengths(view, outlier_limit, True), strict=True
-    ):
-        weights = np.minimum(1.0, one * expected / np.maximum(length, 1e-300))
+    for place, weights in zip(view.readings.groups, _weights(view, limit, True), strict=True):
         found[:, place] = np.repeat(weights, (place.stop - place.start) // weights.shape[1], axis=1)
     return found
+
+
+def _weights(view: View, limit: Array | float | None, apart: bool) -> Iterator[Array]:
+    """Yield of every instrument the (M, k) weights of what it read; see `_lengths`."""
+    limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
+    for one, (length, expected, _) in zip(limits, _lengths(view, outlier_limit, apart), strict=True):
+        yield np.minimum(1.0, one * expected / np.maximum(length, 1e-300))
 
 
 def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:

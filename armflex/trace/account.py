@@ -6,7 +6,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from armflex.errors import ArmflexError
 from armflex.estimate.fit import THOROUGH
@@ -37,10 +36,7 @@ from armflex.trace.search import Standing, exchanged, refitted, standing
 from armflex.trace.selection import BETTER, SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
-from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
-
-ZERO = 0.0455
-"""Confidence: of amplitudes that are as far from zero by chance; one is then within two standard uncertainties."""
+from armflex.trace.validate import Validated, chance, from_zero, sessions_held_out, validated, weakest
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +57,7 @@ class Weighed:
 
 
 def idle(state: State) -> int | None:
-    """Return the hypothesis that is nearest zero, None where the amplitudes of none are `ZERO` together.
+    """Return the hypothesis that is nearest zero, None where the amplitudes of all are distinguished from it.
 
     A family is left out: few of its members are distinguished from zero by themselves.
     """
@@ -70,8 +66,7 @@ def idle(state: State) -> int | None:
         if not one.family:
             block = state.effects[unit[0]]
             at = state.fit.places(block)[: len(block.effect.location.terms)]
-            values, covariance = state.fit.values[at], state.fit.posterior.covariance[np.ix_(at, at)]
-            shares[number] = values @ np.linalg.pinv(covariance, hermitian=True) @ values / chdtri(len(at), ZERO)
+            shares[number] = from_zero(state.fit.values[at], state.fit.posterior.covariance[np.ix_(at, at)])
     return int(shares.argmin()) if shares.min(initial=1.0) < 1.0 else None
 
 
@@ -183,10 +178,7 @@ def _errors(state: State) -> dict:
     effects = (*calibration.arm.effects, *state.fitted)
     return {
         "arm": replace(arm, effects=effects, instrument=fit.setup.instrument),
-        "calibration": calibration,
-        "before": state.calibrated,
         "state": state,
-        "noise": fit.noise,
         "held_out_before": held_out(state.calibrated, folds, judged=judged).rms,
         "held_out_after": held_out(fit, folds, judged=judged).rms,
         "held_out_sessions": sessions_held_out(state.calibrated, fit, state.effects, state.sessions),

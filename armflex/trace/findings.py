@@ -272,13 +272,10 @@ class Trace(Result):
 
     Attributes:
         arm: With everything fitted and every effect added.
-        calibration: Before anything was added, lost beams and all.
-        before: The same, fitted to the rows that the final fit uses.
-        state: The final fit.
+        state: The final fit, and the calibration before it.
         found: Effects in the order added; of families, the members that show by themselves.
         unexplained: What is left above the noise, None when nothing is.
         places: Likeliest places of what was left at first.
-        noise: Standard deviation of the readings over the stated one, from the final residual.
         held_out_before, held_out_after: RMS of the 3-D error on held-out poses [m].
         held_out_sessions: The same before and after with whole sessions held out, None where none can judge.
         not_identifiable: Effects that could not have been identified.
@@ -301,13 +298,10 @@ class Trace(Result):
     ROWS = "effects"
 
     arm: Arm
-    calibration: Calibration
-    before: Fit
     state: State
     found: tuple[Found, ...]
     unexplained: Unexplained | None
     places: tuple[RandomTwist, ...]
-    noise: float
     held_out_before: float
     held_out_after: float
     held_out_sessions: tuple[float, float] | None
@@ -321,6 +315,21 @@ class Trace(Result):
     undecided: Undecided | None = None
     unfinished: bool = False
     nothing: float | None = None
+
+    @property
+    def calibration(self) -> Calibration:
+        """Before anything was added, lost beams and all."""
+        return self.state.calibration
+
+    @property
+    def before(self) -> Fit:
+        """The same, fitted to the rows that the final fit uses."""
+        return self.state.calibrated
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the readings over the stated one, from the final residual."""
+        return self.state.fit.noise
 
     @property
     def effects(self) -> list[dict[str, Any]]:

@@ -56,9 +56,9 @@ LOST_MOTION = (DEADBAND, HYSTERESIS)
 FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)
 """Laws that every drive of a machine may have."""
 
-LEAST_SHARE, FEWEST_DRIVES = 0.1, 2
+LEAST_SHARE = 0.1
 """Tolerance: share of the largest shape of a law at any drive below which another's is left out of a family, since no
-load shows no compliance; and drives that make one."""
+load shows no compliance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,7 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
     for kind, members in grouped.items():
         most = np.max([size for _, size in members], axis=0)
         kept = [(one, size) for one, size in members if (size > LEAST_SHARE * most).all()]
-        if len(kept) >= FEWEST_DRIVES:
+        if len(kept) > 1:
             prior = float(np.log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]]))
             units = np.concatenate([1.0 / size for _, size in kept])
             found.append(Hypothesis(tuple(one for one, _ in kept), prior, units))

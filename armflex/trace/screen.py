@@ -58,24 +58,6 @@ def unit_of(fit: Fit) -> float:
     return len(fit.view.rows) * moved**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
 
 
-class Table:
-    """Rows of one length by a number of each, with room for more."""
-
-    def __init__(self, length: int) -> None:
-        self.place, self._rows = dict[int, int](), np.empty((0, length))
-
-    def add(self, numbers: np.ndarray, rows: Array) -> None:
-        first = len(self.place)
-        self.place |= zip(numbers.tolist(), range(first, first + len(numbers)), strict=True)
-        if len(self.place) > len(self._rows):
-            self._rows = np.concatenate([self._rows[:first], np.empty((len(self.place), self._rows.shape[1]))])
-        self._rows[first : len(self.place)] = rows
-
-    def of(self, numbers: np.ndarray) -> Array:
-        """Return the rows of some numbers."""
-        return self._rows[[self.place[number] for number in numbers.tolist()]]
-
-
 class Held:
     """Columns that are held, with all products among them: those of models, and those that are of no grid.
 
@@ -154,8 +136,8 @@ class Screen(Evidence):
         further = Block(len(self.groups), (), np.empty(0), np.empty(0))
         self.blocks = [Block(0, batches, scores, prior_of(self.groups)), further]
         self._catalogue, self._narrowed = self.blocks[0], None
-        self._narrow_rows, self._narrow = Table(0), np.empty((0, 0))
-        self._held, self._place, self._rows = Held(projection), dict[int, int](), Table(self._first)
+        self._narrow_rows, self._narrow = dict[int, Array](), np.empty((0, 0))
+        self._held, self._place, self._rows = Held(projection), dict[int, int](), dict[int, Array]()
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
         self._short: dict[tuple, float] = {}
@@ -165,7 +147,7 @@ class Screen(Evidence):
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
         self.scanned.clear()
         self._known.clear()
-        self._rows = Table(self._first)
+        self._rows = {}
         self._narrowed = None
         self.bank.forget()
 
@@ -285,15 +267,15 @@ class Screen(Evidence):
         if block:
             return self._held.gram[at].T[self._further]
         rows = self._rows if self.blocks[0].kept is None else self._narrow_rows
-        missing = np.array([place for place in dict.fromkeys(places.tolist()) if place not in rows.place], dtype=int)
+        missing = np.array([place for place in dict.fromkeys(places.tolist()) if place not in rows], dtype=int)
         if len(missing):
             held, some = self._held, self._held_at(missing)
             if rows is self._rows:
                 found = self.bank.products(held.cleared[some].T) / self.quiet - self._seen @ held.seen[some].T
             else:
                 found = self._narrow @ held.cleared[some].T - self._seen[self.blocks[0].kept] @ held.seen[some].T
-            rows.add(missing, found.T)
-        return rows.of(places).T
+            rows |= zip(missing.tolist(), np.ascontiguousarray(found.T), strict=True)
+        return np.array([rows[place] for place in places.tolist()]).T
 
     def narrow(self, some: bool) -> None:
         if not some:
@@ -303,7 +285,7 @@ class Screen(Evidence):
         if self._narrowed is None or not np.array_equal(numbers, self._narrowed[0]):
             block = self._catalogue.narrowed(numbers)
             assert block.kept is not None
-            self._narrowed, self._narrow_rows = (numbers, block), Table(len(block.kept))
+            self._narrowed, self._narrow_rows = (numbers, block), {}
             self._narrow = self.bank.rows(block.kept) / self.quiet
         self.blocks[0] = self._narrowed[1]
 

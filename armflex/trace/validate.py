@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import chdtri
 
 from armflex.conventions import Array
 from armflex.estimate.block import Block
@@ -22,8 +23,13 @@ from armflex.trace.selection import SCALES, Model, climbed, log_likelihood
 SIGN_FLIPS = 100
 """Tolerance: random signs of the residual that chance is read from."""
 
-SHOWING = 2.0
-"""Confidence: standard deviations by which an effect must still show for rows left out to say anything about it."""
+ZERO = 0.0455
+"""Confidence: of values that are as far from zero by chance; one is then within two standard uncertainties."""
+
+
+def from_zero(values: Array, covariance: Array) -> float:
+    """Return how far (k,) values are from zero, over how far they are by chance: beyond 1 they are not zero."""
+    return float(values @ np.linalg.pinv(covariance, hermitian=True) @ values / chdtri(len(values), ZERO))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +225,5 @@ def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
     for number, left in enumerate(told_by_others(fit, folds)):
         told = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
         known = left.covariance[np.ix_(some[told], some[told])]
-        able[folds == number] = (
-            values[told] @ np.linalg.pinv(known, hermitian=True) @ values[told] > len(some) * SHOWING**2
-        )
+        able[folds == number] = told.any() and from_zero(values[told], known) > 1.0
     return able

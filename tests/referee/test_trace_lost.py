@@ -16,7 +16,7 @@ from support.stage import few
 from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.arm import Arm
 from armflex.cli.trace_command import as_json, print_trace
-from armflex.estimate.held_out import believed, held_out, pose_folds
+from armflex.estimate.held_out import held_out, judged_by, pose_folds
 from armflex.estimate.outliers import MOST, lost_readings
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
@@ -156,10 +156,11 @@ def test_a_row_is_believed_that_one_fit_comes_near():
     lengths[0][:2] = 50.0
     lengths[1][1:3] = 50.0
     fits = [SimpleNamespace(view=seen(length)) for length in lengths]
-    assert np.flatnonzero(~believed(*fits)).tolist() == [1]
+    assert np.flatnonzero(~judged_by(*fits).any(axis=1)).tolist() == [1]
     # A fit that is wrong everywhere is no judge of how far is far.
     wide = SimpleNamespace(view=seen(np.where(order == 9, 50.0, 20.0)))
-    assert np.flatnonzero(~believed(wide, SimpleNamespace(view=seen(np.where(order == 9, 50.0, 1.0))))).tolist() == [9]
+    right = SimpleNamespace(view=seen(np.where(order == 9, 50.0, 1.0)))
+    assert np.flatnonzero(~judged_by(wide, right).any(axis=1)).tolist() == [9]
 
 
 # Poses without names, chance, and advice.

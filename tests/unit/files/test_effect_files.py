@@ -351,7 +351,7 @@ def told(calibration: Calibration, state: State) -> Trace:
     setup, certainty = state.fit.setup, certainty_of(state.fit)
     effects = tuple(one.effect for one in found)
     arm = dataclasses.replace(setup.arm, effects=effects, instrument=setup.instrument, certainty=certainty)
-    return Trace(arm, calibration, calibration.fit, state, found, None, (), 1.0, 0.0, 0.0, None)
+    return Trace(arm, state, found, None, (), 0.0, 0.0, None)
 
 
 def named(name: str, site: str, **more: object) -> Effect:
