@@ -30,7 +30,7 @@ STEP = 1e-4
 """Tolerance: step of a difference quotient, in prior standard deviations, or as a part of what a value is."""
 
 USUAL_STEP = {"1": 0.1, "m": 1e-3, "rad": 1e-3}
-"""By unit what takes the place of a prior standard deviation where there is none."""
+"""Tolerance: by unit what takes the place of a prior standard deviation where there is none."""
 
 
 class Block(ABC):
@@ -139,11 +139,11 @@ def parameters_of(blocks: Sequence[Block]) -> tuple[ArmParameter, ...]:
 
 
 LARGEST_MOTION = 0.03
-"""RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard
+"""Prior: RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard
 deviation. An axis that is off by two degrees somebody sees."""
 
 LOOSE = 2.0
-"""Prior standard deviation of the logarithm of an inner parameter about where its search ended."""
+"""Prior: standard deviation of the logarithm of an inner parameter about where its search ended."""
 
 
 @dataclass(frozen=True, eq=False)

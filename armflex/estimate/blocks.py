@@ -373,7 +373,7 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
 
 
 HELD = 1e-9
-"""Standard deviation of a parameter that sister arms leave as declared [m, rad or 1]: nothing shows it."""
+"""Tolerance: standard deviation of a parameter that sister arms leave as declared [m, rad or 1]: nothing shows it."""
 
 
 @dataclass(frozen=True, eq=False)

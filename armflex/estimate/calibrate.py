@@ -45,9 +45,10 @@ from armflex.result import Result
 from armflex.robot.urdf import drive_of
 
 FEWEST_ROWS = 4
+"""Tolerance: measured rows below which nothing is fitted."""
 
 MANY, SOME = 4096, 8
-"""Rows beyond which a fit begins where one in so many of them leads."""
+"""Tolerance: rows beyond which a fit begins where one in so many of them leads."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)

@@ -30,37 +30,42 @@ from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
 
 SETTLED = 1e-3
-"""Steps below this many posterior standard deviations end the iteration."""
+"""Tolerance: steps below this many posterior standard deviations end the iteration."""
 
 MOVING = 10
-"""Steps after which the length beyond which rows count less stays as it is."""
+"""Tolerance: steps after which the length beyond which rows count less stays as it is."""
 
 LIGHT = 1e-4
-"""Least damping, relative to a parameter's own information."""
+"""Tolerance: least damping, relative to a parameter's own information."""
 
 BROKEN, KEPT = 0.25, 0.75
-"""Shares of the promised fall of the cost below which damping grows, and above which it shrinks."""
+"""Tolerance: shares of the promised fall of the cost below which damping grows, and above which it shrinks."""
 
 CALM = 1e-2
-"""Damping beyond which a step is short because it must be, not because it has arrived."""
+"""Tolerance: damping beyond which a step is short because it must be, not because it has arrived."""
 
 RESISTING = 3
-"""Parameters and rows that are named where a fit does not settle."""
+"""Tolerance: parameters and rows that are named where a fit does not settle."""
 
 TURN = 2.0 * np.pi
-"""Length of a step [rad], as a standard deviation, of an angle that no prior holds: it means nothing beyond a turn."""
+"""Tolerance: length of a step [rad], as a standard deviation, of an angle that no prior holds: it means nothing beyond
+a turn."""
 
 FLAT = 1e-2
-"""Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as stated."""
+"""Tolerance: fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as
+stated."""
 
 MOSTLY = 0.5
-"""Part of the squares that are expected of an instrument which its readings far off may have in its noise."""
+"""Confidence: part of the squares that are expected of an instrument which its readings far off may have in its
+noise."""
 
 CHANCE = 4.0
-"""Standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large for chance."""
+"""Confidence: standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large
+for chance."""
 
 EVEN, ROUNDS = 0.05, 5
-"""Change of the factor below which readings need not be weighed once more, and how often they are at most."""
+"""Tolerance: change of the factor below which readings need not be weighed once more, and how often they are at
+most."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,8 @@ class Effort:
 
 THOROUGH = Effort(200, 8, FLAT, content=False)
 ROUGH = Effort(10, 4, 0.3, content=True)
-"""To compare candidates: a fall of 0.3 is a tenth of what distinguishes two, and some laws have kinks."""
+"""Tolerances, of which the second compares candidates: a fall of 0.3 is a tenth of what distinguishes two, and some
+laws have kinks."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,22 +34,24 @@ SHARED = (
 """Kinds of parameters that sisters have in common."""
 
 FEWEST = 3
-"""Sisters from which a spread can be estimated."""
+"""Tolerance: sisters from which a spread can be estimated."""
 
 VISIBLE = 3.0
-"""Information on a parameter of all sisters together, in units of its prior, below which it stays as declared."""
+"""Confidence: information on a parameter of all sisters together, in units of its prior, below which it stays as
+declared."""
 
 SPREADS = np.geomspace(0.02, 3.0, 60)
-"""Spreads that are considered, in units of the declared prior."""
+"""Prior: spreads that are considered, in units of the declared prior."""
 
 DRAWS, BURNT = 3000, 500
-"""Sweeps of the sampler, and those left out at its beginning."""
+"""Tolerance: sweeps of the sampler, and those left out at its beginning."""
 
 STRANGE = np.log(1e3)
-"""Logarithm of the odds for the declared prior against that of the others from which an arm is no sister of theirs."""
+"""Confidence: logarithm of the odds for the declared prior against that of the others from which an arm is no sister of
+theirs."""
 
 EXACT = 1e-9
-"""Two declared arms are the same where their frames agree to this [m, rad]."""
+"""Tolerance: two declared arms are the same where their frames agree to this [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,15 +18,16 @@ from armflex.parameters import OF_SESSION, Group, ParameterKind
 from armflex.rows.rows import numbered
 
 FOLDS = 5
+"""Tolerance: parts into which poses are divided that predict each other."""
 
 PARTS = 4
-"""Parts of joint space that predict each other, where it is asked how far a fit is off elsewhere."""
+"""Tolerance: parts of joint space that predict each other, where it is asked how far a fit is off elsewhere."""
 
 SETTLED = 0.02
-"""Of the logarithm of a design effect, to which it is found."""
+"""Tolerance: of the logarithm of a design effect, to which it is found."""
 
 EXACT = 1e-9
-"""Share of the stated noise below which readings scatter by rounding."""
+"""Tolerance: share of the stated noise below which readings scatter by rounding."""
 
 FIRST = (ParameterKind.INSTRUMENT, ParameterKind.MOUNTING, ParameterKind.TOOL)
 """What is of the first of several campaigns, and of those after it but for what is their own."""

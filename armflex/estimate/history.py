@@ -20,10 +20,10 @@ from armflex.estimate.fleet import said
 from armflex.parameters import ArmParameter
 
 CHANCE = 0.01
-"""Probability with which a machine that stays the same is said to have changed."""
+"""Confidence: probability with which a machine that stays the same is said to have changed."""
 
 ALIKE = 6.0
-"""Difference of sums of squares up to which a drift and a jump are not distinguished: odds of 20."""
+"""Confidence: difference of sums of squares up to which a drift and a jump are not distinguished: odds of 20."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,19 +13,21 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, ParameterKind
 
 UNDETERMINED = 0.9
-"""Posterior over prior standard deviation above which the data has said nothing about a parameter."""
+"""Confidence: posterior over prior standard deviation above which the data has said nothing about a parameter."""
 
 SURPRISING = 3.0
-"""Prior standard deviations beyond which a fitted value is a finding."""
+"""Confidence: prior standard deviations beyond which a fitted value is a finding."""
 
 LOOSER = 30.0
-"""Times the priors of all others with which a parameter must still be determined to count as determined by itself."""
+"""Tolerance: times the priors of all others with which a parameter must still be determined to count as determined by
+itself."""
 
 STILL = 1e-9
-"""Standard deviations of the readings by which a parameter moves them altogether, below which it is rounding."""
+"""Tolerance: standard deviations of the readings by which a parameter moves them altogether, below which it is
+rounding."""
 
 PARTNER = 0.25
-"""Share of a parameter's effect that another must be able to take over to be named."""
+"""Confidence: share of a parameter's effect that another must be able to take over to be named."""
 
 
 @dataclass(frozen=True)

@@ -23,32 +23,33 @@ from armflex.parallel import Progress
 from armflex.parameters import Certainty
 
 FIRM = 4.0
-"""How many values' worth the expected size of a group is: a scale that the data hardly determine must not run to
+"""Prior: how many values' worth the expected size of a group is: a scale that the data hardly determine must not run to
 nothing, which would leave what they leave open without any flag."""
 
 MOST = 4.0
-"""Times what is expected beforehand that a group may be at most. Where an arm lacks something else, the readings would
-have corrections explain it at any size: many times what the joint gives, until the arm buckles."""
+"""Prior: times what is expected beforehand that a group may be at most. Where an arm lacks something else, the readings
+would have corrections explain it at any size: many times what the joint gives, until the arm buckles."""
 
 ROUNDS = 8
-"""Fits at most in search of the scales."""
+"""Tolerance: fits at most in search of the scales."""
 
 BRISK = Effort(10, 8, 0.3, content=True)
-"""For the fits in search of the scales; far from the truth a network's steps need much damping."""
+"""Tolerance: for the fits in search of the scales; far from the truth a network's steps need much damping."""
 
 PATIENT = Effort(150, 8, 0.05, content=True)
-"""For the last fit. Networks have long valleys: one that is left halfway has values, and bands, that are not its own;
-only where nothing is gained but rounding it is no matter where one ends."""
+"""Tolerance: for the last fit. Networks have long valleys: one that is left halfway has values, and bands, that are not
+its own; only where nothing is gained but rounding it is no matter where one ends."""
 
 SETTLED = 0.2
-"""Logarithm of a change of every scale below which the search ends."""
+"""Tolerance: logarithm of a change of every scale below which the search ends."""
 
 TOLD = 0.5
-"""Part of the declared law's uncertainty that must be gone for an axis to count as determined by the readings."""
+"""Confidence: part of the declared law's uncertainty that must be gone for an axis to count as determined by the
+readings."""
 
 NEARLY, FAR = 0.5, 10.0
-"""Falls of the cost still to be had beyond which it is said that the laws might fit better, and beyond which they are
-not those of the readings: 10 is what three standard deviations of one value make."""
+"""Confidence: falls of the cost still to be had beyond which it is said that the laws might fit better, and beyond
+which they are not those of the readings: 10 is what three standard deviations of one value make."""
 
 
 def fit_learning(

@@ -19,20 +19,22 @@ from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit
 from armflex.readings.kind import rigid_motion
 
 COARSEST = 0.05
-"""Standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it: a tolerance."""
+"""Tolerance: standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
 
 APART, FEWEST, FLAT = 0.015, 4, 0.05
-"""How far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it, but
-stood elsewhere; points that determine where, and how far they are off one line at least, as a part of its length."""
+"""Prior: how far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it,
+but stood elsewhere; points that determine where, and how far they are off one line at least, as a part of its
+length."""
 
 SCALE_KNOWN = 2e-3
 """Prior: share by which [prior] may leave the scale of an arm open before touches alone make it up."""
 
 FAR = 3.0
-"""Times what a rigid fit leaves by which two of them differ for a reason."""
+"""Confidence: times what a rigid fit leaves by which two of them differ for a reason."""
 
 PLACED = 2
-"""Times that the instrument is placed where gravity turns with it: the second is about a first that is nearly right."""
+"""Tolerance: times that the instrument is placed where gravity turns with it: the second is about a first that is
+nearly right."""
 
 
 def first_guess(

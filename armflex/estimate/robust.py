@@ -14,7 +14,7 @@ from armflex.estimate.view import View
 from armflex.parallel import in_pieces, in_threads
 
 RARE = 1e-3
-"""Share of the rows that are farther off than `outlier_limit` by chance."""
+"""Confidence: share of the rows that are farther off than `outlier_limit` by chance."""
 
 
 @cache
@@ -37,7 +37,7 @@ def chi_squared(size: int, probability: float) -> float:
 
 
 TOGETHER = 2048
-"""Rows whose columns are made together: what they are made of takes some ten times their own memory."""
+"""Tolerance: rows whose columns are made together: what they are made of takes some ten times their own memory."""
 
 
 def whitened_regressors(blocks: Sequence[Block], view: View, weights: Array) -> Array:

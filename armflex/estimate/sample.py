@@ -21,8 +21,9 @@ from armflex.parallel import Progress
 from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4
+"""Tolerance: chains of draws."""
 TUNE = 150
-"""Draws of each chain that are thrown away while it finds its step."""
+"""Tolerance: draws of each chain that are thrown away while it finds its step."""
 
 
 @dataclass(frozen=True, eq=False)

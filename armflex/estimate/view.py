@@ -29,13 +29,13 @@ from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
 
 MODES = 12
-"""Modes that a frequency is matched among."""
+"""Tolerance: modes that a frequency is matched among."""
 
 SMALL_STEP = 1e-7
-"""Motion of the tip [m] by which a candidate's loads and frequencies are tried, at most one unit of it."""
+"""Tolerance: motion of the tip [m] by which a candidate's loads and frequencies are tried, at most one unit of it."""
 
 GRAVITY_STEP = 1e-3
-"""Step of difference quotients by gravity [m/s^2]."""
+"""Tolerance: step of difference quotients by gravity [m/s^2]."""
 
 
 @dataclass(frozen=True)
