@@ -28,9 +28,12 @@ STEPS, STRIDE, GAP, DAMPING = 30, 0.3, 1e-6, 1e-6
 """Tolerances: steps of the arm onto a contact, the longest of a joint [rad, m], what gap is left [m], and the damping
 as a share of the reach squared."""
 
-FLOOR, COLUMN, CONTACT = "below_floor", "in_base_column", "off_contact"
-"""Why a row is not offered in which a link or the payload would be too low, or in the arm's own column; other reasons
-are those of `map`."""
+FLOOR, COLUMN, CONTACT, UNREAD = "below_floor", "in_base_column", "off_contact", "nothing_to_read"
+"""Why a row is not offered in which a link or the payload would be too low, or in the arm's own column, or no
+instrument reads anything, such as a board that is not in the picture; other reasons are those of `map`."""
+
+BATCHES, ENOUGH = 8, 0.25
+"""How many times as many rows are looked at where few are read, and which share of those asked for is enough."""
 
 THICK = 0.08
 """Radius of the base's column as a part of the arm's reach: pedestals of arms of 0.9 m to 3 m have 0.07 to 0.1."""
@@ -201,7 +204,14 @@ def spread_evenly(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
     width = len(reach.lower) + len(reach.choices)
     box = next(Configurations(np.zeros(width), np.ones(width), count, seed, count).chunks([True]))
     _held(setup.arm, reach.rows(box[:FEW]))  # an arm too soft for anything says so at once
-    return _offer(reach, setup, box)
+    offer = _offer(reach, setup, box)
+    boxes = [offer.box]
+    for batch in range(1, BATCHES if offer.dropped[UNREAD] else 0):
+        if sum(map(len, boxes)) >= ENOUGH * count:
+            break
+        more = next(Configurations(np.zeros(width), np.ones(width), count, seed + batch, count).chunks([True]))
+        boxes.append(_offer(reach, setup, more).box)
+    return offer if len(boxes) == 1 else _offer(reach, setup, np.vstack(boxes))
 
 
 def around(reach: Reach, setup: Setup, box: Array, width: float, each: int, rng: np.random.Generator) -> Offer:
@@ -241,7 +251,12 @@ def _offer(reach: Reach, setup: Setup, box: Array) -> Offer:
     if not high.any():
         text = f"nothing of {len(held)} rows is above the floor at {floor:g} m"
         raise InputError(f"{text}; the highest is {float(lowest.max()):.3g} m")
-    able = np.flatnonzero(high & beside)
+    seen = view.readings.within_range(view.at).read
+    dropped[UNREAD] += int((high & beside & ~seen).sum())
+    able = np.flatnonzero(high & beside & seen)
+    if not len(able) and (high & beside).any():
+        text = "instruments read nothing in any of the rows that were offered: is a board where no camera looks?"
+        raise InputError(f"{text} Plan with --after pictures of it, or declare where both are")
     if not len(able):
         raise InputError(f"every one of {int(high.sum())} rows has a link or the payload in the arm's own base column")
     if len(able) < len(held):

@@ -24,6 +24,9 @@ LOOK = 4
 NEAR = {"m": 0.05, "rad": 0.05, "px": 50.0}
 """Standard deviation of a place, a turn or a lens up to which a fit finds it from where it is declared."""
 
+SHOWN = 0.5
+"""Share of a board's corners in a picture that is worth being planned."""
+
 NEAREST = 1e-6
 """Depth before the camera [m] to which a point is brought that is beside it."""
 
@@ -159,12 +162,21 @@ class Pixels(Kind):
         return replace(self, sigma=sigma.reshape(self.sigma.shape))
 
     def readable(self, at: Postures) -> np.ndarray:
-        """Return (N, 2 C) which corners are in the picture; of no size that is declared it is twice its centre."""
-        size = self._camera(at).image
+        """Return (N, 2 C) which corners are in a picture that shows the front of the board, and `SHOWN` of it or more.
+
+        A picture of no size that is declared is twice its centre.
+        """
+        size, points = self._camera(at).image, self._camera(at).board.points
         own, pixels, _ = self._seen(at)
         edge = 2.0 * at.of(self.name, "centre") if size is None else np.broadcast_to(size, (len(own), 2))
         inside = np.all((pixels > 0.0) & (pixels < edge[:, None]), axis=2)
-        return np.repeat((own[..., 2] > NEAREST) & inside, 2, axis=1)
+        shown = (own[..., 2] > NEAREST) & inside
+        if not np.ptp(points[:, 2]):  # a print's z points away from who looks at it
+            sensor = at.sensors[self.name]
+            looks = mounted(at, sensor.seen_from, at.of(self.name, "mounting"))[0]
+            axes = mounted(at, sensor.link, at.of(self.name, "board_turn"))[0]
+            shown &= (np.einsum("nij,ni->nj", looks, axes[..., 2]) * own.mean(axis=1)).sum(axis=1, keepdims=True) > 0.0
+        return np.repeat(shown & (shown.mean(axis=1, keepdims=True) >= SHOWN), 2, axis=1)
 
     def start(self, at: Postures) -> Array:
         """Return where a fit may begin, from where it is: what is not known nearly is found in closed form."""

@@ -19,9 +19,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armflex.arguments import checked_kinds
-from armflex.arm import Arm, Setup
+from armflex.arm import Arm, Setup, warn
 from armflex.conventions import Array
-from armflex.errors import InputError
+from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
 from armflex.estimate.view import look
 from armflex.laws.effects.location import Location
@@ -141,6 +141,17 @@ def rehearse(
     for name, value, least in (("draws", draws, 1), ("seed", seed, 0)):
         if value < least:
             raise InputError(f"{name} is {value}, expected {least} or more")
+    unknown = [f"[instrument.{name}]" for name, one in arm.sensors.items() if not one.foreseen and one.sockets is None]
+    if unknown:
+        text = "may be anywhere, and is not read: give anchor, mounting, board_at, board_turn and focal with their _std"
+        warn(
+            [
+                Flag(
+                    "instrument_anywhere",
+                    f"{listing(unknown)} {text}, or rehearse with the arm file that pictures gave",
+                )
+            ]
+        )
     rng = np.random.default_rng(seed)
     if rows is None:
         driven = plan(arm, ROWS, sigma=sigma, seed=seed).rows

@@ -11,9 +11,9 @@ import pytest
 from support import servo_arm
 from support.servo_arm import CAMERA, IMAGE, LENS, ServoArm, board_points, declared, pose, turn, written
 
-from armflex import calibrate, load_arm, plan, predict, read_measurements, trace
+from armflex import calibrate, load_arm, plan, predict, read_measurements, rehearse, trace
 from armflex.declaration import Declaration, read_toml
-from armflex.errors import ArmFileError, TableError, UnsupportedError
+from armflex.errors import ArmFileError, ArmflexError, ArmflexWarning, TableError, UnsupportedError
 from armflex.estimate.robust import huber_weights
 from armflex.measured import pictures
 from armflex.plan.drive import write_plan
@@ -302,10 +302,15 @@ def test_pictures_are_read_where_the_campaign_names_them(tmp_path: Path, monkeyp
 @pytest.mark.slow
 def test_rows_are_planned_after_pictures(tmp_path: Path) -> None:
     """Pictures of before count as known, and the plan's file has a column for those that are to be taken."""
-    _, file, rows = campaign(tmp_path, 3, 30)
+    machine, file, rows = campaign(tmp_path, 3, 30)
     loaded = load_arm(file)
     found = calibrate(loaded, read_measurements(rows, loaded)).arm
     chosen = plan(found, 4, after=read_measurements(rows, found), instruments=["cam"], seed=1)
     write_plan(chosen, tmp_path / "plan.csv")
     header, *lines = (tmp_path / "plan.csv").read_text().splitlines()
     assert "cam" in header.split(",") and len(lines) >= 4
+    read = chosen.rows.q[chosen.rows.measured]
+    assert len(read) == 4
+    assert np.isfinite(machine.pictures(read, noise=0.0)).any(axis=(1, 2)).all()  # the board is in every picture
+    with pytest.warns(ArmflexWarning, match="may be anywhere"), pytest.raises(ArmflexError):
+        rehearse(loaded, {})
