@@ -1,14 +1,18 @@
 """What a camera and a printed board calibrate: hobby servos with a degree of play, 60 pictures, and OpenCV beside it.
 
     python tests/studies/pictures.py projected 6      # corners by OpenCV's projection, 0.3 px of noise
+    python tests/studies/pictures.py calibrated 6     # the same without the trace that finds the play
     python tests/studies/pictures.py rendered 2       # pictures by MuJoCo (MUJOCO_GL=egl), corners found in them
 
+Rendered pictures and a log of joints in degrees go through `armflex intake` with the URDF and the board in one option.
 Arms are drawn with zeros off by 2.5 degrees, links by a millimetre, drives that give by torque, and one degree of play
 at every servo. Everything is the command line's: trace, and predictions of 30 pictures that it never had.
 """
 
 from __future__ import annotations
 
+import csv
+import subprocess
 import sys
 import tempfile
 import time
@@ -76,20 +80,22 @@ def measured(arm: servo.ServoArm, loaded, rows: Path) -> tuple[np.ndarray, float
     return (found.position - at) @ servo.turn(vector), float((np.abs(whitened) < 1.96).mean())
 
 
-def one(seed: int, folder: Path, rendered: bool, play: float) -> tuple[float, ...]:
+def one(seed: int, folder: Path, what: str, play: float) -> tuple[float, ...]:
     global CAME
     arm = servo.ServoArm.draw(seed, play)
     q, CAME = arm.poses(FITTED + HELD_OUT, seed + 100)
     file = servo.declared(folder)
-    if rendered:
+    if what == "rendered":
         corners, lens = drawn(arm, q, folder, file)
+        file, rows, more = taken_in(q, folder)
     else:
         corners, lens = arm.pictures(q, CAME, seed=seed), (servo.LENS, servo.DISTORTION)
-    rows = servo.written(folder, q[:FITTED], corners[:FITTED], CAME[:FITTED])
-    more = servo.written(folder, q[FITTED:], corners[FITTED:], CAME[FITTED:], "more.csv")
+        rows = servo.written(folder, q[:FITTED], corners[:FITTED], CAME[:FITTED])
+        more = servo.written(folder, q[FITTED:], corners[FITTED:], CAME[FITTED:], "more.csv")
     began, declared = time.process_time(), load_arm(file)
     before, truth = by_hand_eye(arm, q, corners, lens), arm.tips(q[FITTED:], CAME[FITTED:])
-    loaded = trace(declared, rows, anyway=True).arm if play else calibrate(declared, rows, anyway=True).arm
+    traced = play and what != "calibrated"
+    loaded = trace(declared, rows, anyway=True).arm if traced else calibrate(declared, rows, anyway=True).arm
     found, covered = measured(arm, loaded, more)
     return rms(before[FITTED:] - truth), rms(found - truth), covered, time.process_time() - began
 
@@ -102,17 +108,41 @@ def drawn(arm: servo.ServoArm, q: np.ndarray, folder: Path, file: Path) -> tuple
 
     board, (wide, high) = load_arm(file).sensors["cam"].about.board, servo.IMAGE
     matrix = np.array([[FOCAL, 0.0, 0.5 * (wide - 1)], [0.0, FOCAL, 0.5 * (high - 1)], [0.0, 0.0, 1.0]])
-    found = np.array([find_corners(path, board).reshape(-1, 2) for path in pictures(arm, q, CAME, folder)])
+    paths = pictures(arm, q, CAME, folder)
+    found = np.array([find_corners(path, board).reshape(-1, 2) for path in paths])
+    (folder / "shots").mkdir()
+    for i, path in enumerate(paths[:FITTED]):
+        Path(path).rename(folder / "shots" / f"shot_{i + 1:03d}.png")
+    for i, path in enumerate(paths[FITTED:]):
+        Path(path).rename(folder / f"more_{i}.png")
     return found, (matrix, np.zeros(5))
+
+
+def taken_in(q: np.ndarray, folder: Path) -> tuple[Path, Path, Path]:
+    """Return arm file and campaign that `armflex intake` makes of URDF, log and pictures, and rows of what is kept."""
+    with open(folder / "log.csv", "w") as file:
+        file.write("shot;" + ";".join(f"J{i} [deg]" for i in range(1, 6)) + "\n")
+        for i, row in enumerate(np.degrees(q[:FITTED])):
+            file.write(f"{i + 1};" + ";".join(f"{one:.4f}" for one in row) + "\n")
+    board = f"charuco,{servo.COLUMNS}x{servo.ROWS},{1e3 * servo.SQUARE:g}mm,{1e3 * servo.MARKER:g}mm"
+    asked = ["intake", "servo.urdf", "log.csv", "shots", "--board", board, "-o", "campaign.csv", "--arm", "taken.toml"]
+    subprocess.run([sys.executable, "-m", "armflex", *asked], cwd=folder, check=True, capture_output=True, timeout=300)
+    with open(folder / "more.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        names = [f"{head}_{joint}" for head in ("q", "approach") for joint in servo.JOINTS]
+        writer.writerow([*names, "cam"])
+        for i, (row, came) in enumerate(zip(q[FITTED:], CAME[FITTED:], strict=True)):
+            writer.writerow([*row.tolist(), *came.astype(int).tolist(), f"more_{i}.png"])
+    return folder / "taken.toml", folder / "campaign.csv", folder / "more.csv"
 
 
 def main(what: str, count: str) -> None:
     print("play [deg], seed: best of OpenCV's hand-eye [mm], armflex [mm], times better, covered at 95 %, CPU [s]")
-    for degrees in (1.0,) if what == "rendered" else (1.0, 0.0):
+    for degrees in (1.0, 0.0) if what == "projected" else (1.0,):
         lines = []
         for seed in range(1, int(count) + 1):
             with tempfile.TemporaryDirectory() as folder:
-                before, after, covered, spent = one(seed, Path(folder), what == "rendered", np.radians(degrees))
+                before, after, covered, spent = one(seed, Path(folder), what, np.radians(degrees))
             lines.append((before, after, covered))
             print(f"{degrees:g}, {seed}: {1e3 * before:.2f}, {1e3 * after:.2f}, {before / after:.1f}, "
                   f"{covered:.1%}, {spent:.0f}", flush=True)  # fmt: skip
