@@ -216,13 +216,15 @@ def _named_alike(
     """Return what a log's columns are, one without a meaning among them its names where most are those of points."""
     own, source = understood[log], sources[log]
     given = [cells for i in exports if (cells := _cells(sources[i], understood[i], "name")) is not None]
-    if not given or any(one.kind == "name" for one in own):
+    if not given or any(one.kind == "name" and one.why != COUNTS for one in own):
         return own
     labels = {str(one).split("::")[-1].strip() for cells in given for one in cells}
     names = labels | {match[1] for label in labels if (match := TARGET.fullmatch(label))}
     for i, (one, cells) in enumerate(zip(own, source.columns, strict=True)):
         if one.kind in ("covariate", "unused") and 2 * len(names & set(map(str, cells))) > len(cells):
-            return (*own[:i], replace(one, kind="name", name="pose", unit="", why="the points' names"), *own[i + 1 :])
+            named = replace(one, kind="name", name="pose", unit="", why="the points' names")
+            others = [replace(other, kind="unused") if other.kind == "name" else other for other in own]
+            return (*others[:i], named, *others[i + 1 :])
     return own
 
 
@@ -527,9 +529,6 @@ def _joined(
     several = f", targets {listing(targets)}" if len(targets) > 1 else ""
     rows_of = {one: np.array([i for i, (_, own) in enumerate(split) if own == one]) for one in targets}
     bases = {base for base, _ in split} if given is not None else set[str]()
-    if not set(() if wanted is None else map(str, wanted)) & bases:  # names under a header that says nothing
-        texts = (cells for one, cells in zip(of_log, log.columns, strict=True) if one.kind == "covariate")
-        wanted = next((cells for cells in texts if bases and bases <= {*map(str, cells)}), wanted)
     counted = any(one.kind == "name" and one.why == COUNTS for one in of_log)
     shared = set(map(str, () if wanted is None else wanted)) & bases
     if wanted is not None and shared and (not counted or shared == bases):

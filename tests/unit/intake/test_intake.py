@@ -142,7 +142,7 @@ def test_clocks_join_where_there_is_nothing_else(tmp_path: Path) -> None:
     [
         ("", "", "holds no rows of numbers"),
         (LOGS["degrees"], "a;b;c\n1;2;3\n4;5;6\n", "neither joints nor x y z"),
-        (LOGS["degrees"], LOGS["bare"], "2 files have joints, 0 have x y z"),
+        (LOGS["degrees"], LOGS["bare"], "2 files have joints and 0 have x y z"),
         (LOGS["degrees"].replace("J2", "J1"), EXPORTS["leica"], "two columns are called"),
     ],
 )
@@ -366,13 +366,15 @@ def test_workbooks_as_an_office_has_them(tmp_path: Path) -> None:
     """
     openpyxl = pytest.importorskip("openpyxl")
     log, export = openpyxl.Workbook(), openpyxl.Workbook()
-    for row in (["Roboter", None, "Datum:"], [None], ["Station", "Achse 1", "Achse 2", "Temperatur", "Bemerkung"],
-                [None, "[°]", "[°]", "[°C]", None]):  # fmt: skip
+    for row in (["Roboter", None, "Datum:"], [None], ["Nr", "Station", "Achse 1", "Achse 2", "Temperatur", "Bemerkung"],
+                [None, None, "[°]", "[°]", "[°C]", None]):  # fmt: skip
         log.active.append(row)
     for row in (["Bericht"], ["Einheit: mm"], ["Name", "Kontrolle", "Nominal", "Gemessen", "Tol"]):
         export.active.append(row)
     for i in range(6):
-        log.active.append([f"Punkt_{i}", comma(Q[i, 0]), comma(Q[i, 1]), comma(20.0 + i * i), "ok" if i == 3 else None])
+        log.active.append(
+            [i, f"Punkt_{i}", comma(Q[i, 0]), comma(Q[i, 1]), comma(20.0 + i * i), "ok" if i == 3 else None]
+        )
         for k, axis in enumerate("XYZ") if i != 2 else ():
             export.active.append([None if k else f"Punkt_{i}", axis, XYZ[i, k] + 1.0, XYZ[i, k], "±0,1"])
     log.save(tmp_path / "log.xlsx")
@@ -383,3 +385,4 @@ def test_workbooks_as_an_office_has_them(tmp_path: Path) -> None:
     assert found.columns["z"][5] == pytest.approx(1e-3 * XYZ[5, 2])
     assert found.columns["q_Achse_2"][0] == pytest.approx(np.radians(Q[0, 1]), abs=1e-5)
     assert found.columns["Temperatur_C"][2] == 24.0
+    assert found.columns["pose"][1] == "Punkt_1"
