@@ -229,7 +229,9 @@ class Deflection(_Result[float]):
     def displacement(self) -> Array:
         """(6,) flexed minus rigid: shift of the tip origin [m] and rotation vector [rad], base axes."""
         solved, mechanics = self.solved, self._mechanics
-        found = mechanics.displacement(mechanics.flexed(solved.rigid, solved.motion), solved.case.q)
+        found = solved.displacement
+        if found is None:
+            found = mechanics.displacement(mechanics.flexed(solved.rigid, solved.motion), solved.case.q)
         found.flags.writeable = False
         return found
 

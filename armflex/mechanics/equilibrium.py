@@ -69,6 +69,7 @@ class Equilibrium(NamedTuple):
         history: Squared length of the residual before each step [m^2 or rad^2].
         tangent: (6 n, 6 n) in units of the twists, where stability was checked with it.
         load_factor: See `load_factor`; infinite where it is known to be `NEAR` or more.
+        displacement: (6,) of the tip where it was found with the rest, see `Deflection.displacement`.
     """
 
     loaded: LoadedArm
@@ -80,6 +81,7 @@ class Equilibrium(NamedTuple):
     history: Sequence[float]
     tangent: Array | None = None
     load_factor: float = math.inf
+    displacement: Array | None = None
 
 
 def check_method(method: str) -> None:
@@ -107,11 +109,11 @@ def find_equilibrium(
         SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
     """
     mechanics = loaded.mechanics
+    if isinstance(mechanics, Mechanism):
+        return _of_mechanism(mechanics, loaded, case, method, allow_large)
     laws = mechanics.laws
     if laws.changing:
         laws.know(loaded.row(case.q, case.covariates))
-    if isinstance(mechanics, Mechanism):
-        return _of_mechanism(mechanics, loaded, case, method, allow_large)
     rigid, load, law = mechanics.rigid_configuration(case.q), mechanics.load(case), laws.motion
     # To look for what runs away takes as long as a quarter of a step. Laws that are not curved do not under the weight,
     # nor under loads of a size that a quantity may have.
@@ -157,12 +159,15 @@ def _of_mechanism(
     check_method(method)
     if method in ("fixed_point", "first_order"):
         raise UnsupportedError(f"method {method!r} is not for an arm with loops or passive joints: ask for 'exact'")
+    row = loaded.row(case.q, case.covariates)
     if not case.moves and loop_kernel_pays(1):
-        solver, q = solver_of(loaded, case.wrenches), case.q[None]
-        found = solver.rest(q, loaded.row(q, case.covariates))
-        if found.fine[0]:
-            return Equilibrium(loaded, case, *solver.in_model(case.q, found), "fixed_point", ())
-    rest = mechanics.rest(case, loaded.row(case.q, case.covariates))
+        solver = solver_of(loaded, case.wrenches)
+        if found := solver.one(row):
+            rest, moved = solver.in_model(case.q, found), found.displacement[0].copy()
+            return Equilibrium(loaded, case, *rest, "fixed_point", (), displacement=moved)
+    if mechanics.laws.changing:
+        mechanics.laws.know(row)
+    rest = mechanics.rest(case, row)
     factor = _lasting(rest.tangent)
     if not allow_large:
         check_small(rest.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)

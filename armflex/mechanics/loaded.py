@@ -116,6 +116,7 @@ class Structure(Manipulator, Protocol):
         names: Of joints and flexures, base and tip.
         joint_index: Place of every joint in q.
         bounds: Least and largest positions of all joints that are within their limits and of sensible size.
+        within_limits: Whether numbers are such positions.
         link_names: Links at and beyond the base.
     """
 
@@ -133,6 +134,7 @@ class Structure(Manipulator, Protocol):
     def stack(self) -> LawStack: ...
     @property
     def pulls(self) -> Sequence[Load]: ...
+    def within_limits(self, values: Sequence[float]) -> bool: ...
     @property
     def springs(self) -> tuple[Spring, ...]: ...
     @property

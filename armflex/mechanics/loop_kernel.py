@@ -8,8 +8,9 @@ loads h on the flexures, every round solves the mechanism without the geometric 
     | -(A_t C A_t' + D)   A_p | | df |     | gap + A_t (law(h) - t) |
     |       A_p'           0  | | dp | = - |    torque about p      |,      t = law(h) - C A_t' df,
 
-a matrix of closures and passive joints alone, and of the place where the loops are closed. What is left shrinks by the
-share of that stiffness with each round. What does not is left to `Mechanism`, as is all that needs to be said.
+a matrix of closures and passive joints alone, and of the place where the loops are closed. From the second round on
+what that stiffness makes of the step is added, as it was there. What does not settle is left to `Mechanism`, as is all
+that needs to be said.
 
 **It stays** where the Hessian of its energy is positive along the motions that its loops allow. With y the coordinates
 of laws R y, R R' = C, the loads add `Z' G Z` to the unit matrix, Z the motions per y, projected by the matrix above.
@@ -17,8 +18,9 @@ With F the load on all that element k carries, V its twists, s those of its own 
 
     Z' G Z = - sum_k (V x s) . F - sum_bodies V . dw + sum_ties (V2 - V1) . dh
 
-w what acts on a body and h the wrench of a tie as they move with them. Its norm below 1 is a proof. One pass out and
-one back make that linear in a twist that is inserted anywhere, see `_spread`: the rest of what there is to know.
+w what acts on a body and h the wrench of a tie as they move with them. Its norm below 1 is a proof, and a step y of a
+round is (1 + Z' G Z)^-1 y with it. One pass out and one back make that linear in a twist that is inserted anywhere, see
+`_spread`: the rest of what there is to know.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.chain import FLEXURE, RIGID, SLIDES, TURNS
-from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
+from armflex.mechanics.equilibrium import CONVERGED, SLOWEST, SMALL, STEPS
 from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, called
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import ALIGNED, ASSEMBLED, CLOSED, LONGEST, MOST, ROUNDED
@@ -44,6 +46,12 @@ AXIS, FIXED, ROD, GEAR, COIL, GAS = range(6)
 
 NEAR_SINGULAR = 1e-8
 """Squared share of the closures' singular values below which `Mechanism` looks at them."""
+
+NEGATIVE = 1e-12
+"""Share of the largest compliance by which one may be negative."""
+
+ENDS = 1e-28
+"""Squared length of the step to come, were it to shrink as the last one did."""
 
 SQUARED = 1e-8
 """Step of passive joints [m, rad] after which the next would be rounding, as it is about the square."""
@@ -464,13 +472,18 @@ def _idle(here, compliance, idle):
 
 @called
 def _root(compliance, roots, ranks):
-    """Fill (n, 6, 6) matrices R with R R' = C in their first columns, by pivoted Cholesky, and how many there are."""
+    """Fill (n, 6, 6) matrices R with R R' = C in their first columns, by pivoted Cholesky, and how many there are.
+
+    Returns the largest diagonal number, and minus 1 where the even part of one is negative somewhere.
+    """
     left, largest = np.empty((6, 6)), 0.0
     for i in range(len(compliance)):
         for a in range(6):
             largest = max(largest, compliance[i, a, a])
     for i in range(len(compliance)):
-        left[:] = compliance[i]
+        for a in range(6):
+            for b in range(6):
+                left[a, b] = 0.5 * (compliance[i, a, b] + compliance[i, b, a])
         ranks[i] = 0
         roots[i] = 0.0
         for c in range(6):
@@ -486,6 +499,10 @@ def _root(compliance, roots, ranks):
                 for b in range(6):
                     left[a, b] -= roots[i, a, c] * roots[i, b, c]
             ranks[i] = c + 1
+        for a in range(6):
+            for b in range(6):
+                if not abs(left[a, b]) <= NEGATIVE * largest:
+                    return -1.0
     return largest
 
 
@@ -653,24 +670,42 @@ def _deform(compliance, offset, load, law):
 
 @called
 def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
-    """From where the loops are closed, move to rest; return whether `Mechanism` would say the same."""
+    """From where the loops are closed, move to rest.
+
+    Returns by how much loads change the stiffness, see the head of this module; infinite where `Mechanism` is to say.
+    """
     m, p = here.by_free.shape
     law, twists, right = here.law, here.twists, here.right
-    largest = max(_root(compliance, here.roots, here.ranks), 1e-9)
+    largest = _root(compliance, here.roots, here.ranks)
+    if largest < 0.0:
+        return np.inf
+    largest, total = max(largest, 1e-9), here.ranks.sum()
     here.forces[:] = 0.0
     twists[:] = 0.0
-    before = np.inf
+    before, distance = np.inf, np.inf
+    known, step, plain = np.zeros(total), np.empty(total), np.empty(total)
+    tangent, follows = np.empty((0, 0)), np.empty((0, 0))
     for count in range(STEPS):
         _place(tree, q, free, True, here)
         if not _join(tree, q, free, here):
-            return False
+            return np.inf
         if count < 2:  # then they are known well enough
             _reach(tree, q, here, True)
             if count == 0 and not _idle(here, compliance, idle):
-                return False
+                return np.inf
             if not _assemble(tree, here, compliance, idle, largest):
-                return False
+                return np.inf
         _weigh(tree, here, links, wrenches)
+        if count == 1:
+            tangent, follows = _hessian(tree, here, links, wrenches, largest, len(q))
+            distance = 0.0
+            for a in range(total):
+                for b in range(total):
+                    distance += tangent[a, b] ** 2
+                tangent[a, a] += 1.0
+            distance = math.sqrt(distance)
+            if not (distance <= SHARE and _factored(tangent, total)):
+                return np.inf
         _deform(compliance, offset, here.load, law)
         for r in range(m):
             value = 0.0
@@ -686,30 +721,50 @@ def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
             if kind in (TURNS, SLIDES) and own >= 0:
                 right[m + own] = -largest * here.torque[k]
         _solve(here.matrix, here.order, right.reshape((-1, 1)))
-        size = square = 0.0
+        size, square, number = 0.0, 0.0, 0
         for r in range(m):
             right[r] /= largest
             here.forces[r] += right[r]
+        for i in range(len(law)):
+            for a in range(6):
+                for r in range(m):
+                    here.load[i, a] -= here.by_flex[r, i, a] * right[r]
+            for c in range(here.ranks[i]):
+                value = 0.0
+                for a in range(6):
+                    value += here.roots[i, a, c] * here.load[i, a]
+                step[number] = value - known[number]
+                known[number] = value
+                number += 1
+        _deform(compliance, offset, here.load, law)
+        if count > 0:  # what the change of the loads makes of the step; forces follow with the next one
+            for a in range(total):
+                plain[a] = step[a]
+            _solved_by(tangent, total, step)
+            for a in range(total):
+                step[a] -= plain[a]
+                known[a] += step[a]
+            for b in range(p):
+                for a in range(total):
+                    right[m + b] += follows[b, a] * step[a]
+            number = 0
+            for i in range(len(law)):
+                for c in range(here.ranks[i]):
+                    for a in range(6):
+                        law[i, a] += here.roots[i, a, c] * step[number]
+                    number += 1
         for a in range(p):
             free[a] += right[m + a]
             size += right[m + a] ** 2
         for i in range(len(law)):
             for a in range(6):
-                value = 0.0
-                for r in range(m):
-                    value += here.by_flex[r, i, a] * right[r]
-                here.load[i, a] = -value
-            for a in range(6):
-                value = law[i, a]
-                for b in range(6):
-                    value += compliance[i, a, b] * here.load[i, b]
                 if tree.flexures[i] >= 0:
-                    size += (value - twists[i, a]) ** 2
-                    square += value**2
-                twists[i, a] = value
+                    size += (law[i, a] - twists[i, a]) ** 2
+                    square += law[i, a] ** 2
+                twists[i, a] = law[i, a]
         if not size < np.inf or (count > 1 and not size < SLOWEST * before and size > CONVERGED):
-            return False
-        if count > 1 and size <= CONVERGED and size * size <= NEXT * before:
+            return np.inf
+        if count > 1 and size * size <= ENDS * before:
             _place(tree, q, free, True, here)
             _join(tree, q, free, here)
             _weigh(tree, here, links, wrenches)
@@ -717,9 +772,9 @@ def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
             for i in range(len(law)):
                 if tree.flexures[i] < 0:
                     twists[i] = law[i]
-            return square < SMALL and _aligned(tree, here)
+            return distance if square < SMALL and _aligned(tree, here) else np.inf
         before = size
-    return False
+    return np.inf
 
 
 @called
@@ -736,8 +791,8 @@ def _aligned(tree, here):
 
 
 @called
-def _distance(tree, here, links, wrenches, scale, driven):
-    """Return the Frobenius norm of Z' G Z; see the head of this module."""
+def _hessian(tree, here, links, wrenches, scale, driven):
+    """Return Z' G Z, see the head of this module, and the (p, W) motions of passive joints per coordinate of laws."""
     m, p = here.by_free.shape
     n, total = len(tree.flexures), here.ranks.sum()
     right, gap, y, number = np.zeros((m + p, total)), np.zeros((m, total)), np.zeros((total, total)), 0
@@ -757,7 +812,7 @@ def _distance(tree, here, links, wrenches, scale, driven):
     virtual = _virtual(tree, here, total)
     _step(tree, here, y, right[m:], driven, virtual.step)
     _spread(tree, here, links, wrenches, np.zeros((0, total)), virtual)
-    hessian, square = np.zeros((total, total)), 0.0
+    hessian = np.zeros((total, total))
     for k in range(1, len(tree.parents)):
         own = tree.kinds[1, k]
         if tree.kinds[0, k] & 3 == RIGID or (tree.kinds[0, k] & 3 != FLEXURE and own < driven):
@@ -767,10 +822,7 @@ def _distance(tree, here, links, wrenches, scale, driven):
                 value = virtual.field[k, i, a]
                 for b in range(total):
                     hessian[a, b] += value * virtual.step[k, i, b]
-    for a in range(total):
-        for b in range(total):
-            square += hessian[a, b] ** 2
-    return math.sqrt(square)
+    return hessian, right[m:]
 
 
 class Virtual(NamedTuple):
@@ -1029,7 +1081,8 @@ def rest_rows(
         own = min(row, len(compliance) - 1)
         pushed = wrenches[min(row, len(wrenches) - 1)]
         flexed[row] = free
-        if not _settle(tree, compliance[own], offset[own], links, pushed, q[row], flexed[row], idle, here):
+        distance[row] = _settle(tree, compliance[own], offset[own], links, pushed, q[row], flexed[row], idle, here)
+        if not distance[row] <= SHARE:
             return row
         twists[row], loads[row], forces[row], torques[row] = here.twists, here.load, here.forces, here.torque
         _tip(tree, here, moved, here.origin[0])
@@ -1039,13 +1092,6 @@ def rest_rows(
                 turned[i, j] = moved[i, 0] * turn[j, 0] + moved[i, 1] * turn[j, 1] + moved[i, 2] * turn[j, 2]
         _logarithm(turned, displacement[row, 3:])
         here.origin[0] = 0.0
-        scale = 1e-9
-        for i in range(len(here.ranks)):
-            for a in range(6):
-                scale = max(scale, compliance[own, i, a, a])
-        distance[row] = _distance(tree, here, links, pushed, scale, q.shape[1])
-        if not distance[row] <= SHARE:
-            return row
     return len(q)
 
 

@@ -127,28 +127,35 @@ class LoopSolver:
         self._tree, self._nominal = trees(loaded)[:2]
         self._idle, self._ask = np.zeros((len(self._tree.rows),) * 2), loop_kernel().rest_rows
         self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), len(self._idle), len(self._tree.parents)
-        self._differs, self._rooted = loaded.arm.stack.rows_differ, True
-        if not self._differs:
-            self._rooted = rooted(self._laws.compliance, symmetric=False)
+        self._differs = loaded.arm.stack.rows_differ
+        self._one = self._room(1)
         joints = [(joint.id, joint.idx_v) for joint in list(mechanics.model.joints)[1:] if joint.nv == 1]
         self._joints, self._joints_v = np.array(joints).reshape(-1, 2).T
 
-    def rest(self, q: Array, row: Row, alone: Callable[[int], None] | None = None) -> Rested:
+    def one(self, row: Row) -> Rested | None:
+        """Return where the mechanism rests in one row, in arrays that the next one is put into; None as of `rest`."""
+        found = self.rest(row.q[None], row, into=self._one)
+        return found if found.fine[0] else None
+
+    def rest(
+        self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: tuple[Rested, ...] = ()
+    ) -> Rested:
         """Return where the mechanism rests in some rows.
 
         Args:
             q: (N, nq) positions of the drives.
             row: What its laws may know there.
             alone: Asked about each row that is not answered, in its turn; where it is not given no row after it is.
+            into: Arrays for that, and for where the controller has it.
         """
         laws, pushes, mechanics = self._laws, self._pushes, self._mechanics
         if self._differs:
             laws.know(row)
-            self._rooted = rooted(laws.compliance, symmetric=False)  # else it could buckle where the proof is blind
         plain = self.answers
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
-        known, found = (laws.compliance, laws.offset, pushes.links, loads, q), _room(len(q), self._sizes)
-        nominal = _room(0 if self._nominal is None else len(q), (*self._sizes[:1], 0, 0, 0))
+        known = (laws.compliance, laws.offset, pushes.links, loads, q)
+        found, nominal = into or self._room(len(q))
+        found.fine[:] = nominal.fine[:] = False
 
         def by_itself(i: int) -> None:
             if alone is not None:
@@ -169,10 +176,15 @@ class LoopSolver:
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
         return found
 
+    def _room(self, count: int) -> tuple[Rested, Rested]:
+        """Return room for so many rows, and for where the controller has them, where that is elsewhere."""
+        nominal = 0 if self._nominal is None else count
+        return _room_for(count, self._sizes), _room_for(nominal, (self._sizes[0], 0, 0, 0))
+
     @property
     def answers(self) -> bool:
         """Whether compiled code knows these laws and loads."""
-        return self._rooted and not (self._laws.curved or self._laws.bent or self._pushes.posed)
+        return not (self._laws.curved or self._laws.bent or self._pushes.posed)
 
     def in_model(self, q: Array, found: Rested) -> tuple[Array, Array, Array]:
         """Return rigid configuration, motion and torque of the first row, at (nq,) positions; see `mechanism.Rest`."""
@@ -232,7 +244,7 @@ class LoopSolver:
 
 @dataclass(frozen=True, eq=False)
 class LoopRows:
-    """Some rows of one payload of an arm with loops, where compiled code has them: see `few_rows.MechanismRows`.
+    """Some rows of one payload of an arm with loops, where compiled code has them: see `few_rows.FewRows`.
 
     Attributes:
         loaded: The arm with the payload.
@@ -289,11 +301,11 @@ def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rest
     return LoopRows(loaded, trees(loaded)[2], pushes.links, rows, pushes.wrenches(case.q), tangents, *state)
 
 
-def rooted(compliance: Array, symmetric: bool = True) -> bool:
-    """Return whether (..., 6, 6) are all C = R R', as compiled code has them; without `symmetric`, their even parts."""
+def rooted(compliance: Array) -> bool:
+    """Return whether (..., 6, 6) are all C = R R', as compiled code has them."""
     size = np.abs(compliance).max(axis=(-2, -1), initial=0.0)[..., None]
     even = 0.5 * (compliance + compliance.swapaxes(-1, -2))
-    odd = np.abs(compliance - even).max(axis=-1, initial=0.0) if symmetric else np.zeros(1)
+    odd = np.abs(compliance - even).max(axis=-1, initial=0.0)
     return bool((odd <= ROUNDING * size).all() and (np.linalg.eigvalsh(even) >= -ROUNDING * size).all())
 
 
@@ -306,7 +318,7 @@ def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
     return mechanics.solver[1]
 
 
-def _room(count: int, sizes: tuple[int, int, int, int]) -> Rested:
+def _room_for(count: int, sizes: tuple[int, int, int, int]) -> Rested:
     p, n, m, k = sizes
     shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (k,), (6,), ())
     return Rested(*(np.empty((count, *shape)) for shape in shapes), fine=np.zeros(count, dtype=bool))

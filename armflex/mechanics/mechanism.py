@@ -3,7 +3,6 @@
     mechanics.rest(case, row)   where it is, see `Rest`; `find_equilibrium` makes an `Equilibrium` of it
     mechanics.closed(q)         positions of the joints without a drive, nothing giving
     mechanics.linear(...)       how it answers to laws, loads, lengths and positions, see `Linear`
-    linearised_mechanism(...)   the same of many rows, in `few_rows`, with the questions that `Response` asks
 
 With t the flexures' twists, p the positions of joints without a drive and f the forces in what closes, it rests where
 

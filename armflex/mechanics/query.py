@@ -209,19 +209,15 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
 def _quick_loops(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
     """Return the question to the compiled engine of arms with loops; each has a workspace of its own."""
     loaded = replace(loaded, _local=threading.local())
-    solver, (lower, upper), shape = (
-        LoopSolver(loaded, wrenches),
-        np.array(loaded.arm.bounds),
-        (len(loaded.arm.joint_names),),
-    )
+    solver, shape, within = LoopSolver(loaded, wrenches), (len(loaded.arm.joint_names),), loaded.arm.within_limits
 
     def quick(q: Array, covariates: dict[str, float]) -> Answer | None:
-        if q.shape != shape or q.dtype != FLOAT or not (q >= lower).all() or not (q <= upper).all():
+        if q.shape != shape or q.dtype != FLOAT or not within(q.tolist()):
             return None
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         here = q.copy()
-        found = solver.rest(here[None], loaded.row(here[None], known))
-        return (here, found.twists[0], found.displacement[0]) if found.fine[0] else None
+        found = solver.one(loaded.row(here, known))
+        return found and (here, found.twists[0].copy(), found.displacement[0].copy())
 
     return quick
 

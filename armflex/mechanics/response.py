@@ -23,7 +23,7 @@ from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.chain import Chain
 from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small, find_equilibrium
-from armflex.mechanics.few_rows import FewRows, MechanismRows, linearised, linearised_mechanism, tangents_of
+from armflex.mechanics.few_rows import FewRows, linearised, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.loop_rows import LoopRows, responding, rooted, solver_of
@@ -112,7 +112,7 @@ class Response:
     laws: Array
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
-    _parts: tuple[_Part | FewRows | MechanismRows | LoopRows, ...]
+    _parts: tuple[_Part | FewRows | LoopRows, ...]
     case: LoadCase
     end: str | None = None
 
@@ -200,7 +200,7 @@ class Response:
         part = next(one for one in self._parts if row in one.rows)
         mechanics, case = part.loaded.mechanics, self.case.some(row)
         case = case._replace(wrenches=tuple(one.under(part.loaded.robot.gravity) for one in case.wrenches))
-        if isinstance(part, MechanismRows | LoopRows):
+        if part.loaded.arm.robot.linkage:
             return find_equilibrium(part.loaded, case, allow_large=True)
         motion = np.zeros(mechanics.model.nv)
         motion[mechanics.flex.flexure_v] = self.flexure_twists[row]
@@ -273,7 +273,7 @@ def respond(
     if arm.robot.linkage and loop_kernel_pays(len(q)):
         solve = _solved_loops
 
-    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows | MechanismRows | LoopRows:
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows | LoopRows:
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
@@ -327,24 +327,19 @@ def _solved(
 
 def _solved_alone(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows | MechanismRows | LoopRows, Solution]:
+) -> tuple[FewRows | LoopRows, Solution]:
     """Return the same of few rows, each by Pinocchio."""
     found = Solution.empty(len(rows), len(loaded.arm.sites))
     each = _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
     tangents = tangents_of(loaded.arm.stack, loaded, case, found.wrenches)
-    if not loaded.arm.robot.linkage:
-        part: FewRows | MechanismRows | LoopRows = linearised(
-            loaded, rows, case, found.twists.reshape(len(rows), -1), tangents
-        )
-    else:
-        part = linearised_mechanism(loaded, rows, case, each, tangents)
+    part = linearised(loaded, rows, case, each, tangents)
     into[rows] = part.by_law(None, case.q, found.twists)
     return part, found
 
 
 def _solved_loops(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows | MechanismRows | LoopRows, Solution]:
+) -> tuple[FewRows | LoopRows, Solution]:
     """Return the same of an arm with loops, by compiled code where it knows the loads."""
     if Pushes(loaded, case.wrenches).posed:
         return _solved_alone(loaded, rows, case, into, allow_large)

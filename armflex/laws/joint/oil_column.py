@@ -54,7 +54,11 @@ class OilColumn(Compliance):
         return replace(self, bulk_modulus=float(values[0]))
 
     def compliance(self, row: Row) -> Array:
-        length = np.minimum(np.maximum(row.position(self.cylinder), self.lower), self.upper)
+        length = row.position(self.cylinder)
+        if length.ndim:
+            length = np.clip(length, self.lower, self.upper)
+        else:  # a row of a control loop
+            length = min(max(float(length), self.lower), self.upper)
         (head, ring), dead = self.areas, self.dead_volume
         first, second = head * (length - self.lower) + dead, ring * (self.upper - length) + dead
         softness = first * second / (self.bulk_modulus * (head**2 * second + ring**2 * first))
