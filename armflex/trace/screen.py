@@ -40,6 +40,9 @@ ALMOST = 1e-4
 ROUNDED_AWAY = 1e-12
 """Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 
+MOTIONLESS = 1e-100
+"""Tolerance: square of a column that moves nothing: of a smaller one the square of the scale would overflow."""
+
 IMPOSSIBLE = 8.0
 """Prior: log odds against what no machine has: while one effect is missing, another may look as if it were that."""
 
@@ -152,14 +155,14 @@ class Screen(Evidence):
         self.bank.forget()
 
     def _scaled(self, squares: Array) -> Array:
-        moves = np.isfinite(squares) & (squares > 0.0)
+        moves = np.isfinite(squares) & (squares > MOTIONLESS)
         return np.where(moves, np.sqrt(self._unit / np.where(moves, squares, 1.0)), 0.0)
 
     def scale_of(self, columns: Array, unit: Array | None) -> Array:
         """Return the (k,) scale of a hypothesis's (n, k) columns; `unit` where members are alike as they are."""
         if unit is None:
             return self._scaled((columns**2).sum(axis=0))
-        return unit * np.sqrt(self._unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), 1e-300))
+        return unit * np.sqrt(self._unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), MOTIONLESS))
 
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""

@@ -125,6 +125,12 @@ def screened(state: State, every: int = 1) -> Screen:
     return Screen(known, Bank(tuple(one.one for one in known), state.fit, state.context), state.bare, state.quiet)
 
 
+def test_a_column_that_moves_nothing_has_no_scale(before):
+    """Its square underflows, and the square of its scale would be no number; one inside a law may decay so far."""
+    screen = screened(before, 400)
+    assert screen.scale_of(np.full((9, 1), 1e-107), None) == 0.0 < screen.scale_of(np.full((9, 1), 1e-9), None)
+
+
 def test_the_evidence_on_a_screen_is_that_of_gaussian_readings(before):
     """Of the whole covariance of the readings, of parameters and effects alike, by its determinant."""
     screen, projection = screened(before, 41), before.bare
