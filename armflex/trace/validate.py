@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from scipy.special import chdtri
@@ -14,7 +13,6 @@ from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, pose_folds, told_by_others
 from armflex.linear_gaussian import LinearGaussian
-from armflex.readings import Readings
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
@@ -32,30 +30,29 @@ def from_zero(values: Array, covariance: Array) -> float:
     return float(values @ np.linalg.pinv(covariance, hermitian=True) @ values / chdtri(len(values), ZERO))
 
 
-@dataclass(frozen=True, eq=False)
 class Folds:
     """The linear problem of a state in parts: every fifth of the poses predicted from the others.
 
     Attributes:
         here: The state.
         numbers: Hypotheses that compete, by their numbers in its screen.
-        parts: Evidence from all poses but those of a fold.
-        learned: (n,) readings that each was learned from.
+        learned: (n,) readings of all poses but those of a fold, for every fold.
+        parts: Evidence from those.
+        fitted: What they say of the parameters that are fitted anyway, whatever the model.
+        readings, judged: What errors are over, and (M,) the rows that have any of it.
     """
 
-    here: Standing
-    numbers: tuple[int, ...]
-    parts: tuple[Dense, ...]
-    learned: tuple[np.ndarray, ...]
-
-    @staticmethod
-    def of(here: Standing, numbers: Sequence[int], charges: Sequence[float]) -> Folds:
-        """Return the folds of the poses of a state."""
-        fit = here.state.fit
-        folds = np.repeat(pose_folds(here.state.groups), fit.view.residual.shape[1])
-        learned = tuple(folds != number for number in range(int(folds.max()) + 1))
-        parts = tuple(here.screen.dense(tuple(numbers), charges, mask) for mask in learned)
-        return Folds(here, tuple(numbers), parts, learned)
+    def __init__(self, here: Standing, numbers: Sequence[int], charges: Sequence[float]) -> None:
+        state, projection = here.state, here.screen.projection
+        folds = np.repeat(pose_folds(state.groups), state.fit.view.residual.shape[1])
+        self.here, self.numbers, self.fitted = here, numbers, list[LinearGaussian]()
+        self.learned = [folds != number for number in range(int(folds.max()) + 1)]
+        self.parts = [here.screen.dense(numbers, charges, mask) for mask in self.learned]
+        for learned in self.learned:
+            own = projection.regressors[learned].T @ projection.shared[learned]
+            self.fitted.append(LinearGaussian(own + np.diag(projection.precision)))
+        self.readings = state.fit.view.readings.where(judged_by(state.calibrated, state.fit))
+        self.judged = self.readings.foremost_count > 0
 
     def squares(self, models: Sequence[Model]) -> Array:
         """Return the (M,) squared errors of every row [m^2], predicted from the other folds with a model for each."""
@@ -70,33 +67,9 @@ class Folds:
             left[~learned] = (data - projection.regressors @ values)[~learned]
         return self.readings.row_squares(errors_of(fit, screen.quiet * left))
 
-    @cached_property
-    def fitted(self) -> tuple[LinearGaussian, ...]:
-        """What the other poses say of the parameters that are fitted anyway, whatever the model."""
-        projection, found = self.here.screen.projection, list[LinearGaussian]()
-        for learned in self.learned:
-            own = projection.regressors[learned].T @ projection.shared[learned]
-            found.append(LinearGaussian(own + np.diag(projection.precision)))
-        return tuple(found)
-
-    @cached_property
-    def readings(self) -> Readings:
-        """What errors are over."""
-        state = self.here.state
-        return state.fit.view.readings.where(judged_by(state.calibrated, state.fit))
-
-    @property
-    def judged(self) -> np.ndarray:
-        """(M,) rows that errors are over."""
-        return self.readings.foremost_count > 0
-
     def rms(self, squares: Array) -> float:
         """Return the RMS of (M,) squared errors over the rows that are judged [m]."""
         return float(np.sqrt(squares[self.judged].mean()))
-
-    def chosen_anew(self) -> list[Model]:
-        """Return the model that the other poses alone lead to, of each fold."""
-        return [climbed(part) for part in self.parts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +97,8 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
         charges: What the size of each counts against it [nats].
         null: What chance gives.
     """
-    folds = Folds.of(here, numbers, charges)
-    anew, count = folds.chosen_anew(), len(folds.parts)
+    folds = Folds(here, numbers, charges)
+    anew, count = [climbed(part) for part in folds.parts], len(folds.parts)
     whole, chosen, fit = folds.squares([own] * count), folds.squares(anew), here.state.fit
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
     calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fit)
