@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -71,6 +72,12 @@ class Result:
         head = "".join(f"<th>{html.escape(name)}</th>" for name in table)
         more = f"<p>and {len(rows) - SHOWN} more</p>" if len(rows) > SHOWN else ""
         return f"<p>{html.escape(repr(self)[1:-1])}</p><table><tr>{head}</tr>{cells}</table>{more}"
+
+
+def record(one: object, names: str = "", **renamed: str) -> dict[str, Any]:
+    """Return attributes of an object: some by their names, others, or attributes of these, under another name."""
+    paths = {name: name for name in names.split()} | renamed
+    return {name: attrgetter(path)(one) for name, path in paths.items()}
 
 
 def plain(value: Any) -> Any:

@@ -21,12 +21,13 @@ from armflex.estimate.held_out import OfCampaign
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.learn import LearnedAxis, learned_axes
 from armflex.estimate.misread import check_scatter
+from armflex.estimate.outliers import Outlier
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ParameterKind
 from armflex.readings import Kind, Position
-from armflex.result import plain
+from armflex.result import record
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
 
@@ -202,32 +203,15 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
         say(f"Sampled: R-hat {found.rhat_max:.3f}, {found.ess_min:.0f} effective draws or more.")
 
 
-def _by_kind(sizes: tuple[Kind, float, float, float]) -> dict[str, Any]:
-    kind, declared, calibrated, noise = sizes
-    return {
-        "name": kind.name,
-        "kind": type(kind).__name__.lower(),
-        "unit": kind.unit,
-        "rows": np.isfinite(kind.sigma).any(axis=1).sum(),
-        "rms": {"declared": declared, "calibrated": calibrated},
-        "noise_rms": noise,
-    }
-
-
 def campaigns_json(campaigns: Sequence[OfCampaign], stages: tuple[str, str]) -> dict[str, Any]:
     """Return the errors of each of several campaigns for programs, in mm, or thousandths of the unit that was read."""
-    if not campaigns:
-        return {}
     found = [
-        {
-            "name": one.name,
-            "rows": one.rows,
-            "rms_mm": {stages[0]: one.before * 1e3, stages[1]: one.after * 1e3},
-            "from_others_rms_mm": None if one.from_others is None else one.from_others * 1e3,
-        }
+        record(one, "name rows")
+        | {"rms_mm": {stages[0]: one.before * 1e3, stages[1]: one.after * 1e3}}
+        | {"from_others_rms_mm": None if one.from_others is None else one.from_others * 1e3}
         for one in campaigns
     ]
-    return {"campaigns": found}
+    return {"campaigns": found} if found else {}
 
 
 def as_json(found: Calibration) -> dict[str, Any]:
@@ -235,47 +219,51 @@ def as_json(found: Calibration) -> dict[str, Any]:
 
     Where no length was read these are null, and beside them stands what is in the unit that was.
     """
-    unit = found.fit.view.readings.unit
-    stages, per = ("declared", "calibrated"), 1e3 if unit == "m" else None
-    in_unit = {
-        "unit": unit,
-        "noise_rms": found.noise_rms,
-        "rms": {"declared": found.declared_rms, "calibrated": found.rms},
-        "held_out_rms": found.held_out and dict(zip(stages, found.held_out, strict=True)),
-    }
-    told = {
+    unit, stages = found.fit.view.readings.unit, ("declared", "calibrated")
+    errors = {"noise_rms": found.noise_rms, "rms": dict(zip(stages, (found.declared_rms, found.rms), strict=True))}
+    errors["held_out_rms"] = found.held_out and dict(zip(stages, found.held_out, strict=True))
+    return {
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
-        "noise_rms_mm": per and found.noise_rms * per,
         "noise_over_stated": found.scatter,
-        "rms_mm": per and {"declared": found.declared_rms * per, "calibrated": found.rms * per},
-        "held_out_rms_mm": per
-        and found.held_out
-        and dict(zip(stages, (per * rms for rms in found.held_out), strict=True)),
-        **({} if per else in_unit),
+        **{f"{name}_mm": scaled(value, 1e3) if unit == "m" else None for name, value in errors.items()},
+        **({} if unit == "m" else errors | {"unit": unit}),
         **campaigns_json(found.campaigns, stages),
-        **({"instruments": [*map(_by_kind, found.by_kind)]} if found.arm.sensors else {}),
+        **({"instruments": [_kind_json(*sizes) for sizes in found.by_kind]} if found.arm.sensors else {}),
         "parameters": [
-            {
-                "name": p.name,
-                "value": p.value,
-                "std": p.std,
-                "unit": p.unit,
-                "prior": p.prior,
-                "determined": p.determined,
-                "only_combined_with": p.trades_against if p.combined else None,
-            }
+            record(p, "name value std unit prior determined")
+            | {"only_combined_with": p.trades_against if p.combined else None}
             for p in found.parameters
         ],
         "findings": [p.name for p in found.findings],
-        "not_identifiable": [{"parameter": p.name, "trades_against": p.trades_against} for p in found.undetermined],
+        "not_identifiable": [record(p, "trades_against", parameter="name") for p in found.undetermined],
         "flags": found.flags,
         "outliers": [
-            {"row": o.row, "place": str(o.place)}
-            | ({"instrument": o.instrument} if o.instrument else {})
-            | ({"exchanged_with": o.fellow} if o.fellow else {})
-            | ({"error_mm": o.error_m * 1e3} if o.unit == "m" else {"error": o.error_m, "unit": o.unit})
+            outlier_json(o) | ({"error_mm": o.error_m * 1e3} if o.unit == "m" else record(o, "unit", error="error_m"))
             for o in found.outliers
         ],
     }
-    return plain(told)
+
+
+def scaled(errors: Any, factor: float) -> Any:
+    """Return an error, or errors by name, in another unit; None where there are none."""
+    if isinstance(errors, dict):
+        return {name: scaled(value, factor) for name, value in errors.items()}
+    return None if errors is None else errors * factor
+
+
+def outlier_json(one: Outlier) -> dict[str, Any]:
+    """Return which reading is an outlier, by which instrument, and the one that it was exchanged with."""
+    known = {"instrument": one.instrument, "exchanged_with": one.fellow}
+    return {"row": one.row, "place": str(one.place)} | {name: value for name, value in known.items() if value}
+
+
+def _kind_json(kind: Kind, declared: float, calibrated: float, noise: float) -> dict[str, Any]:
+    rms = {"declared": declared, "calibrated": calibrated}
+    rows = np.isfinite(kind.sigma).any(axis=1).sum()
+    return record(kind, "name unit") | {
+        "kind": type(kind).__name__.lower(),
+        "rows": rows,
+        "rms": rms,
+        "noise_rms": noise,
+    }

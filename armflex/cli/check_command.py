@@ -13,6 +13,7 @@ from armflex.cli.terminal import no_via_points, number, plus_minus, print_table,
 from armflex.errors import enough_memory
 from armflex.measured.forces import Unnamed
 from armflex.mechanics.equilibrium import METHODS
+from armflex.result import record
 from armflex.tasks.check import CheckReport, Point, check
 from armflex.tasks.settle import SettlingReport, settle
 from armflex.trajectory import read_trajectory
@@ -56,12 +57,10 @@ def command(
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
         swing = None if within is None else settle(arm, trajectory, within, how["covariates"])
     moved = against is not None or trajectory.is_moved
-    names = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst", "relative_sigma_m")
-    told = {name: getattr(report, name) for name in names} | (
-        {"against": str(desired_path or trajectory_path)} if moved else {}
-    )
+    told = record(report, "ok tolerance_m angle_rad samples load_factor via_points path_worst relative_sigma_m")
+    told |= {"against": str(desired_path or trajectory_path)} if moved else {}
     flags = report.flags if swing is None else (*report.flags, *swing.flags)
-    told |= {} if swing is None else {"settle_within_m": swing.within_m, "settling": swing.via_points}
+    told |= {} if swing is None else record(swing, settle_within_m="within_m", settling="via_points")
     options.conclude(lambda: told, flags, arm)
     meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
     say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")

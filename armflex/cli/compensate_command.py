@@ -12,6 +12,7 @@ from armflex.cli import options
 from armflex.cli.terminal import doing, no_via_points, number, plus_minus, print_table, progress, say
 from armflex.errors import InputError, enough_memory
 from armflex.measured.forces import Unnamed
+from armflex.result import record
 from armflex.storage.whole_file import together
 from armflex.tasks.calm import SLOWER, Calmed
 from armflex.tasks.calm import calm as calm_path
@@ -61,9 +62,8 @@ def command(
     with enough_memory(f"{len(trajectory)} rows"), progress("compensating") as tick:
         asked = {"best_effort": True, "between": between, "covariates": covariates}
         found = compensate(arm, trajectory, match, progress=tick, **asked)
-    remains, sigma = found.remains_m
-    summary = {"ok": found.ok, "match": found.match, "between_m": found.between_m}
-    summary |= {"remains_m": remains, "sigma_m": sigma, "relative_sigma_m": found.relative_sigma_m, "rows": found.rows}
+    summary = record(found, "ok match between_m relative_sigma_m rows")
+    summary["remains_m"], summary["sigma_m"] = found.remains_m
     written, flags, calmed = found.ok or best_effort, found.flags, None
     if calm and written:
         doing("shaping")

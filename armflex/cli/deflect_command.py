@@ -15,9 +15,13 @@ from armflex.estimate.tip_uncertainty import total_covariance
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
+from armflex.result import record
 
-TIED = ("passive", "loop_loads", "cylinder_states", "spring_states")
-"""What a result says of joints without a drive, loops, cylinders and springs."""
+TOLD = (
+    "method q joint_loads wrenches twists contributions corrected remainder displacement compliance load_factor "
+    "passive loop_loads cylinder_states spring_states"
+)
+"""What of a result programs are told under its own name."""
 
 
 @click.command(cls=options.Command)
@@ -32,20 +36,11 @@ def command(arm: Arm, q: Array, payload: str, **how: Any) -> None:
     """
     found = arm.deflection(q, payload, **how)
     covariance, flags = total_covariance(found)
+    named = {"joint_names": "names.joints", "flexure_names": "names.flexures"}
+    named |= {"pose": "pose.homogeneous", "rigid_pose": "rigid_pose.homogeneous"}
 
     def content() -> dict[str, Any]:
-        arrays = ("q", "joint_loads", "wrenches", "twists", "contributions", "corrected", "remainder", "displacement")
-        return {
-            "payload": payload,
-            "method": found.method,
-            "joint_names": found.names.joints,
-            "flexure_names": found.names.flexures,
-            **{name: getattr(found, name) for name in (*arrays, "compliance", *TIED)},
-            "covariance": covariance,
-            "load_factor": found.load_factor,
-            "pose": found.pose.homogeneous,
-            "rigid_pose": found.rigid_pose.homogeneous,
-        }
+        return {"payload": payload, "covariance": covariance, **record(found, TOLD, **named)}
 
     options.conclude(content, (*found.flags, *found.overload, *flags), arm)
     print_deflection(arm, found, covariance)

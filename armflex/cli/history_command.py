@@ -14,6 +14,7 @@ from armflex.cli.terminal import number, print_table, say
 from armflex.errors import InputError
 from armflex.estimate.history import history
 from armflex.files.arm_file import load_arm
+from armflex.result import record
 from armflex.storage.whole_file import together
 
 
@@ -44,16 +45,10 @@ def command(paths: tuple[Path, ...], dates: str | None, output: Path | None) -> 
                 "format": "armflex-history-1",
                 "dates": labels,
                 "parameters": [
-                    {
-                        "name": one.parameter.label,
-                        "unit": one.parameter.unit,
-                        "value": one.value,
-                        "std": one.std,
-                        "change": one.change or None,
-                        "since": labels[one.since] if one.since else None,
-                        "size": one.size if one.change else None,
-                        "size_std": one.size_std if one.change else None,
-                    }
+                    record(one, "value std", name="parameter.label", unit="parameter.unit")
+                    | dict.fromkeys(("change", "size", "size_std"))
+                    | (record(one, "change size size_std") if one.change else {})
+                    | {"since": labels[one.since] if one.since else None}
                     for one in found.courses
                 ],
             }

@@ -16,7 +16,7 @@ from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
 from armflex.plotting import SUFFIXES as PICTURES
-from armflex.result import plain
+from armflex.result import record
 from armflex.show.view.map_page import map_page
 from armflex.storage.whole_file import together
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
@@ -127,35 +127,26 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
 
 def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
     """Return the summary of a map for programs, SI."""
-    here, drawn = found.worst_voxel if found.answered.any() else None, found.worst_of_draws
-    summary = {
-        "joint_names": found.joints,
-        "payloads": found.payloads,
-        "rows": found.rows,
-        "seed": found.seed,
-        "draws": found.draws,
-        "voxel_m": found.voxel,
-        "voxels": len(found),
-        "answered": found.answered.sum(),
-        "refused": dict(zip(found.reasons, found.refused.sum(axis=0), strict=True)),
-        "mean_m": None if here is None else np.nansum(found.mean * found.answered) / found.answered.sum(),
-        "worst": None
-        if here is None
-        else {
-            "displacement_m": found.worst[here],
-            "sigma_m": None if found.sigma is None else found.sigma[here],
+    summary = record(found, "payloads rows seed draws", joint_names="joints", voxel_m="voxel")
+    summary |= {"voxels": len(found), "answered": found.answered.sum()}
+    summary["refused"] = dict(zip(found.reasons, found.refused.sum(axis=0), strict=True))
+    summary |= dict.fromkeys(("mean_m", "worst", "worst_of_draws_m"))
+    if found.answered.any():
+        here = found.worst_voxel
+        sizes = {"displacement_m": found.worst, "sigma_m": found.sigma, "worst_of_draws_m": found.worst_of_draws}
+        summary["mean_m"] = np.nansum(found.mean * found.answered) / found.answered.sum()
+        summary["worst"] = {name: None if values is None else values[here] for name, values in sizes.items()} | {
             "centre": found.centres[here],
             "q": found.worst_q[here],
             "payload": found.payloads[found.worst_payload[here]],
-            "worst_of_draws_m": None if drawn is None else drawn[here],
-        },
-        "worst_of_draws_m": None if drawn is None else drawn.max(),
-    }
+        }
+    if found.worst_of_draws is not None:
+        summary["worst_of_draws_m"] = found.worst_of_draws.max()
     if found.frequency is not None:
         summary["lowest_frequency_hz"] = np.nanmin(found.frequency, initial=np.inf)
-    if tolerance is not None:
-        summary |= {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
-    return plain(summary)
+    return (
+        summary if tolerance is None else summary | {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
+    )
 
 
 def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:

@@ -15,6 +15,7 @@ from armflex.conventions import Array
 from armflex.estimate.draw import drawn_frequencies
 from armflex.mechanics.modes import Modes
 from armflex.plotting import check_ending
+from armflex.result import record
 from armflex.rows.wrench import Wrench
 from armflex.show.view.mode_picture import draw_modes
 from armflex.storage.whole_file import together
@@ -43,20 +44,11 @@ def command(
     drawn = drawn_frequencies(arm, q, payload, covariates=covariates, wrenches=wrenches, count=count)
     std = None if drawn is None or drawn.shape[1] < len(found.frequencies) else drawn.std(axis=0, ddof=1)
 
+    named = {"joint_names": "names.joints", "flexures": "names.flexures", "frequencies_hz": "frequencies"}
+    named |= {"modal_masses": "masses", "flexure_shapes": "twists", "stiffness_sensitivities": "sensitivities"}
+
     def content() -> dict[str, Any]:
-        return {
-            "payload": payload,
-            "q": q,
-            "joint_names": found.names.joints,
-            "flexures": found.names.flexures,
-            "frequencies_hz": found.frequencies,
-            "frequencies_std_hz": std,
-            "damping_ratios": found.damping_ratios,
-            "modal_masses": found.masses,
-            "shapes": found.shapes,
-            "flexure_shapes": found.twists,
-            "stiffness_sensitivities": found.sensitivities,
-        }
+        return {"payload": payload, "q": q, "frequencies_std_hz": std} | record(found, "damping_ratios shapes", **named)
 
     with together():
         if drawing is not None:

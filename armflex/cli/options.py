@@ -7,7 +7,7 @@ import json
 import os
 import sys
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -388,22 +388,29 @@ covariates = click.option(
 )
 
 
-def parse_covariates(text: str) -> dict[str, float]:
-    """Return numbers by name from 'temperature=25,approach_A2=1,operator=bob=1'.
+def named_values(texts: Iterable[str], form: str) -> dict[str, list[float]]:
+    """Return numbers by name from texts such as 'temperature=10,35' or 'operator=bob=1'.
 
     Raises:
-        InputError: Not of that form, not a finite number, or a name given twice.
+        InputError: One is not of the form, has no finite number, or a name is given twice.
     """
-    found: dict[str, float] = {}
-    for part in filter(None, (part.strip() for part in text.split(","))):
+    found: dict[str, list[float]] = {}
+    for text in texts:
         # A level of a text column is a name with '=' in it, and may itself have more; a number has none.
-        name, equals, value = (piece.strip() for piece in part.rpartition("="))
-        if not equals or not name or not NUMBER.fullmatch(value) or not np.isfinite(float(value)):
-            raise InputError(f"--covariates: {part!r} is not of the form NAME=NUMBER or COLUMN=LEVEL=NUMBER")
+        name, equals, values = (piece.strip() for piece in text.rpartition("="))
+        parts = [part.strip() for part in values.split(",")]
+        if not equals or not name or not all(NUMBER.fullmatch(part) and np.isfinite(float(part)) for part in parts):
+            raise InputError(f"--covariates: {text!r} is not of the form {form}")
         if name in found:
             raise InputError(f"--covariates: {name!r} is given twice")
-        found[name] = float(value)
+        found[name] = [float(part) for part in parts]
     return found
+
+
+def parse_covariates(text: str) -> dict[str, float]:
+    """Return a number by name from 'temperature=25,approach_A2=1,operator=bob=1'; raise as `named_values`."""
+    parts = filter(None, (part.strip() for part in text.split(",")))
+    return {name: value for name, (value,) in named_values(parts, "NAME=NUMBER or COLUMN=LEVEL=NUMBER").items()}
 
 
 settable = click.option(
@@ -412,23 +419,9 @@ settable = click.option(
     "covariates",
     multiple=True,
     metavar="NAME=LOW,HIGH",
-    callback=lambda context, parameter, texts: parse_levels(texts),
+    callback=lambda context, parameter, texts: named_values(texts, "NAME=NUMBER,NUMBER"),
     help="Values that can be set of what effects depend on; once for each name.",
 )
-
-
-def parse_levels(texts: tuple[str, ...]) -> dict[str, list[float]]:
-    """Return values by name from 'temperature=10,35'."""
-    found: dict[str, list[float]] = {}
-    for text in texts:
-        name, equals, values = (piece.strip() for piece in text.rpartition("="))
-        parts = [part.strip() for part in values.split(",")]
-        if not equals or not name or not all(NUMBER.fullmatch(part) for part in parts):
-            raise InputError(f"--covariates: {text!r} is not of the form NAME=NUMBER,NUMBER")
-        if name in found:
-            raise InputError(f"--covariates: {name!r} is given twice")
-        found[name] = [float(part) for part in parts]
-    return found
 
 
 def points(function: Callable) -> Callable:

@@ -17,10 +17,10 @@ from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.parameters import OF_SESSION, ParameterKind
 from armflex.plan.drive import write_plan
-from armflex.plan.instruments import Mounted, declaration
+from armflex.plan.instruments import declaration
 from armflex.plan.planning import plan
 from armflex.plotting import check_ending
-from armflex.result import plain
+from armflex.result import record
 from armflex.storage.whole_file import together
 from armflex.trajectory import read_trajectory
 
@@ -163,74 +163,47 @@ def print_plan(found: Plan) -> None:
 
 def _parameters(found: Plan) -> list[dict[str, Any]]:
     blind = {one.name for one in found.blind}
-    values = zip(found.model.parameters, found.std_before, found.std_after, strict=True)
+    values = zip(found.model.parameters, found.std_before.tolist(), found.std_after.tolist(), strict=True)
     return [
-        {
-            **{"name": one.label, "unit": one.unit, "before": float(before), "after": float(after)},
-            "told_by_tip": one.label not in blind,
-        }
+        record(one, "unit", name="label") | {"before": before, "after": after, "told_by_tip": one.label not in blind}
         for one, before, after in values
         if before > 0.0
     ]
-
-
-def _mount(mount: Mounted) -> dict[str, Any]:
-    return {
-        "name": mount.sensor.name,
-        "link": mount.sensor.link,
-        "declare": declaration(mount.sensor),
-        "reached": mount.reached,
-        "without": mount.without,
-        "elsewhere": dict(mount.others),
-    }
 
 
 def as_json(found: Plan) -> dict[str, Any]:
     """Return a plan for programs, SI; what was reached is as the terminal shows it."""
     goal, rows, read = found.goal, found.rows, iter(found.worth)
     worth = [next(read) if measured else None for measured in rows.measured]
-    told = {
+    stops = zip(rows.pose, rows.payload, rows.q, worth, strict=True)
+    reached = {"reached": found.reached, "random": found.random.mean(axis=0), "everything": found.everything}
+    instruments = [
+        record(mount, "reached without", name="sensor.name", link="sensor.link")
+        | {"declare": declaration(mount.sensor), "elsewhere": dict(mount.others)}
+        for mount in found.mounts
+    ]
+    return {
         "rows": len(found.worth),
         "stops": [
-            {
-                "pose": rows.pose[i],
-                "read": worth[i] is not None,
-                "payload": rows.payload[i],
-                "q": dict(zip(rows.joint_names, rows.q[i], strict=True)),
-                "worth": worth[i],
-            }
-            for i in range(len(rows))
+            {"pose": pose, "read": gain is not None, "payload": payload, "worth": gain}
+            | {"q": dict(zip(rows.joint_names, q, strict=True))}
+            for pose, payload, q, gain in stops
         ],
         "sigma_m": found.reach.sigma,
         "goal": goal.title,
-        "expected": {
-            "reached": goal.shown(found.reached),
-            "random": goal.shown(found.random.mean(axis=0)),
-            "everything": goal.shown(found.everything),
-            "random_rows": found.random_rows,
-        },
+        "expected": {name: goal.shown(value) for name, value in reached.items()} | record(found, "random_rows"),
         "parameters": _parameters(found),
         "separation_sigmas": goal.shown(found.reached[-1]) if found.hypotheses else None,
         "between": [
-            {
-                "name": hypothesis.name,
-                "size": dict(zip(hypothesis.candidate.labels, hypothesis.size, strict=True)),
-                "source": hypothesis.source,
-            }
-            for hypothesis in found.hypotheses
+            record(one, "name source") | {"size": dict(zip(one.candidate.labels, one.size, strict=True))}
+            for one in found.hypotheses
         ],
         "not_told": [
-            {
-                "parameter": blind.name,
-                "moves_mm": blind.moves * 1e3,
-                "trades_against": blind.partners,
-                "instead": blind.instead,
-            }
+            record(blind, "instead", parameter="name", trades_against="partners") | {"moves_mm": blind.moves * 1e3}
             for blind in found.blind
         ],
         "advice": found.advice,
         "left_out": dict(found.offered.dropped),
-        **({"instruments": [*map(_mount, found.mounts)]} if found.mounts else {}),
+        **({"instruments": instruments} if instruments else {}),
         "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
     }
-    return plain(told)

@@ -12,6 +12,7 @@ from armflex.cli.terminal import number, print_table, say
 from armflex.errors import InputError, listing
 from armflex.estimate.fleet import common
 from armflex.files.arm_file import load_arm, write_prior
+from armflex.result import record
 from armflex.storage.whole_file import together
 
 MOST_LINES = 20
@@ -36,7 +37,7 @@ def command(paths: tuple[Path, ...], output: Path, show_all: bool) -> None:
         "sisters": found.sisters,
         "strangers": [{"arm": name, "log_odds": odds} for name, odds in found.strangers.items()],
         "parameters": [
-            {"name": one.label, "unit": one.unit, "mean": mean, "spread": spread, "std": std}
+            record(one, "unit", name="label") | {"mean": mean, "spread": spread, "std": std}
             for one, mean, spread, std in zip(found.parameters, found.mean, found.spread, found.std, strict=True)
         ],
         "held": [one.label for one in found.held],

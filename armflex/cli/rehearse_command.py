@@ -9,12 +9,13 @@ import click
 
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, progress, say
+from armflex.cli.trace_command import place_json
 from armflex.errors import InputError
-from armflex.files.effect_file import names_of
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import read_measurements
 from armflex.plan.planning import READING
-from armflex.tasks.rehearse import DRAWS, Rehearsal, Rehearsed, rehearse, summary
+from armflex.result import record
+from armflex.tasks.rehearse import DRAWS, Rehearsal, rehearse, summary
 
 CLEAR, DOUBTFUL = 0.9, 0.5
 """Probability of its own name from which a campaign is said to name an effect, and below which it is said to fail."""
@@ -74,26 +75,11 @@ def print_rehearsal(found: Rehearsal) -> None:
 
 def as_json(found: Rehearsal) -> dict[str, Any]:
     """Return a rehearsal for programs."""
-    return {
-        "rows": found.read,
-        "sigma_mm": found.sigma * 1e3,
-        "size_mm": found.size * 1e3,
-        "effects": [_effect_json(one) for one in found.effects],
-    }
-
-
-def _effect_json(one: Rehearsed) -> dict[str, Any]:
-    name, shape = names_of(EVERY[one.effect])
-    return {
-        "effect": name,
-        **({"shape": shape} if shape else {}),
-        "site": one.location.place,
-        "axis": one.location.axis,
-        "covariates": one.location.covariates,
-        **({"partner": one.location.partner} if one.location.partner else {}),
-        "size_mm": one.size * 1e3,
-        "probability": one.named,
-        "in_credible_set": one.within,
-        "nothing": one.nothing,
-        "confused_with": [{"name": title, "probability": chance} for title, chance in one.confused],
-    }
+    effects = [
+        place_json(EVERY[one.effect], one.location)
+        | record(one, "nothing", probability="named", in_credible_set="within")
+        | {"size_mm": one.size * 1e3}
+        | {"confused_with": [{"name": title, "probability": chance} for title, chance in one.confused]}
+        for one in found.effects
+    ]
+    return {"rows": found.read, "sigma_mm": found.sigma * 1e3, "size_mm": found.size * 1e3, "effects": effects}

@@ -14,7 +14,7 @@ from armflex.errors import InputError
 from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
-from armflex.result import plain
+from armflex.result import record
 from armflex.storage.whole_file import together
 from armflex.tasks.iso9283 import PosePerformance, iso9283
 
@@ -79,30 +79,14 @@ def _mm(value: float | None) -> str:
 
 def as_json(found: PosePerformance) -> dict[str, Any]:
     """Return pose characteristics for programs, SI."""
-    poses = [
-        {
-            "pose": one.pose,
-            "payload": one.payload,
-            "session": one.session,
-            "direction": one.direction,
-            "cycles": one.cycles,
-            "excluded": one.excluded,
-            "rows": one.rows,
-            "ap_m": one.accuracy,
-            "ap_xyz_m": one.offset,
-            "rp_m": one.repeatability,
-            "ap_abc_rad": one.rotation,
-            "rp_abc_rad": one.rotation_repeatability,
-            "ap_with_model_m": one.predicted,
-        }
-        for one in found.poses
-    ]
-    named = ("pose", "payload", "session", "number")
-    directions = [{n: getattr(one, n) for n in named} | {"vap_m": one.accuracy} for one in found.directions]
-    drifts = [
-        {n: getattr(one, n) for n in named} | {"dap_m": one.accuracy, "drp_m": one.repeatability, "shift_m": one.shift}
-        for one in found.drifts
-    ]
-    told = {"standard": "ISO 9283:1998", "poses": poses, "directions": directions, "drifts": drifts,
-            "remarks": found.remarks, "excluded_rows": found.excluded}  # fmt: skip
-    return plain(told)
+    named = "pose payload session"
+    accuracy = {"ap_m": "accuracy", "ap_xyz_m": "offset", "rp_m": "repeatability", "ap_with_model_m": "predicted"}
+    accuracy |= {"ap_abc_rad": "rotation", "rp_abc_rad": "rotation_repeatability"}
+    drift = {"dap_m": "accuracy", "drp_m": "repeatability", "shift_m": "shift"}
+    return {
+        "standard": "ISO 9283:1998",
+        "poses": [record(one, f"{named} direction cycles excluded rows", **accuracy) for one in found.poses],
+        "directions": [record(one, f"{named} number", vap_m="accuracy") for one in found.directions],
+        "drifts": [record(one, f"{named} number", **drift) for one in found.drifts],
+        **record(found, "remarks", excluded_rows="excluded"),
+    }

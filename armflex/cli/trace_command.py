@@ -12,23 +12,23 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.calibrate_command import campaigns_json, print_campaigns
+from armflex.cli.calibrate_command import campaigns_json, outlier_json, print_campaigns, scaled
 from armflex.cli.terminal import doing, number, print_table, say, show_flags, tell, warn
 from armflex.conventions import SHOWN
 from armflex.errors import InputError, enough_memory, listing
 from armflex.files.arm_file import accepted_effects
 from armflex.files.effect_file import names_of
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.effect import Effect, EffectLaw
 from armflex.laws.effects.in_arm import derived_directions
-from armflex.laws.effects.location import LINK
+from armflex.laws.effects.location import LINK, Location
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
 from armflex.plan.drive import write_plan
-from armflex.result import plain
+from armflex.result import plain, record
 from armflex.show.report import write_report
 from armflex.storage.whole_file import together
 from armflex.trace import MOST_ASKED, trace
-from armflex.trace.findings import HELD_OUT_IS_OF, Found, FoundFamily, Trace, write_traced
+from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, write_traced
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
@@ -257,99 +257,79 @@ def as_json(found: Trace) -> dict[str, Any]:
 
     Where no length was read, what is called mm is thousandths of the unit that was, and beside it stands what is in it.
     """
-    left, unit = found.unexplained, found.state.measurements.readings.unit
-    stages = {"declared": found.declared_rms, "calibrated": found.calibrated_rms, "after": found.rms}
-    held_out = dict(zip(("calibrated", "after"), found.held_out, strict=True))
-    in_unit = {"unit": unit, "noise_rms": found.noise_rms, "rms": stages, "held_out_rms": held_out}
+    left, unit, undecided = found.unexplained, found.state.measurements.readings.unit, found.undecided
+    stages = ("calibrated", "after")
+    errors = {
+        "noise_rms": found.noise_rms,
+        "rms": dict(zip(("declared", *stages), (found.declared_rms, found.calibrated_rms, found.rms), strict=True)),
+        "held_out_rms": dict(zip(stages, found.held_out, strict=True)),
+    }
     told = {
         "format": "armflex-trace-1",
-        **({} if found.nothing is None else {"nothing": found.nothing}),
+        **({} if found.nothing is None else record(found, "nothing")),
         **({"unfinished": True} if found.unfinished else {}),
         "rows": len(found.rows) + len(found.unjudged),
-        **campaigns_json(found.campaigns, ("calibrated", "after")),
-        "noise_rms_mm": found.noise_rms * 1e3,
-        "rms_mm": {stage: 1e3 * rms for stage, rms in stages.items()},
-        "held_out_rms_mm": {stage: 1e3 * rms for stage, rms in held_out.items()},
-        **({} if unit == "m" else in_unit),
+        **campaigns_json(found.campaigns, stages),
+        **{f"{name}_mm": scaled(value, 1e3) for name, value in errors.items()},
+        **({} if unit == "m" else errors | {"unit": unit}),
         "effects": [_effect_json(one) for one in found.found],
         "unexplained": left
-        and {
-            "site": left.site and left.site.removeprefix(LINK),
-            "axis": left.axis,
-            "std": left.std,
-            "unit": left.unit,
-            "rms_mm": left.rms * 1e3,
-            "covariates": [],
-        },
-        "not_identifiable": [
-            {"effect": one.effect, "site": one.site, "reason": one.reason} for one in found.not_identifiable
-        ],
-        "next_measurement": found.next_measurement,
-        "smallest_shown_mm": {one.effect: {"least": one.least * 1e3, "most": one.most * 1e3} for one in found.smallest},
-        "noise_over_stated": found.noise,
+        and record(left, "axis std unit")
+        | {"site": left.site and left.site.removeprefix(LINK), "rms_mm": left.rms * 1e3, "covariates": []},
+        "not_identifiable": [record(one, "effect site reason") for one in found.not_identifiable],
+        "smallest_shown_mm": {one.effect: scaled(record(one, "least most"), 1e3) for one in found.smallest},
         "outliers": [
-            {"row": one.row, "place": str(one.place), "error_mm": one.error_m * 1e3, "kind": one.kind}
+            outlier_json(one)
+            | {"error_mm": one.error_m * 1e3, "kind": one.kind}
             | ({} if unit == "m" else {"error": one.error_m, "unit": unit})
-            | ({"instrument": one.instrument} if one.instrument else {})
-            | ({"exchanged_with": one.fellow} if one.fellow else {})
             for one in found.outliers
         ],
         "flags": found.calibration.flags,
-        "held_out_chosen_again_rms_mm": found.compared
-        and {"calibrated": found.compared.before * 1e3, "after": found.compared.after * 1e3},
+        "held_out_chosen_again_rms_mm": found.compared and _before_after(found.compared, stages),
         "held_out_is_of": HELD_OUT_IS_OF if found.compared is not None else "nothing was chosen",
-        "families": [_family_json(one) for one in found.families],
-        "undecided": found.undecided
-        and {
-            "rms_mm": found.undecided.rms * 1e3,
-            "stated_mm": found.undecided.stated * 1e3,
-            "poses": found.undecided.poses,
-            "evidence": found.undecided.evidence,
-            "chance": found.undecided.chance,
-        },
+        "families": [
+            {
+                "effect": names_of(one.members[0][0].law)[0],
+                **record(one, "title unit std evidence", family="number"),
+                "held_out_rms_mm": _before_after(one.proof),
+                "members": [
+                    place_json(effect.law, effect.location) | {"parameters": _values_json(effect, std)}
+                    for effect, std in one.members
+                ],
+            }
+            for one in found.families
+        ],
+        "undecided": undecided
+        and record(undecided, "poses evidence chance")
+        | {"rms_mm": undecided.rms * 1e3, "stated_mm": undecided.stated * 1e3},
         "withdrawn": [
             {
-                **_place_json(one.effect),
-                "held_out_rms_mm": {"calibrated": one.errors[0] * 1e3, "after": one.errors[1] * 1e3},
+                **place_json(one.effect.law, one.effect.location),
+                "held_out_rms_mm": scaled(dict(zip(stages, one.errors, strict=True)), 1e3),
             }
             for one in found.withdrawn
         ],
+        **record(found, "next_measurement", noise_over_stated="noise"),
     }
     return plain(told)
 
 
 def _effect_json(found: Found) -> dict[str, Any]:
     effect, proof = found.effect, found.proof
-    sessions = {"before": proof.sessions_before, "after": proof.sessions_after}
+    credible = ((effect, found.probability), *found.credible)
     return {
-        **_place_json(effect),
+        **place_json(effect.law, effect.location),
         "parameters": _values_json(effect, found.std),
-        "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
-        "equivalent": [_place_json(hypothesis) for hypothesis, _ in found.equivalent],
-        "held_out_sessions_rms_mm": {name: None if rms is None else rms * 1e3 for name, rms in sessions.items()},
-        "probability": found.probability,
-        "credible": [
-            {**_place_json(effect), "probability": chance}
-            for effect, chance in ((found.effect, found.probability), *found.credible)
-        ],
-        "evidence": found.evidence,
-        "chance": proof.null,
-        "chosen_again": found.survives,
+        "held_out_rms_mm": _before_after(proof),
+        "equivalent": [place_json(one.law, one.location) for one, _ in found.equivalent],
+        "held_out_sessions_rms_mm": scaled(record(proof, before="sessions_before", after="sessions_after"), 1e3),
+        "credible": [place_json(one.law, one.location) | {"probability": chance} for one, chance in credible],
+        **record(found, "probability evidence", chance="proof.null", chosen_again="survives"),
     }
 
 
-def _family_json(found: FoundFamily) -> dict[str, Any]:
-    proof = found.proof
-    return {
-        "family": found.number,
-        "effect": names_of(found.members[0][0].law)[0],
-        "title": found.title,
-        "std": found.std,
-        "unit": found.unit,
-        "evidence": found.evidence,
-        "held_out_rms_mm": {"before": proof.before * 1e3, "after": proof.after * 1e3},
-        "members": [_place_json(effect) | {"parameters": _values_json(effect, std)} for effect, std in found.members],
-    }
+def _before_after(proof: Any, names: tuple[str, str] = ("before", "after")) -> dict[str, float]:
+    return {name: 1e3 * rms for name, rms in zip(names, (proof.before, proof.after), strict=True)}
 
 
 def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
@@ -360,8 +340,8 @@ def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
     }
 
 
-def _place_json(effect: Effect) -> dict[str, Any]:
+def place_json(law: EffectLaw, location: Location) -> dict[str, Any]:
     """Return which law acts where; `shape` and `partner` only where there is one."""
-    (name, shape), location = names_of(effect.law), effect.location
-    place = {"effect": name, "site": location.place, "axis": location.axis, "covariates": location.covariates}
+    name, shape = names_of(law)
+    place = {"effect": name} | record(location, "axis covariates", site="place")
     return place | ({"shape": shape} if shape else {}) | ({"partner": location.partner} if location.partner else {})

@@ -22,7 +22,7 @@ from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
 from armflex.plotting import check_ending
-from armflex.result import plain
+from armflex.result import record
 from armflex.storage.whole_file import together
 
 
@@ -146,18 +146,11 @@ def as_json(result: TrainResult) -> dict[str, Any]:
     """Return a training for programs; errors in the file's own units."""
     units = list(dict.fromkeys(result.units))
     # Two diagnostics and the coverage always stand there; what else there is the sampler that ran adds.
-    sampled = asdict(result.diagnostics)
-    always = {name: sampled.pop(name) for name in ("rhat_max", "ess_min")} | {"coverage_95": result.coverage_95}
-    diagnostics = always | {name: value for name, value in sampled.items() if value is not None}
-    told = {
-        "model": result.trained.model,
-        "rows": result.rows,
+    sampled = {name: value for name, value in asdict(result.diagnostics).items() if value is not None}
+    always = dict.fromkeys(("rhat_max", "ess_min")) | record(result, "coverage_95")
+    return {
+        **record(result, "rows train_rms held_out_rms held_out parameters", model="trained.model"),
         "unit": units[0] if len(units) == 1 else units,
-        "train_rms": result.train_rms,
-        "held_out_rms": result.held_out_rms,
-        "held_out": result.held_out,
-        "parameters": result.parameters,
-        "diagnostics": diagnostics,
+        "diagnostics": always | sampled,
         "compared": [{"model": name, "held_out_rms": rms} for name, rms in result.compared],
     }
-    return plain(told)
