@@ -54,9 +54,9 @@ def command(paths: tuple[Path, ...], dates: str | None, output: Path | None) -> 
             }
         )
         if output is not None:
-            from armflex.show.report import write_history  # draws
+            from armflex.show.report import write_report  # draws
 
-            write_history(found, labels, output)
+            write_report(found, output, labels)
     rows = []
     for one in found.changed:
         when, sizes = f"since {labels[one.since]}" if one.since else "all along", (one.size, one.size_std)

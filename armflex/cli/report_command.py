@@ -9,12 +9,15 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import doing, number, print_table, say
+from armflex.cli.terminal import doing, print_table, say
 from armflex.errors import InputError
 from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.result import record
+from armflex.show.report import write_report
+from armflex.show.report.numbers import millimetres
+from armflex.show.report.performance import table
 from armflex.storage.whole_file import together
 from armflex.tasks.iso9283 import PosePerformance, iso9283
 
@@ -48,33 +51,15 @@ def command(
     with together():
         options.conclude(lambda: as_json(found), measurements.flags, arm)
         if output is not None:
-            from armflex.show.report import write_report  # draws
-
             write_report(found, output)
-    left_out = ["excluded"] * bool(found.excluded)
-    columns = ["pose", "payload", "cycles", *left_out, "AP mm", "± mm", "x mm", "y mm", "z mm", "RP mm", "± mm"]
-    modelled = any(one.predicted is not None for one in found.poses)
-    rows = []
-    for one in found.poses:
-        about, again = one.accuracy, one.repeatability
-        cells = [_mm(about.value), _mm(about.std), *(_mm(value) for value in one.offset.tolist())]
-        cells += [_mm(again.value), _mm(again.std), _mm(again.instrument)]
-        counted = [one.cycles, *[one.excluded for _ in left_out]]
-        rows.append([one.pose, one.payload, *counted, *cells, *([_mm(one.predicted)] if modelled else [])])
-    print_table(
-        "ISO 9283 pose characteristics", [*columns, "RP of noise mm", *["AP with this model mm"] * modelled], rows
-    )
+    print_table("ISO 9283 pose characteristics", *table(found))
     for name, several in (("vAP", found.directions), ("dAP", found.drifts)):
         for one in several:
-            again = "" if one.repeatability is None else f", dRP {_mm(one.repeatability)} mm"
-            say(f"{one.pose}: {name} {_mm(one.accuracy)} mm{again} ({one.number} {one.of}).")
+            again = "" if one.repeatability is None else f", dRP {millimetres(one.repeatability)}"
+            say(f"{one.pose}: {name} {millimetres(one.accuracy)}{again} ({one.number} {one.of}).")
     say("", *found.remarks)
     if output is not None:
         say(f"Written to {output}.")
-
-
-def _mm(value: float | None) -> str:
-    return "-" if value is None else number(1e3 * value, 3)
 
 
 def as_json(found: PosePerformance) -> dict[str, Any]:

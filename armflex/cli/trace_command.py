@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
@@ -26,6 +25,7 @@ from armflex.parameters import numbered
 from armflex.plan.drive import write_plan
 from armflex.result import plain, record
 from armflex.show.report import write_report
+from armflex.show.report.summary import further, headline
 from armflex.storage.whole_file import together
 from armflex.trace import MOST_ASKED, trace
 from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, write_traced
@@ -196,16 +196,12 @@ def _lines(found: Found, factor: float) -> Iterator[list[str]]:
 
 
 def _remarks(found: Trace) -> Iterator[str]:
-    if found.compared is not None:
-        yield (
-            "Held out: poses without which the effects were selected and fitted; "
-            "in folds: the share of folds that select the effect."
-        )
-    if found.families:
-        yield (
-            "A family at every drive is not a named cause: it gives the kind and the size of the errors of the drives. "
-            "Members that are observable alone are among the effects identified."
-        )
+    """Yield the result in sentences, as a page has it, what became of doubtful rows, and what to measure next."""
+    yield headline(found)
+    for one, which in zip(found.found, found.numbers, strict=True):
+        title = f"{one.effect.title}{numbered(which)}"
+        others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
+        yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
     if found.outliers:
         lost, less = found.told("lost beam"), found.told("counted less")
         yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."
@@ -214,37 +210,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         yield f"Exchanged readings, excluded: {said}."
     if unknown := len(found.unjudged):
         yield f"{unknown} of the rows are not in the fit: the direction of a joint is not known before it first moves."
-    if far := found.told("unexplained"):
-        yield f"{far} more rows are excluded: their errors are large, and no candidate explains them."
-    for one, which in zip(found.found, found.numbers, strict=True):
-        title = f"{one.effect.title}{numbered(which)}"
-        others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-        yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
-    readings = found.state.measurements.readings
-    unit, factor = SHOWN[readings.unit]
-    for gone in found.withdrawn:
-        calibrated, after = (number(rms * factor, 4) for rms in gone.errors)
-        yield (
-            f"Withdrawn: {gone.title}; with it poses held out are predicted to {after} {unit}, "
-            f"by the calibrated arm to {calibrated} {unit}."
-        )
-    if left := found.unexplained:
-        where = "at no particular joint" if left.site is None else f"at {left.site.removeprefix(LINK)} {left.axis}"
-        size = "" if left.std is None else f", {number(left.std, 2)} {left.unit} from pose to pose"
-        others = ", ".join(f"{place.site.removeprefix(LINK)} {place.axis}" for place in left.equivalent[:3])
-        also = f" (or {others})" if others else ""
-        yield f"Left unexplained: {number(left.rms * factor, 3)} {unit} RMS {where}{size}{also}; no column explains it."
-    elif found.undecided is not None:
-        yield found.undecided.text
-    elif not found.found and not found.families and not found.withdrawn:
-        yield "No further effect is observable in these data."
-    if found.smallest:
-        least = min(found.smallest, key=lambda one: one.least)
-        median = float(np.median([one.least for one in found.smallest]))
-        yield (
-            f"Effects are observable from {number(median * factor, 2)} {unit} RMS {readings.where_read} "
-            f"(median over laws; {least.effect} from {number(least.least * factor, 2)} {unit})."
-        )
+    yield from further(found)
     for advice in found.next_measurement[:MOST_ADVICE]:
         yield f"Next: {advice}"
     more = len(found.next_measurement) - MOST_ADVICE

@@ -1,9 +1,10 @@
-"""A trace, or a campaign's pose characteristics, as one self-contained HTML page: no server, no network."""
+"""A trace, a calibration, pose characteristics or a machine's history as one HTML page: no server, no network."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,61 +17,38 @@ if TYPE_CHECKING:
     from armflex.tasks.iso9283 import PosePerformance
     from armflex.trace.findings import Trace
 
-__all__ = ["render_calibration", "render_iso9283", "render_report", "write_history", "write_report"]
+__all__ = ["render_report", "write_report"]
+
+PAGES = {
+    "Trace": ("account", "page.html"),
+    "Calibration": ("cover", "calibration.html"),
+    "PosePerformance": ("performance", "iso9283.html"),
+    "History": ("courses", "history.html"),
+}
+"""By what is reported the module whose `account` says what a page shows, and the page's template."""
 
 
-def write_report(result: Trace | Calibration | PosePerformance, path: str | os.PathLike[str]) -> Path:
-    """Write the page of a traced or calibrated arm, or of what `iso9283` returned, and return its path.
-
-    The same result gives the same page, byte for byte.
+def write_report(
+    result: Trace | Calibration | PosePerformance | History, path: str | os.PathLike[str], *labels: Sequence[str]
+) -> Path:
+    """Write the page of a result and return its path; see `render_report`.
 
     Args:
         result: What is reported.
         path: The page; it appears whole or not at all.
+        labels: Of a history: the names of its dates.
 
     Raises:
         FileError: The page cannot be written.
     """
-    from armflex.estimate import Calibration
-    from armflex.tasks.iso9283 import PosePerformance
-
-    if isinstance(result, PosePerformance):
-        text = render_iso9283(result)
-    else:
-        text = render_calibration(result) if isinstance(result, Calibration) else render_report(result)
-    return write_whole(Path(path), text.encode())
+    return write_whole(Path(path), render_report(result, *labels).encode())
 
 
-def write_history(found: History, labels: Sequence[str], path: str | os.PathLike[str]) -> Path:
-    """Write the page of a machine's history, its dates named by `labels`, whole or not at all; return its path."""
-    from armflex.show.report.courses import account
+def render_report(result: Trace | Calibration | PosePerformance | History, *labels: Sequence[str]) -> str:
+    """Return the page of a result as HTML text; everything that is not a figure is escaped.
 
-    return write_whole(Path(path), _rendered("history.html", lambda: account(found, labels)).encode())
-
-
-def render_report(trace: Trace) -> str:
-    """Return the page of a traced arm as HTML text; everything that is not a figure is escaped."""
-    from armflex.show.report.account import account
-
-    return _rendered("page.html", lambda: account(trace))
-
-
-def render_calibration(found: Calibration) -> str:
-    """Return the page of a calibrated arm as HTML text; everything is escaped."""
-    from armflex.show.report.cover import calibration_account
-
-    return _rendered("calibration.html", lambda: calibration_account(found))
-
-
-def render_iso9283(found: PosePerformance) -> str:
-    """Return the page of a campaign's pose characteristics as HTML text; everything that is not a figure is escaped."""
-    from armflex.show.report.performance import account
-
-    return _rendered("iso9283.html", lambda: account(found))
-
-
-def _rendered(template: str, account: Callable[[], object]) -> str:
-    """Return a page of what `account` says, its figures drawn in the page's style."""
+    The same result gives the same page, byte for byte.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     from armflex.show.report.svg import drawing
@@ -79,8 +57,9 @@ def _rendered(template: str, account: Callable[[], object]) -> str:
         # A text that a browser can show; what is markup already, a figure, is left alone.
         return printable(value, keep="\t\n\r") if type(value) is str else value
 
+    module, template = PAGES[type(result).__name__]
     with drawing():
-        page = account()
+        page = import_module(f"{__name__}.{module}").account(result, *labels)
     environment = Environment(
         loader=PackageLoader(__name__, ""),
         trim_blocks=True,

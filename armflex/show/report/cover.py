@@ -208,7 +208,7 @@ def stiffness(arm: Arm, one: FittedParameter) -> str:
     return f"{with_std(1.0 / value / factor, std)} {prefix}{STIFF[axis[0]]}"
 
 
-def calibration_account(found: Calibration) -> SimpleNamespace:
+def account(found: Calibration) -> SimpleNamespace:
     """Return what the page of a calibrated arm shows."""
     fit, measurements = found.fit, found.measurements
     view, judged = fit.view, found.judged

@@ -17,7 +17,7 @@ MOST_BARS = 40
 
 def account(found: PosePerformance) -> SimpleNamespace:
     """Return what the template shows."""
-    arm, measurements, poses = found.arm, found.measurements, found.poses
+    arm, measurements, poses, (head, rows) = found.arm, found.measurements, found.poses, table(found)
     least = max(poses, key=lambda one: one.accuracy.value)
     loosest = max(poses, key=lambda one: one.repeatability.value)
     modelled = [one.predicted for one in poses if one.predicted is not None]
@@ -40,9 +40,8 @@ def account(found: PosePerformance) -> SimpleNamespace:
         headline=f"Pose accuracy {accuracy}, pose repeatability {repeated}, each of the worst pose.",
         lead=[text for text in (found.remarks[0] if "instrument" in found.remarks[0] else "", more.strip()) if text],
         cards=tuple(cards),
-        head=["pose", "payload", "session", "cycles", "AP [mm]", "noise", "x [mm]", "y", "z", "RP [mm]", "of noise"]
-        + ["AP with model"] * bool(modelled),
-        poses=tuple(_row(one, bool(modelled)) for one in poses),
+        head=head,
+        poses=rows,
         rotations=tuple(
             (one.pose, *(measure(angle, None, "rad") for angle in (*one.rotation, *one.rotation_repeatability)))
             for one in poses
@@ -68,6 +67,13 @@ def account(found: PosePerformance) -> SimpleNamespace:
         ),
         flags=[flag.text for flag in (*arm.flags, *measurements.flags)],
     )
+
+
+def table(found: PosePerformance) -> tuple[list[str], tuple[tuple[str, ...], ...]]:
+    """Return heads and rows, one for each pose."""
+    modelled = any(one.predicted is not None for one in found.poses)
+    head = ["pose", "payload", "session", "cycles", "AP [mm]", "noise", "x [mm]", "y", "z", "RP [mm]", "of noise"]
+    return head + ["AP with model"] * modelled, tuple(_row(one, modelled) for one in found.poses)
 
 
 def _said(one: Characteristic) -> str:

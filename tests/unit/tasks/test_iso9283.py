@@ -17,7 +17,7 @@ from scipy.stats import chi
 
 import armflex
 from armflex.cli.main import armflex as program
-from armflex.show.report import render_iso9283
+from armflex.show.report import render_report
 from armflex.tasks.iso9283 import instrument_repeatability, pose_accuracy, pose_repeatability
 
 ROBOTS = Path(__file__).parents[3] / "robots"
@@ -185,7 +185,7 @@ def test_the_page_and_the_command_say_the_same(campaign: tuple[armflex.Arm, Path
     content = json.loads((tmp_path / "r.json").read_text())
     assert [one["ap_m"]["value"] for one in content["poses"]] == [one.accuracy.value for one in found.poses]
     page = (tmp_path / "r.html").read_text()
-    assert page == render_iso9283(found) and "<svg" in page and "http" not in page.replace("http://www.w3.org", "")
+    assert page == render_report(found) and "<svg" in page and "http" not in page.replace("http://www.w3.org", "")
     assert f"{max(one.accuracy.value for one in found.poses) * 1e3:.3f}"[:4] in page
 
 

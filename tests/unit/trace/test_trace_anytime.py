@@ -198,7 +198,7 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     assert told["held_out_rms_mm"] == {"calibrated": 1e3 * calibrated, "after": 1e3 * with_it}
     print_trace(found)
     said = " ".join(capsys.readouterr().out.split())
-    assert f"Withdrawn: {gone.title}; with it poses held out are predicted to " in said
+    assert f"Withdrawn: {gone.title}. With it held-out poses are predicted to " in said
     assert "Withdrawn: " in render_report(found)
 
 

@@ -181,10 +181,11 @@ def test_what_is_unexplained_and_nothing_missing_are_said(ran, capsys: pytest.Ca
     }  # fmt: skip
     print_trace(dataclasses.replace(found, found=(), unexplained=left))
     said = capsys.readouterr().out
-    assert "at J3 ry, 0.00015 rad from pose to pose" in said and "No further effect" not in said
+    assert "a change of 0.150 mrad from pose to pose at the link ending at J3 (ry)" in said
+    assert "No further effect" not in said
     print_trace(dataclasses.replace(found, found=(), unexplained=None))
     said = capsys.readouterr().out
-    assert "No further effect is observable in these data." in said and "Effects are observable from" in said
+    assert "No further effect is observable in this campaign." in said and "The smallest effect that" in said
     json.dumps(told, allow_nan=False)
 
 
