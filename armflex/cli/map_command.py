@@ -20,8 +20,7 @@ from armflex.result import record
 from armflex.show.view.map_page import map_page
 from armflex.storage.whole_file import together
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
-from armflex.tasks.workspace.map_file import SUFFIXES
-from armflex.tasks.workspace.workspace_map import CHUNK, VERDICTS
+from armflex.tasks.workspace.workspace_map import CHUNK, SUFFIXES, VERDICTS
 
 DRAWS = "Arms drawn from the uncertainty of this one: a voxel is ok only where it is for all."
 STORE = "Keep finished chunks: the same command goes on there."

@@ -16,8 +16,8 @@ from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
 from armflex.result import record
 from armflex.show.report import write_report
-from armflex.show.report.numbers import millimetres
 from armflex.show.report.performance import table
+from armflex.show.report.words import millimetres
 from armflex.storage.whole_file import together
 from armflex.tasks.iso9283 import PosePerformance, iso9283
 

@@ -99,7 +99,7 @@ def command(
     with together():
         save_law(result.trained, output)
         if picture is not None:
-            from armflex.show.view.training_picture import draw_training  # draws
+            from armflex.show.view.law_curves import draw_training  # draws
 
             draw_training(result, data, picture)
         options.conclude(lambda: as_json(result), result.flags)

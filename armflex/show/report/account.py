@@ -14,9 +14,8 @@ from armflex.parameters import ParameterKind
 from armflex.readings import Position
 from armflex.show.report import cover, effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
-from armflex.show.report.numbers import measure, millimetres, short
 from armflex.show.report.swing import swing
-from armflex.show.report.words import called, labelled, site_words, units_of, words
+from armflex.show.report.words import called, labelled, measure, millimetres, short, site_words, units_of, words
 from armflex.trace.findings import Trace
 from armflex.trace.projection import project
 from armflex.trace.unrecorded import localise

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 from armflex.conventions import SHOWN
 from armflex.estimate.history import Course, History
-from armflex.show.report.numbers import measure
+from armflex.show.report.words import measure
 from armflex.show.report.svg import AFTER, BEFORE, MARK, canvas, cut, grid, inline
 
 MOST = 24

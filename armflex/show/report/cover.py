@@ -24,8 +24,8 @@ from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ParameterKind
 from armflex.readings import Position, Readings
 from armflex.show.report.accuracy import Errors, scatter_rms
-from armflex.show.report.numbers import measure, millimetres, short, with_std
 from armflex.show.report.swing import swing
+from armflex.show.report.words import measure, millimetres, short, with_std
 from armflex.version import __version__
 
 Table = tuple[tuple[str, ...], ...]

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from armflex.show.report.cover import facts
-from armflex.show.report.numbers import measure, millimetres
 from armflex.show.report.svg import AFTER, BEFORE, MUTED, canvas, cut, grid, inline
+from armflex.show.report.words import measure, millimetres
 from armflex.tasks.iso9283 import AttainedPose, Characteristic, PosePerformance
 
 MOST_BARS = 40

@@ -6,8 +6,7 @@ import numpy as np
 
 from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
-from armflex.show.report.numbers import change, measure, millimetres, short
-from armflex.show.report.words import called, joined, site_words, units_of, words
+from armflex.show.report.words import called, change, joined, measure, millimetres, short, site_words, units_of, words
 from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, Unexplained
 
 MOST_VALUES = 2

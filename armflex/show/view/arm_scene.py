@@ -27,7 +27,6 @@ from armflex.mechanics.loaded import Payload
 from armflex.mechanics.modes import modes_of
 from armflex.parallel import Progress
 from armflex.rows.wrench import Wrench
-from armflex.show.view.meshes import read_mesh
 from armflex.show.view.scene_3d import (
     LegendRow,
     Marker,
@@ -39,6 +38,7 @@ from armflex.show.view.scene_3d import (
     ShapeKind,
     Slider,
     Swing,
+    read_mesh,
     scene_points,
 )
 from armflex.storage.whole_file import write_whole

@@ -2,17 +2,20 @@
 
 Lengths are metres, times are seconds, the world frame has z up. A pose is the (4, 4) homogeneous matrix
 which takes coordinates of the named frame to world coordinates; colours are written #rrggbb, and an opacity below 1
-draws a ghost. Nothing here knows how the picture is drawn.
+draws a ghost. Nothing here knows how the picture is drawn. Mesh files named by a URDF are opened only on request and
+only from beside it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.errors import Place, UrdfError
 
 ShapeKind = Literal["box", "cylinder", "sphere", "capsule", "cone", "mesh"]
 
@@ -238,3 +241,47 @@ def scene_points(scene: Scene) -> Array:
             around = np.hstack([half * corners, np.ones((8, 1))]) @ shape.place.T
             clouds.append((node.poses @ around.T).transpose(0, 2, 1)[..., :3].reshape(-1, 3))
     return np.concatenate(clouds) if clouds else np.zeros((1, 3))
+
+
+FORMATS = {".stl": "stl", ".obj": "obj", ".dae": "dae"}
+MAX_BYTES = 100_000_000
+
+
+def read_mesh(urdf: Path, filename: str) -> tuple[bytes, str] | None:
+    """Return a mesh's bytes and format, or None where the file is not there or of no drawable format.
+
+    `package://NAME/rest` is looked for beside the URDF and in the folders above it that hold NAME.
+
+    Raises:
+        UrdfError: The name leads out of the folders it may be in, or the file is too large or no text (.obj, .dae).
+    """
+    for root, relative in _candidates(urdf.resolve(), filename):
+        path = (root / relative).resolve()
+        if not path.is_relative_to(root):
+            raise UrdfError(Place(urdf), f"mesh {filename!r} leads out of {root}")
+        try:
+            if path.is_file() and path.suffix.lower() in FORMATS:
+                return _read(path), FORMATS[path.suffix.lower()]
+        except (OSError, ValueError) as error:
+            raise UrdfError(Place(urdf), f"mesh {filename[:200]!r} cannot be read: {error}") from None
+    return None
+
+
+def _read(path: Path) -> bytes:
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"larger than {MAX_BYTES} bytes")
+    data = path.read_bytes()
+    if path.suffix.lower() != ".stl":
+        data.decode()  # the others are text
+    return data
+
+
+def _candidates(urdf: Path, filename: str) -> list[tuple[Path, str]]:
+    scheme, separator, rest = filename.partition("://")
+    if not separator:
+        return [(urdf.parent, filename)]
+    if scheme == "file":
+        return [(urdf.parent, str(Path(rest)))]
+    package = rest.partition("/")[0]
+    holders = [folder for folder in urdf.parents if (folder / package).is_dir()]
+    return [(holder, rest) for holder in holders[:3]]

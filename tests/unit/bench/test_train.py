@@ -15,7 +15,7 @@ from armflex import InputError, read_joint_data, train
 from armflex.bench.fit_linear import fit_compliance
 from armflex.errors import TableError, UnitError, UnknownNameError
 from armflex.laws import LinearLaw, Row
-from armflex.show.view.training_picture import draw_training
+from armflex.show.view.law_curves import draw_training
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 NOWHERE = Row(np.zeros(0), {})

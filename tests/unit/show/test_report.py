@@ -21,9 +21,8 @@ from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.show.report import render_report, write_report
 from armflex.show.report.accuracy import Errors
 from armflex.show.report.effect_figures import wave
-from armflex.show.report.numbers import change, measure, millimetres, short
 from armflex.show.report.svg import canvas, drawing, inline
-from armflex.show.report.words import called, labelled
+from armflex.show.report.words import called, change, labelled, measure, millimetres, short
 from armflex.trace import trace
 from armflex.trace.findings import Trace, Unexplained
 from armflex.trace.state import begin

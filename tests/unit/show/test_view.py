@@ -24,7 +24,7 @@ from armflex import Arm, InputError, Payload, Trajectory, Wrench, check, load_ar
 from armflex.arm import Flexure
 from armflex.errors import FileError, UrdfError
 from armflex.laws import LinearLaw
-from armflex.show.view import meshes
+from armflex.show.view import scene_3d
 from armflex.show.view.arm_scene import (
     FLEXED_PATH,
     MAX_FRAMES,
@@ -292,7 +292,7 @@ def test_meshes_that_cannot_be_read(tmp_path: Path, filename: str, content: byte
 
 def test_mesh_that_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "m.stl").write_bytes(TRIANGLE)
-    monkeypatch.setattr(meshes, "MAX_BYTES", 100)
+    monkeypatch.setattr(scene_3d, "MAX_BYTES", 100)
     with pytest.raises(UrdfError, match="larger than 100 bytes"):
         meshed(tmp_path, "m.stl")()
 
