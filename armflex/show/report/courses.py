@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 from armflex.conventions import SHOWN
 from armflex.estimate.history import Course, History
-from armflex.show.report.words import measure
 from armflex.show.report.svg import AFTER, BEFORE, MARK, canvas, cut, grid, inline
+from armflex.show.report.words import measure
 
 MOST = 24
 """Parameters that the figure has room for."""
