@@ -249,12 +249,18 @@ class Declaration:
             raise self.fail(key, f"expected a table [{self.under(key)}], got {shown(table)}")
         return Declaration(table, (*self.keys, key), self.source)
 
+    def part(self, key: str) -> Declaration:
+        """Return a sub-table, an empty one when absent."""
+        return self.sub(key) if self.has(key) else Declaration({}, (*self.keys, key), self.source)
+
     def subs(self, key: str) -> dict[str, Declaration]:
         """Return the tables [key.NAME] by name; empty when there are none."""
-        if not self.has(key):
-            return {}
-        tables = self.sub(key)
+        tables = self.part(key)
         return {name: tables.sub(name) for name in tables.table}
+
+    def by_name(self, *shape: int) -> dict[str, Array]:
+        """Return finite numbers of one shape under every key of this table."""
+        return {name: self.numbers(name, shape) for name in self.table}
 
     def array_of(self, key: str) -> list[Declaration]:
         """Return the tables of [[key]], in order; empty when there are none."""

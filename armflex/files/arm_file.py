@@ -199,15 +199,13 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         raise tables[taken[0]].fail("joint", f"{taken[0]!r} is a loop or a cylinder, which says itself how it gives")
     flexures = (*bent, *(_read_flexure(name, table, robot) for name, table in tables.items()), *tied)
     springs = tuple(read_spring(name, table, robot) for name, table in root.subs("spring").items())
-    measurement = Measurement()
-    if root.has("measurement"):
-        table = root.sub("measurement")
-        frame = table.choice("frame", ("base", "unknown"), "unknown")
-        measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
-        table.finish()
-    prior = _read_prior(root.sub("prior")) if root.has("prior") else Prior()
+    table = root.part("measurement")
+    frame = table.choice("frame", ("base", "unknown"), "unknown")
+    measurement = Measurement(frame, table.choice("gravity_in", ("base", "measurement"), "base"))
+    table.finish()
+    prior = _read_prior(root.part("prior"))
     flexures = tuple(_freed(flexure, prior.young, robot) for flexure in flexures)
-    sensors = read_sensors(root.subs("instrument"), robot) if root.has("instrument") else {}
+    sensors = read_sensors(root.subs("instrument"), robot)
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     stated = [name for name, table in tables.items() if "joint_stiffness" in table.table]
@@ -272,8 +270,8 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
     damping = table.number("damping_ratio") if table.has("damping_ratio") else None
     if damping is not None and not 0.0 < damping < 1.0:
         raise table.fail("damping_ratio", f"is {damping:g}, expected more than 0 and less than 1: 0.01 is one percent")
-    locked_table = table.sub("locked") if table.has("locked") else None
-    locked = {name: locked_table.number(name) for name in locked_table.table} if locked_table else {}
+    held = table.part("locked")
+    locked = {name: held.number(name) for name in held.table}
     massless = table.flag("allow_massless")
     table.finish()
     flags: list[Flag] = []
@@ -385,14 +383,13 @@ def _ranges(robot: Robot) -> dict[str, tuple[float, float]]:
 
 def _read_prior(table: Declaration) -> Prior:
     values = {field.name: table.std(field.name, 0.0) for field in fields(Prior) if field.name != "each"}
-    each = table.sub("each") if table.has("each") else None
+    each = table.part("each")
     table.finish()
     for name, value in values.items():
         if 0.0 < value < SMALLEST_STD:
             raise table.fail(name, f"{value:g} is less than anything can be known to; 0 keeps it fixed")
     found: dict[str, tuple[float, float]] = {}
-    for label in each.table if each else ():
-        assert each is not None
+    for label in each.table:
         mean, std = each.numbers(label, (2,)).tolist()
         if std < 0.0 or 0.0 < std < SMALLEST_STD or (std == 0.0 and mean != 0.0):
             raise each.fail(

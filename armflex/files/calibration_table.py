@@ -123,54 +123,48 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     Raises:
         ArmFileError: A value is of the wrong shape, or names a joint or flexure that the arm does not have.
     """
-    joints, places = arm.joint_names, arm.flexure_names
+    springs, sensors = {one.name: one for one in arm.springs}, dict(arm.sensors)
     offset, geometry, compliance = (table.sub(name) for name in ("joint_offset", "geometry", "compliance"))
-    laws = table.subs("law")
-    known = ((table.sub("law"), places),) if laws else ()
-    mass = table.sub("mass") if table.has("mass") else None
-    known += ((mass, arm.weighing),) if mass else ()
-    for part, names in (*known, (offset, joints), (geometry, arm.robot.frames), (compliance, places)):
+    laws, mass, spring, read = (table.part(name) for name in ("law", "mass", "spring", "sensors"))
+    for part, what, names in (
+        (laws, "", arm.flexure_names),
+        (mass, "", arm.weighing),
+        (offset, "", arm.joint_names),
+        (geometry, "", arm.robot.frames),
+        (compliance, "", arm.flexure_names),
+        (read, "instrument ", sensors),
+        (spring, "spring ", springs),
+    ):
         for name in part.table:
             if name not in names:
-                raise part.fail(name, f"the arm has no {name!r}{did_you_mean(name, names)}")
-    instrument, sensors = _read_instrument(table), dict(arm.sensors)
-    for name, own in table.subs("sensors").items():
-        if name not in sensors:
-            raise own.fail("", f"the arm has no instrument {name!r}{did_you_mean(name, sensors)}")
-        size = len(sensors[name].declared)
-        sensors[name] = replace(sensors[name], found={one: own.numbers(one, (size,)) for one in own.table})
-    corrections = Corrections(
-        {name: offset.number(name) for name in offset.table},
-        {name: geometry.numbers(name, (6,)) for name in geometry.table},
-    )
+                raise part.fail(name, f"the arm has no {what}{name!r}{did_you_mean(name, names)}")
+    instrument = _read_instrument(table)
+    for name in read.table:
+        sensors[name] = replace(sensors[name], found=read.sub(name).by_name(len(sensors[name].declared)))
+    corrections = Corrections({name: offset.number(name) for name in offset.table}, geometry.by_name(6))
     if table.has("measurements_sha256") and not isinstance(table.raw("measurements_sha256"), str):
         raise table.fail("measurements_sha256", "expected a text")
     for key in ("rows", "rms_m"):  # of which, as of the digest, nothing is computed
         if table.number(key, 0.0) < 0.0:
             raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
     flags = (Flag("unfinished", f"{table.place()}: {UNFINISHED}"),) if table.flag("unfinished") else ()
-    factors = {name: compliance.numbers(name, (6,)) for name in compliance.table}
+    factors = compliance.by_name(6)
     for name, found in factors.items():
         if np.abs(found).max() > LARGEST_LOGARITHM:
             text = f"logarithms of factors, none beyond {LARGEST_LOGARITHM:g}, got {found.tolist()}"
             raise compliance.fail(name, text)
-    masses = {} if mass is None else {name: mass.number(name) for name in mass.table}
+    masses = {name: mass.number(name) for name in mass.table}
     for name, value in masses.items():
-        if mass and abs(value) > LARGEST_LOGARITHM:
+        if abs(value) > LARGEST_LOGARITHM:
             raise mass.fail(name, f"the logarithm of a factor, none beyond {LARGEST_LOGARITHM:g}, got {value:g}")
-    springs = {one.name: one for one in arm.springs}
-    found = table.sub("spring") if table.has("spring") else None
-    for name in found.table if found else ():
-        assert found is not None
-        if name not in springs:
-            raise found.fail(name, f"the arm has no spring {name!r}{did_you_mean(name, springs)}")
-        springs[name] = springs[name].moved(found.numbers(name, (len(springs[name].law.parameters),)))
+    for name in spring.table:
+        springs[name] = springs[name].moved(spring.numbers(name, (len(springs[name].law.parameters),)))
     arm = replace(arm, springs=tuple(springs.values()))
     arm, flexures = arm.with_masses(masses) if masses else arm, []
     for flexure in arm.flexures:
         if flexure.name in factors:
             flexure = replace(flexure, law=scaled(flexure.law, np.exp(0.5 * factors[flexure.name])))
-        flexures.append(read_learned(flexure, laws[flexure.name]) if flexure.name in laws else flexure)
+        flexures.append(read_learned(flexure, laws.sub(flexure.name)) if flexure.name in laws.table else flexure)
     return replace(
         Setup(arm, Instrument()).placed(instrument.pose).arm,
         flexures=tuple(flexures),
@@ -184,7 +178,6 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
 
 def _read_instrument(table: Declaration) -> Instrument:
     pose, sessions = table.numbers("instrument", (6,)), table.sub("sessions")
-    targets = table.sub("targets") if table.has("targets") else None  # files before sessions had some have none
     turn = float(np.linalg.norm(pose[3:]))
     if turn > 2.0 * np.pi:
         raise table.fail("instrument", f"a rotation vector of {turn:g} rad is more than a turn: degrees?")
@@ -197,11 +190,11 @@ def _read_instrument(table: Declaration) -> Instrument:
             raise table.fail("campaigns", f"[calibration.sessions] has no {name!r}{did_you_mean(name, sessions.table)}")
     return Instrument(
         pin.SE3(pin.exp3(pose[3:]), pose[:3]),
-        {name: sessions.numbers(name, (6,)) for name in sessions.table},
+        sessions.by_name(6),
         table.numbers("target", (3,)),
         scale,
         table.numbers("mounting", (3,)) if table.has("mounting") else np.zeros(3),
-        {} if targets is None else {name: targets.numbers(name, (6,)) for name in targets.table},
+        table.part("targets").by_name(6),
         campaigns,
     )
 

@@ -69,7 +69,7 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         if one.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
             raise table.fail("parameters", f"{one.name} is {value:g}, expected {least}")
         inner.append(value)
-    std = table.sub("std") if table.has("std") else Declaration({}, table.keys, table.source)
+    std = table.part("std")
     for name in std.table:
         if name not in values:
             raise table.fail("std", f"of {name!r}, which is no parameter{did_you_mean(name, values)}")
@@ -81,7 +81,7 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         if name not in known:
             text = f"{called} depends on no direction {name!r} there{did_you_mean(name, known)}"
             raise table.fail("derived", f"{text} (it depends on: {listing(known)})")
-    ranges, seen = table.sub("seen") if table.has("seen") else Declaration({}, table.keys, table.source), []
+    ranges, seen = table.part("seen"), []
     for name in ranges.table:
         if name not in location.covariates:
             text = f"{called} depends on no {name!r} there{did_you_mean(name, location.covariates)}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.conventions import SMALLEST_STD, Array
+from armflex.conventions import SMALLEST_STD
 from armflex.declaration import Declaration
 from armflex.errors import ArmFileError, did_you_mean, listing, shown
 from armflex.readings import SENSOR_KINDS, SlideEncoder, Sockets
@@ -121,15 +121,9 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
 
 def _sockets(table: Declaration) -> Sockets:
     """Return what an instrument that touches knows of what it is put into."""
-
-    def by_name(key: str, shape: tuple[int, ...]) -> dict[str, Array]:
-        own = table.sub(key) if table.has(key) else None
-        return {} if own is None else {name: own.numbers(name, shape) for name in own.table}
-
-    shapes = table.sub("shape") if table.has("shape") else None
-    of_shape = {} if shapes is None else {name: shapes.choice(name, SHAPES) for name in shapes.table}
-    radius = {name: float(value) for name, value in by_name("radius", ()).items()}
-    normal = by_name("normal", (3,))
+    shapes, normal = table.part("shape"), table.part("normal").by_name(3)
+    of_shape = {name: shapes.choice(name, SHAPES) for name in shapes.table}
+    radius = {name: float(value) for name, value in table.part("radius").by_name().items()}
     for name, shape in of_shape.items():
         if shape == "sphere" and not radius.get(name, 0.0) > 0.0:
             raise table.fail("shape", f"{name!r} is a sphere: give radius = {{ {name} = .. }} [m], above 0")
@@ -153,6 +147,5 @@ def _sockets(table: Declaration) -> Sockets:
     own_point = table.has("link")
     if not own_point and (table.has("point") or table.has("point_std")):
         raise table.fail("point", "needs `link`; without a link the target of [prior] tool touches")
-    return Sockets(
-        by_name("place", (3,)), sizes[0], of_shape, radius, normal, tuple(pairs), sizes[1], own_point=own_point
-    )
+    places = table.part("place").by_name(3)
+    return Sockets(places, sizes[0], of_shape, radius, normal, tuple(pairs), sizes[1], own_point=own_point)
