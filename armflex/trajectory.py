@@ -412,7 +412,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     for name in others:
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)
-            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
+            raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
     remarks = [name for name in others if are_remarks(table.texts(name))]
     warn(
         [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]
@@ -423,7 +423,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
             for value in dict.fromkeys(values.tolist()):
                 check_approaches({name: value}, arm.joint_names)
     except InputError as error:
-        raise TableError(Place(table.path, 1), str(error)) from None
+        raise table.fail(str(error)) from None
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     payload = table.texts("payload") if "payload" in table.columns else ("none",) * len(table)
@@ -434,8 +434,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     time = table.numbers("time")
     slow = np.diff(time) >= SHORTEST
     if not slow.all():
-        line = table.lines[int(np.argmin(slow)) + 1]
-        raise TableError(Place(table.path, line), f"time does not increase, by {SHORTEST:g} s at least")
+        raise table.fail(f"time does not increase, by {SHORTEST:g} s at least", np.argmin(slow) + 1)
     moved: dict[str, Array | None] = {}
     for prefix in ("v", "a", TARGET):
         given = any(name in table.columns for name in names[prefix])

@@ -43,7 +43,7 @@ def check_load_names(table: Table, arm: Arm, names: Iterable[str]) -> None:
             meant = f"force_{'f' if found[1] else 'm'}{found[2].lower()}"
             text = f"column {table.columns[name].header!r} is called as a load but would be a covariate"
             wanted = f"a load from outside is {meant!r} (with a unit {meant}_{'kN' if found[1] else 'kNm'})"
-            raise TableError(Place(table.path, 1), f"{text}: {wanted}; what is no load needs another name")
+            raise table.fail(f"{text}: {wanted}; what is no load needs another name")
 
 
 def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
@@ -68,14 +68,9 @@ def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     texts = [name for name in FORCE_TEXTS if name in table.columns]
     if not names:
         if texts:
-            raise TableError(Place(table.path, 1), f"has {texts[0]!r} but none of {FORCES[0]} .. {FORCES[-1]}")
+            raise table.fail(f"has {texts[0]!r} but none of {FORCES[0]} .. {FORCES[-1]}")
         return ()
-    given = np.array([[bool(cell) for cell in table.texts(name)] for name in names]).T.reshape(len(table), -1)
-    there = np.all(given, axis=1)
-    partly = np.any(given, axis=1) & ~there
-    if partly.any():
-        line = table.lines[int(partly.argmax())]
-        raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
+    there = table.given(names)
     loads = np.zeros((len(table), 6))
     for name in names:
         loads[:, FORCES.index(name)] = table.numbers_where(name, there)
@@ -113,20 +108,20 @@ def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
             raise joint.faults[0].error
         if robot.stem(name) is None:
             text = f"column {header!r}: joint {name!r} does not hang on the chain from {robot.base!r} to {robot.tip!r}"
-            raise TableError(Place(table.path, 1), f"{text}: leave it out")
+            raise table.fail(f"{text}: leave it out")
         given[name] = table.numbers(f"q_{name}")
         outside = ~((given[name] >= joint.lower - SLACK) & (given[name] <= joint.upper + SLACK))
         for i in np.flatnonzero(outside)[:1]:
             text = outside_limits(joint, float(given[name][i]))
-            raise TableError(Place(table.path, table.lines[i]), f"column {header!r}: {text}")
+            raise table.fail(f"column {header!r}: {text}", i)
         moved = set(robot.urdf.below(joint.child))
         read = {f"[instrument.{one.name}]": {one.link, one.seen_from} for one in arm.sensors.values()}
         for what, links in {**read, "force_frame": {one.frame for one in forces}}.items():
             if there := sorted(link for link in links if link in moved):
                 text = f"{what} is at {there[0]!r}, which joint {name!r} off the chain moves"
-                raise TableError(Place(table.path, 1), f"column {header!r}: {text}: that is not supported")
+                raise table.fail(f"column {header!r}: {text}: that is not supported")
     if stray := robot.stray(given):
-        raise TableError(Place(table.path, table.lines[stray[0]]), stray[1])
+        raise table.fail(stray[1], stray[0])
     return (*forces, *branches(robot, given)) if given else forces
 
 
@@ -233,14 +228,14 @@ def read_force_table(path: str | Path, arm: Arm) -> ForceTable:
     for name in table.columns:
         if name not in known:
             hint = did_you_mean(name, known)
-            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
+            raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
     if not any(name in table.columns for name in FORCES):
-        raise TableError(Place(table.path, 1), f"has none of {FORCES[0]} .. {FORCES[-1]}")
+        raise table.fail(f"has none of {FORCES[0]} .. {FORCES[-1]}")
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     s = table.numbers("s")
     for i in np.flatnonzero(np.diff(s) <= 0.0)[:1]:
-        raise TableError(Place(table.path, table.lines[i + 1]), "s does not increase")
+        raise table.fail("s does not increase", i + 1)
     return ForceTable(table.path, s, read_forces(table, arm))
 
 

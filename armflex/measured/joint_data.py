@@ -105,13 +105,13 @@ def read_joint_data(path: Tabular, read_as: Mapping[str, str] | None = None) -> 
         if (meant := _meant(name)) is not None:
             seen = f"expected: {listing(KINDS)}, the forces and shifts alone or all, each with its unit"
             text = f"unknown column {table.columns[name].header!r}, did you mean {meant!r}? ({seen})"
-            raise TableError(Place(table.path, 1), text)
+            raise table.fail(text)
     # Six components where there are moments and rotations, three where there is neither.
     some = [[name for name in names if name in table.columns] for names in (WRENCH_NAMES[3:], TWIST_NAMES[3:])]
     if any(some) and not all(some):
         has, lacks = ("moments", "rotations rx, ry, rz") if some[0] else ("rotations", "moments mx, my, mz")
         problem = f"has no {lacks} beside the {has} {listing(some[0] + some[1])}: give both, or forces and shifts alone"
-        raise TableError(Place(table.path, 1), problem)
+        raise table.fail(problem)
     size = 6 if all(some) else 3
     loads, deflections = WRENCH_NAMES[:size], TWIST_NAMES[:size]
     table.require([*loads, *deflections])
@@ -159,8 +159,7 @@ def _matrix(table: Table, names: tuple[str, ...], factors: Mapping[str, float]) 
         values = table.matrix(names, TOO_LARGE) * again
     for row, column in np.argwhere(~(np.abs(values) <= LARGEST))[:1]:
         cell = table.columns[names[column]]
-        problem = f"column {cell.header!r} is {cell.cells[row]!r}, {TOO_LARGE}"
-        raise TableError(Place(table.path, table.lines[row]), problem)
+        raise table.fail(f"column {cell.header!r} is {cell.cells[row]!r}, {TOO_LARGE}", row)
     return values
 
 

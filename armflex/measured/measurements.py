@@ -345,7 +345,7 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     for name, column in table.columns.items():
         if name not in known and (sensor := _undeclared(name, arm)):
             text = f"column {column.header!r}: the arm file declares no [instrument.{sensor}]"
-            raise TableError(Place(table.path, 1), f"{text}{did_you_mean(sensor, arm.sensors)}")
+            raise table.fail(f"{text}{did_you_mean(sensor, arm.sensors)}")
     meant = [*known, *(("point",) if points else ())]
     lowered = [word.lower() for word in meant]
     long = [word for word in lowered if len(word) > 3]  # of a short one every other short word is a misspelling
@@ -355,7 +355,7 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
         near = difflib.get_close_matches(name.lower(), long, n=1, cutoff=0.85)
         if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
             hint = did_you_mean(name, meant)
-            raise TableError(Place(table.path, 1), f"unknown column {table.columns[name].header!r}{hint}")
+            raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     return known
@@ -382,8 +382,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
     readings = Readings(len(table), _sensed(table, arm))
     alone = turned & ~measured
     if alone.any():
-        problem = "has rx ry rz but no x y z: an orientation alone is not used"
-        raise TableError(Place(table.path, table.lines[int(alone.argmax())]), problem)
+        raise table.fail("has rx ry rz but no x y z: an orientation alone is not used", alone.argmax())
 
     def named(column: str, default: str | None) -> tuple[str, ...]:
         cells = table.texts(column) if column in table.columns else ("",) * len(table)
@@ -400,11 +399,8 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
     for index, name in enumerate(directions):
         if name in table.columns:
             approach[:, index] = table.numbers(name)
-            bad = ~np.isin(approach[:, index], (-1.0, 0.0, 1.0))
-            if bad.any():
-                row = int(bad.argmax())
-                problem = f"{name} is {approach[row, index]:g}, not -1, 0 or 1"
-                raise TableError(Place(table.path, table.lines[row]), problem)
+            for row in np.flatnonzero(~np.isin(approach[:, index], (-1.0, 0.0, 1.0)))[:1]:
+                raise table.fail(f"{name} is {approach[row, index]:g}, not -1, 0 or 1", row)
     tracked: dict[str, Any] = {}
     if POSITION[0] in table.columns or not readings.kinds:
         names = EACH if "sigma" not in table.columns and any(name in table.columns for name in EACH) else ("sigma",)
@@ -455,7 +451,7 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
         columns = sensor.columns
         if not any(column in table.columns for column in columns):
             if f"sigma_{name}" in table.columns:
-                raise TableError(Place(table.path, 1), f"has sigma_{name}, but no {listing(columns)}")
+                raise table.fail(f"has sigma_{name}, but no {listing(columns)}")
             continue
         sigma = np.full((len(table), 1), sensor.sigma)
         if sensor.sockets is not None:
@@ -474,7 +470,7 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
         low = read & ~(values > 0.0).all(axis=1)
         if sensor.kind.positive and low.any():
             text = f"{name} is {values[low][0, 0]:g} {sensor.kind.unit}, expected more than 0"
-            raise TableError(Place(table.path, table.lines[int(low.argmax())]), text)
+            raise table.fail(text, low.argmax())
         beside = {
             key: _counts(table, f"{name}_{key}") for key in sensor.kind.beside if f"{name}_{key}" in table.columns
         }
@@ -488,9 +484,8 @@ def _counts(table: Table, name: str) -> np.ndarray:
     there = np.array([bool(cell) for cell in table.texts(name)])
     values = table.numbers_where(name, there)
     bad = there & ((values != np.round(values)) | (values < 1.0))
-    if bad.any():
-        text = f"{name} is {values[bad][0]:g}, expected a whole number from 1 on"
-        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), text)
+    for row in np.flatnonzero(bad)[:1]:
+        raise table.fail(f"{name} is {values[row]:g}, expected a whole number from 1 on", row)
     return np.where(there, values, 0.0).astype(int)
 
 
@@ -545,12 +540,7 @@ def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
     if not any(name in table.columns for name in names):
         return np.zeros(len(table), dtype=bool), np.zeros((len(table), len(names)))
     table.require(names)
-    given = np.array([[bool(cell) for cell in table.texts(name)] for name in names]).T
-    there = np.all(given, axis=1)
-    partly = given.any(axis=1) & ~there
-    if partly.any():
-        line = table.lines[int(partly.argmax())]
-        raise TableError(Place(table.path, line), f"only some of {', '.join(names)} are given")
+    there = table.given(names)
     empty = ": leave the cell empty where nothing was read"
     return there, np.column_stack([table.numbers_where(name, there, empty) for name in names])
 
@@ -563,13 +553,13 @@ def _deviations(
         if not read.any():
             return np.full((len(table), 1), elsewhere)
         also = "" if what == "the positions" else "rx ry rz but "
-        raise TableError(Place(table.path, 1), f"has {also}no column {names[0]!r}: how well are {what} known?")
+        raise table.fail(f"has {also}no column {names[0]!r}: how well are {what} known?")
     table.require(names)
     sigma = np.column_stack([table.numbers_where(name, read) for name in names])
     bad = read & ~(sigma >= SMALLEST_STD).all(axis=1)
     if bad.any():
         problem = f"{names[0].removesuffix('_x')} must be positive, {SMALLEST_STD:g} {unit} at least"
-        raise TableError(Place(table.path, table.lines[int(bad.argmax())]), problem)
+        raise table.fail(problem, bad.argmax())
     return np.where(read[:, None], sigma, elsewhere)
 
 

@@ -65,20 +65,19 @@ def read_pictures(table: Table, sensor: Sensor) -> Kind:
             row, text = next((i, text) for i, text in enumerate(table.texts(name)) if text)
             where = f"{folder / camera.corners} has no corners of any picture"
             hint = did_you_mean(text, known) or f" (it has {listing([*known][:3])} ..)"
-            raise TableError(Place(table.path, table.lines[row]), f"{name} is {text!r}: {where}{hint}")
+            raise table.fail(f"{name} is {text!r}: {where}{hint}", row)
     pairs = values.reshape(len(values), -1, 2)
     half = np.isfinite(pairs).any(axis=2) & ~np.isfinite(pairs).all(axis=2)
     if half.any():
         row, corner = (int(one) for one in np.argwhere(half)[0])
-        text = f"corner {corner} of {name} has only one of u and v"
-        raise TableError(Place(table.path, table.lines[row]), text)
+        raise table.fail(f"corner {corner} of {name} has only one of u and v", row)
     sigma = np.full((len(table), 1), sensor.sigma)
     if f"sigma_{name}" in table.columns:
         there = np.any(np.isfinite(values), axis=1)
         sigma = np.where(there, table.numbers_where(f"sigma_{name}", there), np.inf)[:, None]
         if not (sigma >= SMALLEST_STD).all():
-            line = table.lines[int((sigma[:, 0] < SMALLEST_STD).argmax())]
-            raise TableError(Place(table.path, line), f"sigma_{name} must be positive, {SMALLEST_STD:g} px at least")
+            row = (sigma[:, 0] < SMALLEST_STD).argmax()
+            raise table.fail(f"sigma_{name} must be positive, {SMALLEST_STD:g} px at least", row)
     read = np.isfinite(values)
     return Pixels(np.where(read, values, 0.0), np.where(read, sigma, np.inf), name)
 
@@ -122,11 +121,11 @@ def _found(table: Table, row: int, path: Path, board: Board) -> Array:
     """Return (2 C,) corners of the board in the picture of a row, not a number where they were not found [px]."""
     if not path.is_file():
         text = f"there is no picture {path}; corners from a table need `corners` in the arm file"
-        raise TableError(Place(table.path, table.lines[row]), text)
+        raise table.fail(text, row)
     stat = path.stat()
     found = find_corners(path, board, (stat.st_mtime_ns, stat.st_size))
     if found is None:
-        raise TableError(Place(table.path, table.lines[row]), f"{path} is no picture that OpenCV reads")
+        raise table.fail(f"{path} is no picture that OpenCV reads", row)
     return found
 
 

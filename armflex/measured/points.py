@@ -233,7 +233,7 @@ def with_points(table: Table, points: PointExport) -> tuple[Table, tuple[Flag, .
     for name in AXES:
         if name in table.columns:
             text = f"has a column {table.columns[name].header!r}, and points come from {points.path} as well"
-            raise TableError(Place(table.path, 1), text)
+            raise table.fail(text)
     column = "point" if "point" in table.columns else "pose"
     table.require([column])
     wanted, flags = table.texts(column), []
@@ -285,7 +285,7 @@ def _match(table: Table, wanted: Sequence[str], points: PointExport) -> list[int
                     point_of[row] = point
     if len(table) and all(point is None for point in point_of):
         text = f"no row's name is that of a point in {points.path} (rows: {listing(dict.fromkeys(wanted), 5)}; points: "
-        raise TableError(Place(table.path, 1), text + f"{listing(map(points.full_name, range(len(points.names))), 5)})")
+        raise table.fail(text + f"{listing(map(points.full_name, range(len(points.names))), 5)})")
     return point_of
 
 

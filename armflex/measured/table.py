@@ -93,6 +93,18 @@ class Table:
             return self.path.sha256
         return hashlib.sha256(self.path.read_bytes()).hexdigest()
 
+    def fail(self, problem: str, row: int | np.integer | None = None) -> TableError:
+        """Return the error that says what is wrong with a row, or with the header where none is named."""
+        return TableError(Place(self.path, 1 if row is None else self.lines[row]), problem)
+
+    def given(self, names: Sequence[str]) -> np.ndarray:
+        """Return (N,) in which rows the cells of some columns are all given; raise `TableError` where only some are."""
+        cells = np.array([[bool(cell) for cell in self.texts(name)] for name in names]).T
+        there = np.all(cells, axis=1)
+        for row in np.flatnonzero(np.any(cells, axis=1) & ~there)[:1]:
+            raise self.fail(f"only some of {', '.join(names)} are given", row)
+        return there
+
     def numbers(self, name: str, beyond: str = BEYOND, hint: str = "") -> Array:
         """Return a column in SI; raise `TableError` naming the first cell that is no finite number up to `LARGEST`.
 
