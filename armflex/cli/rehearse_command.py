@@ -10,10 +10,8 @@ import click
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, progress, say
 from armflex.cli.trace_command import place_json
-from armflex.errors import InputError
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import read_measurements
-from armflex.plan.planning import READING
 from armflex.result import record
 from armflex.tasks.rehearse import DRAWS, Rehearsal, rehearse, summary
 
@@ -24,19 +22,17 @@ CLEAR, DOUBTFUL = 0.9, 0.5
 @click.command(cls=options.Command)
 @click.argument("arm_path", metavar="ARM", type=options.InputPath)
 @click.option("--rows", "rows_path", type=options.InputPath, metavar="POSES.csv", help="[default: 60 rows of plan]")
-@click.option("--sigma", type=options.Quantity("length"), metavar="0.2mm", help="Noise of a position [default: 0.2mm].")
-@click.option("--size", type=options.Quantity("length"), metavar="1mm", help="Size of an effect, RMS [default: 1mm].")
+@click.option(
+    "--sigma", type=options.Quantity("length"), default="0.2mm", show_default=True, help="Noise of positions."
+)
+@click.option(
+    "--size", type=options.Quantity("length"), default="1mm", show_default=True, help="Size of effects, RMS."
+)
 @click.option("--draws", type=click.IntRange(min=1), default=DRAWS, show_default=True, help="Campaigns of each effect.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed of the draws.")
 @options.lax
 def command(
-    arm_path: Path,
-    rows_path: Path | None,
-    sigma: float | None,
-    size: float | None,
-    draws: int,
-    seed: int,
-    lax: bool,
+    arm_path: Path, rows_path: Path | None, sigma: float, size: float, draws: int, seed: int, lax: bool
 ) -> None:
     """Simulate a campaign with one hidden effect after the other, and report which of them it would name.
 
@@ -45,11 +41,8 @@ def command(
     """
     arm = options.declared_arm(arm_path, "rehearse", lax=lax)
     rows = None if rows_path is None else read_measurements(rows_path, arm, inputs_only=True)
-    given: dict[str, Any] = {"sigma": READING if sigma is None else sigma, "size": 1e-3 if size is None else size}
-    if not all(0.0 < value < 1.0 for value in given.values()):
-        raise InputError("--sigma and --size are lengths of more than 0 and less than 1 m")
     with progress("rehearsing: effects hidden") as tick:
-        found = rehearse(arm, rows, draws=draws, seed=seed, progress=tick, **given)
+        found = rehearse(arm, rows, sigma=sigma, size=size, draws=draws, seed=seed, progress=tick)
     options.conclude(lambda: as_json(found), ())
     print_rehearsal(found)
 

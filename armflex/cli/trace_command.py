@@ -243,6 +243,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         and record(left, "axis std unit")
         | {"site": left.site and left.site.removeprefix(LINK), "rms_mm": left.rms * 1e3, "covariates": []},
         "not_identifiable": [record(one, "effect site reason") for one in found.not_identifiable],
+        **record(found, "next_measurement", noise_over_stated="noise"),
         "smallest_shown_mm": {one.effect: scaled(record(one, "least most"), 1e3) for one in found.smallest},
         "outliers": [
             outlier_json(one)
@@ -275,7 +276,6 @@ def as_json(found: Trace) -> dict[str, Any]:
             }
             for one in found.withdrawn
         ],
-        **record(found, "next_measurement", noise_over_stated="noise"),
     }
     return plain(told)
 
