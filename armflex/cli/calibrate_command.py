@@ -26,7 +26,7 @@ from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ParameterKind
-from armflex.readings import Kind, Position
+from armflex.readings import Position
 from armflex.result import record
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
@@ -222,6 +222,12 @@ def as_json(found: Calibration) -> dict[str, Any]:
     unit, stages = found.fit.view.readings.unit, ("declared", "calibrated")
     errors = {"noise_rms": found.noise_rms, "rms": dict(zip(stages, (found.declared_rms, found.rms), strict=True))}
     errors["held_out_rms"] = found.held_out and dict(zip(stages, found.held_out, strict=True))
+    instruments = [
+        record(kind, "name unit")
+        | {"kind": type(kind).__name__.lower(), "rows": np.isfinite(kind.sigma).any(axis=1).sum()}
+        | {"rms": dict(zip(stages, sizes, strict=True)), "noise_rms": noise}
+        for kind, *sizes, noise in found.by_kind
+    ]
     return {
         "format": "armflex-calibrate-1",
         "rows": len(found.fit.view.rows),
@@ -229,7 +235,7 @@ def as_json(found: Calibration) -> dict[str, Any]:
         **{f"{name}_mm": scaled(value, 1e3) if unit == "m" else None for name, value in errors.items()},
         **({} if unit == "m" else errors | {"unit": unit}),
         **campaigns_json(found.campaigns, stages),
-        **({"instruments": [_kind_json(*sizes) for sizes in found.by_kind]} if found.arm.sensors else {}),
+        **({"instruments": instruments} if found.arm.sensors else {}),
         "parameters": [
             record(p, "name value std unit prior determined")
             | {"only_combined_with": p.trades_against if p.combined else None}
@@ -256,14 +262,3 @@ def outlier_json(one: Outlier) -> dict[str, Any]:
     """Return which reading is an outlier, by which instrument, and the one that it was exchanged with."""
     known = {"instrument": one.instrument, "exchanged_with": one.fellow}
     return {"row": one.row, "place": str(one.place)} | {name: value for name, value in known.items() if value}
-
-
-def _kind_json(kind: Kind, declared: float, calibrated: float, noise: float) -> dict[str, Any]:
-    rms = {"declared": declared, "calibrated": calibrated}
-    rows = np.isfinite(kind.sigma).any(axis=1).sum()
-    return record(kind, "name unit") | {
-        "kind": type(kind).__name__.lower(),
-        "rows": rows,
-        "rms": rms,
-        "noise_rms": noise,
-    }

@@ -22,6 +22,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, naming
 from armflex.measured.table import Tabular
 from armflex.mechanics.modes import Modes, modes_of
+from armflex.parallel import in_pieces
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Trajectory, as_trajectory
@@ -241,14 +242,9 @@ def _largest(modes: Modes, size: Array, speed: Array, end: float, within: float 
     if end / step > MOST_SAMPLES:
         raise InputError(f"the swing lasts {end:.3g} s: state [robot] damping_ratio, or a wider tolerance")
     last, peak = 0.0, 0.0
-    for times in _pieces(np.arange(0.0, end + step, step)):
+    for times in in_pieces(np.arange(0.0, end + step, step), 4096):
         away = np.linalg.norm(_swung(modes, size, speed, times)[0] @ modes.shapes[:, :3], axis=1)
         outside = np.flatnonzero(away > within)
         last = float(times[outside[-1]]) + step if len(outside) else last
         peak = max(peak, float(away.max()))
     return last, peak
-
-
-def _pieces(times: Array) -> Iterator[Array]:
-    for start in range(0, len(times), 4096):
-        yield times[start : start + 4096]

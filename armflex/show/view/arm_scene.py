@@ -75,6 +75,9 @@ MAX_FRAMES = 240
 LARGEST_MAGNIFICATION = 1e6
 PLAY_SECONDS = 14.0
 
+Poses = Sequence[Mapping[str, Array]]
+"""(4, 4) pose of every link by name, for each frame of a motion."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -230,21 +233,22 @@ def arm_scene(
     shown = motion.frames[motion.worst]
     colors = contribution_colors(shown)
     times = motion.times
+    rigid, flexed = ([frame.link_poses(scale) for frame in motion.frames] for scale in (0.0, factor))
     shapes, missing = _link_shapes(arm, motion, meshes)
     tree = not arm.robot.linkage
-    parts = list(_parts(arm, motion, factor, colors))
+    parts = list(_parts(arm, shown, factor, rigid, flexed, colors))
     shapes |= dict.fromkeys((part.name.rpartition("/")[2] for part in parts), ())
     scene = Scene(
         title=arm.robot.urdf.name,
         subtitle=_subtitle(arm, shown, motion, factor),
         nodes=(
-            *_nodes(arm, motion, factor, colors, shapes),
-            *_ties(arm, motion, factor),
+            *_nodes(arm, motion, rigid, flexed, colors, shapes),
+            *_ties(arm, flexed),
             *parts,
-            *_triads(arm, motion, factor),
-            *_arrows(arm, motion, factor),
+            *_triads(arm, flexed),
+            *_arrows(arm, motion, flexed),
         ),
-        polylines=tuple(_paths(arm, motion, factor)),
+        polylines=tuple(_paths(arm, rigid, flexed)),
         markers=tuple(_markers(arm, trajectory, report)),
         legend_title="Share of each flexure in the tip's displacement" if arm.flexures else "",
         legend=tuple(_legend(shown, colors, trajectory, report, factor)),
@@ -330,21 +334,20 @@ def posable(arm: Arm, shown: Deflection, factor: float) -> Posable:
     return Posable(tuple(sliders), links, poses, moves, now, links.index(robot.tip), factor, swings=swings)
 
 
-def _triads(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
+def _triads(arm: Arm, flexed: Poses) -> Iterator[Node]:
     """Yield axes x y z, red green blue, at the base, at the flexed tip, and in a group of their own at every joint."""
     size = 0.1 * max(arm.robot.reach, 0.1)
     axes = tuple(
         Shape("capsule", np.array([0.05 * size, size]), _along(size * np.eye(3)[i]), color)
         for i, color in enumerate(AXES)
     )
-    flexed = [frame.link_poses(factor) for frame in motion.frames]
     places = {"axes/base": arm.robot.base, "axes/tip": arm.robot.tip}
     places |= {f"joint axes/{_leaf(joint.name)}": joint.child for joint in arm.robot.jointed}
     for name, link in places.items():
         yield Node(name, np.array([pose[link] for pose in flexed]), axes, link)
 
 
-def _arrows(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
+def _arrows(arm: Arm, motion: Motion, flexed: Poses) -> Iterator[Node]:
     """Yield arrows: gravity beside the base, and every force from outside where it acts; their lengths compare."""
     reach = max(arm.robot.reach, 0.1)
     if (size := float(np.linalg.norm(arm.robot.gravity))) > 0.0:
@@ -352,7 +355,6 @@ def _arrows(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
         aside = np.eye(3)[int(np.argmin(np.abs(arm.robot.gravity)))]
         place[:3, 3] = 0.3 * reach * aside
         yield Node("forces/gravity", place[None], _arrow(0.15 * reach, GRAVITY))
-    flexed = [frame.link_poses(factor) for frame in motion.frames]
     pulls: dict[str, list[tuple[Array, Array]]] = {}
     for frame, poses in zip(motion.frames, flexed, strict=True):
         for i, one in enumerate(frame.case.wrenches):
@@ -467,13 +469,10 @@ def _along(end: Array) -> Array:
 
 
 def _nodes(
-    arm: Arm, motion: Motion, factor: float, colors: dict[str, str], shapes: dict[str, tuple[Shape, ...]]
+    arm: Arm, motion: Motion, rigid: Poses, flexed: Poses, colors: dict[str, str], shapes: dict[str, tuple[Shape, ...]]
 ) -> Iterator[Node]:
     """Yield the links of the rigid arm that move apart from it, the flexed arm, its flexures, and the payload."""
     owner = _flexure_of_link(arm)
-    flexed = [frame.link_poses(factor) for frame in motion.frames]
-
-    rigid = [frame.link_poses(0.0) for frame in motion.frames]
     for link in rigid[0]:
         if shapes[link] and owner.get(link):
             ghost = (replace(shape, color=GHOST, opacity=0.22) for shape in shapes[link])
@@ -503,9 +502,9 @@ def _nodes(
         yield Node("payload", np.array(tips), (Shape("box", size, place, LOAD),), arm.robot.tip)
 
 
-def _ties(arm: Arm, motion: Motion, factor: float) -> Iterator[Node]:
+def _ties(arm: Arm, flexed: Poses) -> Iterator[Node]:
     """Yield the pins of loops, and cylinders and springs: halves that turn about either end and slide in each other."""
-    flexed, radius = [frame.link_poses(factor) for frame in motion.frames], 0.02 * max(arm.robot.reach, 0.1)
+    radius = 0.02 * max(arm.robot.reach, 0.1)
 
     def at(link: str, point: Array) -> Array:
         return np.array([pose[link][:3, :3] @ point + pose[link][:3, 3] for pose in flexed])
@@ -545,9 +544,10 @@ def payload_box(payload: Payload) -> tuple[Array, Array]:
     return np.maximum(sides, 0.02 * sides.max()), place
 
 
-def _parts(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> Iterator[Node]:
+def _parts(
+    arm: Arm, shown: Deflection, factor: float, rigid: Poses, flexed: Poses, colors: dict[str, str]
+) -> Iterator[Node]:
     """Yield the meshes of condensed parts, rigid as ghosts and bent as in the row that the legend speaks of."""
-    shown = motion.frames[motion.worst]
     child = {joint.name: joint.child for joint in arm.robot.chain}
     for flexure in arm.flexures:
         if flexure.drawing is None or flexure.joint is None:
@@ -555,7 +555,7 @@ def _parts(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> I
         link = child[flexure.joint]
         name = flexure.name if flexure.joint == f"{flexure.name}:end" else f"part:{flexure.name}"  # a link, or a joint
         twist = factor * shown.twists[arm.flexure_names.index(flexure.name)]
-        for group, own, magnified in (("rigid", np.zeros(6), 0.0), ("flexed", twist, factor)):
+        for group, own, placed in (("rigid", np.zeros(6), rigid), ("flexed", twist, flexed)):
             if (found := flexure.drawing.bent(own)) is None:
                 continue
             color, opacity = (GHOST, 0.22) if group == "rigid" else (colors[flexure.name], 1.0)
@@ -566,7 +566,7 @@ def _parts(arm: Arm, motion: Motion, factor: float, colors: dict[str, str]) -> I
             facets["corners"] = corners
             data = bytes(80) + np.uint32(len(facets)).tobytes() + facets.tobytes()  # an STL file
             shape = Shape("mesh", np.ones(3), color=color, opacity=opacity, data=data, data_format="stl")
-            poses = np.array([frame.link_poses(magnified)[link] for frame in motion.frames])
+            poses = np.array([pose[link] for pose in placed])
             yield Node(f"{group}/{_leaf(name)}", poses, (shape,), link, flexed=group == "flexed")
 
 
@@ -582,16 +582,14 @@ def _flexure_of_link(arm: Arm) -> dict[str, str]:
     return owner
 
 
-def _paths(arm: Arm, motion: Motion, factor: float) -> Iterator[Polyline]:
+def _paths(arm: Arm, rigid: Poses, flexed: Poses) -> Iterator[Polyline]:
     radius = 0.004 * max(arm.robot.reach, 0.1)
-    tip = arm.robot.tip
-    rigid = np.array([frame.link_poses(0.0)[tip][:3, 3] for frame in motion.frames])
-    flexed = np.array([frame.link_poses(factor)[tip][:3, 3] for frame in motion.frames])
-    if len(motion.frames) > 1 and np.ptp(rigid, axis=0).max() > 1e-6:
-        yield Polyline("rigid path", rigid, RIGID_PATH, radius)
-        yield Polyline("flexed path", flexed, FLEXED_PATH, radius)
-    elif np.linalg.norm(flexed[0] - rigid[0]) > 1e-6:
-        yield Polyline("displacement", np.array([rigid[0], flexed[0]]), FLEXED_PATH, radius)
+    before, after = (np.array([pose[arm.robot.tip][:3, 3] for pose in poses]) for poses in (rigid, flexed))
+    if len(rigid) > 1 and np.ptp(before, axis=0).max() > 1e-6:
+        yield Polyline("rigid path", before, RIGID_PATH, radius)
+        yield Polyline("flexed path", after, FLEXED_PATH, radius)
+    elif np.linalg.norm(after[0] - before[0]) > 1e-6:
+        yield Polyline("displacement", np.array([before[0], after[0]]), FLEXED_PATH, radius)
 
 
 def _markers(arm: Arm, trajectory: Trajectory | None, report: CheckReport | None) -> Iterator[Marker]:
