@@ -198,6 +198,8 @@ def _lines(found: Found, factor: float) -> Iterator[list[str]]:
 def _remarks(found: Trace) -> Iterator[str]:
     """Yield the result in sentences, as a page has it, what became of doubtful rows, and what to measure next."""
     yield headline(found)
+    if found.compared is not None:
+        yield "In folds: the share of folds that select the effect."
     for one, which in zip(found.found, found.numbers, strict=True):
         title = f"{one.effect.title}{numbered(which)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
