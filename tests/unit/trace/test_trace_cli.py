@@ -180,11 +180,11 @@ def test_what_is_unexplained_and_nothing_missing_are_said(ran, capsys: pytest.Ca
         "site": "J3", "axis": "ry", "std": 1.5e-4, "unit": "rad", "rms_mm": pytest.approx(0.32), "covariates": []
     }  # fmt: skip
     print_trace(dataclasses.replace(found, found=(), unexplained=left))
-    said = capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
     assert "a change of 0.150 mrad from pose to pose at the link ending at J3 (ry)" in said
     assert "No further effect" not in said
     print_trace(dataclasses.replace(found, found=(), unexplained=None))
-    said = capsys.readouterr().out
+    said = " ".join(capsys.readouterr().out.split())
     assert "No further effect is observable in this campaign." in said and "The smallest effect that" in said
     json.dumps(told, allow_nan=False)
 
