@@ -181,7 +181,7 @@ def test_what_is_unexplained_and_nothing_missing_are_said(ran, capsys: pytest.Ca
     }  # fmt: skip
     print_trace(dataclasses.replace(found, found=(), unexplained=left))
     said = " ".join(capsys.readouterr().out.split())
-    assert "a change of 0.150 mrad from pose to pose at the link ending at J3 (ry)" in said
+    assert "a change of 0.15 mrad from pose to pose at the link ending at J3 (ry)" in said
     assert "No further effect" not in said
     print_trace(dataclasses.replace(found, found=(), unexplained=None))
     said = " ".join(capsys.readouterr().out.split())
