@@ -24,7 +24,7 @@ from armflex.laws.effects.in_arm import BoundTwist, Pulling, depended_on
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
-from armflex.laws.terms import Factor, Feature, Neurons, Of, Term
+from armflex.laws.terms import Factor, Neurons, Of, Term
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame
 from armflex.version import __version__
 
@@ -194,7 +194,10 @@ def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
     for number, law in arm.stack.parts:
         try:
             terms = [one for term in law.terms() for one in (term.single() if isinstance(term, Neurons) else (term,))]
-            _check_travel(arm, terms)
+            for factor in {factor for term in terms for factor in term.factors if factor.kind is Of.CHEBYSHEV}:
+                joint, (middle, reach, _) = arm.joint_index[factor.column.removeprefix("q_")], factor.numbers
+                if max(arm.robot.upper[joint] - middle, middle - arm.robot.lower[joint]) > (1.0 + TRAVEL) * reach:
+                    raise UnsupportedError(f"was learned over less than the travel of {arm.joint_names[joint]}")
             said[number].append((_called(law), terms))
         except UnsupportedError as error:
             if isinstance(law, BoundTwist):
@@ -204,7 +207,8 @@ def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
                 name = arm.flexure_names[number]
                 rigid = [replace(one, law=_stiff) if one.name == name else one for one in arm.flexures]
                 refused.append((f"the law of flexure {name!r}", str(error), replace(arm, flexures=tuple(rigid))))
-    for pulling, effect in zip(arm.pulls, (one for one in arm.effects if _pulls(one)), strict=True):
+    pulling_effects = [one for one in arm.effects if one.law.act is Act.LOAD and not one.law.changes_model]
+    for pulling, effect in zip(arm.pulls, pulling_effects, strict=True):
         if pulling.law.name not in PULLS:
             other = replace(arm, effects=tuple(one for one in arm.effects if one is not effect))
             refused.append((f"effect {effect.name!r}", f"is a {pulling.law.name}, which has no form in C", other))
@@ -217,19 +221,7 @@ def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
     return said
 
 
-def _check_travel(arm: Arm, terms: Sequence[Term]) -> None:
-    """Raise `UnsupportedError` where a joint goes further than a polynomial in its position holds."""
-    for factor in {factor for term in terms for factor in term.factors if factor.kind is Of.CHEBYSHEV}:
-        joint, (middle, reach, _) = arm.joint_index[factor.column.removeprefix("q_")], factor.numbers
-        if max(arm.robot.upper[joint] - middle, middle - arm.robot.lower[joint]) > (1.0 + TRAVEL) * reach:
-            raise UnsupportedError(f"was learned over less than the travel of {arm.joint_names[joint]}")
-
-
 _stiff = LinearLaw(np.zeros((6, 6)))
-
-
-def _pulls(effect: Any) -> bool:
-    return effect.law.act is Act.LOAD and not effect.law.changes_model
 
 
 def _called(law: Law) -> str:
@@ -305,7 +297,9 @@ def _add(tables: _Tables, place: int, label: str, terms: Sequence[Term]) -> None
             tables.windows.append(own[0].window)
         for term in own:
             begin = len(tables.features)
-            tables.features += [_feature(tables, one) for one in term.features]
+            for one in term.features:
+                form, values = _form(tables, one.matrix if one.form else None), (one.u, one.bias, one.exponent)
+                tables.features.append(f"{{{one.kind.name}, {form}, {', '.join(map(c_number, values))}}},")
             span, matrix = f"{begin}, {len(tables.features)}", _form(tables, term.matrix)
             numbers = f"{_two(tables, term.factors)}, {span}, {matrix}, {c_number(term.along)}"
             tables.terms.append(f"{{{numbers}}}," + (f" /* {_plain(label)} */" if term is own[0] else ""))
@@ -319,11 +313,6 @@ def _form(tables: _Tables, form: Array | None) -> int:
     known = [i for i, one in enumerate(tables.forms) if np.array_equal(one, form)]
     tables.forms += [] if known else [form]
     return known[0] if known else len(tables.forms) - 1
-
-
-def _feature(tables: _Tables, one: Feature) -> str:
-    form = _form(tables, one.matrix if one.form else None)
-    return f"{{{one.kind.name}, {form}, {c_number(one.u)}, {c_number(one.bias)}, {c_number(one.exponent)}}},"
 
 
 def _two(tables: _Tables, factors: Sequence[Factor]) -> str:

@@ -270,8 +270,9 @@ def program(
     slides = [joint.kind == "prismatic" for joint in arm.robot.moving]
     units = [("mm", 1e3) if one else ("rad", 1.0) if language.radians else ("deg", 180.0 / np.pi) for one in slides]
     placed = _axes(arm, language, axes)
+    called = "joint {} of movej" if language.called == "URScript" else "{}"
     comments = [f"{language.comment} {line}" for line in head]
-    comments += [f"{language.comment} {_described(language, axis)} [{units[i][0]}]: {_comment(arm.joint_names[i])}"
+    comments += [f"{language.comment} {called.format(axis)} [{units[i][0]}]: {_comment(arm.joint_names[i])}"
                 for axis, i in placed.items()]  # fmt: skip
     lines, places = list[str](), list[str]()
     for line in language.opening:
@@ -371,10 +372,6 @@ def _head(path: Trajectory, what: str, arm_file: str) -> tuple[str, ...]:
     pushed = f"loads from outside up to {force:.4g} N and {moment:.4g} Nm" if loads else "no load from outside"
     written = f"Written by armflex {__version__}" + (f" from {arm_file}" if arm_file else "")
     return _comment(written), _comment(f"{what}; payload {listing(dict.fromkeys(path.payload))}, {pushed}")
-
-
-def _described(language: Language, axis: str) -> str:
-    return f"joint {axis} of movej" if language.called == "URScript" else axis
 
 
 def _axes(arm: Arm, language: Language, text: str) -> dict[str, int]:

@@ -119,7 +119,8 @@ def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
     that of the declared arm and the offset has the whole error. Of the d of two joints with parallel axes, that of the
     first is as declared and that of the second has the error of both.
     """
-    declared = _taken(replace(setup, arm=_declared(setup.arm)), splits)
+    arm = replace(setup.arm, corrections=Corrections(), effects=())  # nor effects that change its kinematics
+    declared = _taken(replace(setup, arm=arm), splits)
     found = _taken(setup, splits, declared)
     for joint in setup.arm.robot.swept:
         if joint not in setup.arm.robot.moving:
@@ -133,11 +134,6 @@ def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:
                 zero = Key("joint_offset", joint.name, "offset", own.unit)
                 found[zero] += error if sliding else float(np.arctan2(np.sin(error), np.cos(error)))
     return found
-
-
-def _declared(arm: Arm) -> Arm:
-    """Return an arm without what calibration found of its kinematics, nor effects that change it."""
-    return replace(arm, corrections=Corrections(), effects=())
 
 
 def _taken(setup: Setup, splits: Sequence[Split], like: Mapping[Key, float] | None = None) -> dict[Key, float]:

@@ -94,13 +94,9 @@ def _robot(arm: Arm) -> str:
 
 
 def _numbers(pose: pin.SE3) -> list[str]:
-    return [_plain(value) for value in (*pose.translation, *pin.rpy.matrixToRpy(pose.rotation))]
-
-
-def _plain(value: float) -> str:
-    """Return a number that every version of YAML takes for one: with a point, also before an exponent."""
-    text = repr(float(value) + 0.0)
-    return re.sub(r"^(-?\d+)e", r"\1.0e", text)
+    """Return numbers that every version of YAML takes for such: with a point, also before an exponent."""
+    values = (*pose.translation, *pin.rpy.matrixToRpy(pose.rotation))
+    return [re.sub(r"^(-?\d+)e", r"\1.0e", repr(float(value) + 0.0)) for value in values]
 
 
 def _flow(numbers: list[str]) -> str:

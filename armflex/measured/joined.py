@@ -59,7 +59,11 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         raise InputError("no campaign is given, expected one or more")
     if len(campaigns) == 1:
         return campaigns[0]
-    given = dict(zip(_names(campaigns), campaigns, strict=True))
+    given: dict[str, Measurements] = {}
+    for number, one in enumerate(campaigns, 1):  # by the name of its file; a further one of that name has its number
+        file = one.places[0].file if one.places else None
+        name = file.stem if isinstance(file, Path) else f"campaign {number}"
+        given[f"{name} {number}" if name in given else name] = one
     for (name, one), (again, other) in combinations(given.items(), 2):
         if one.sha256 == other.sha256 and set(one.places) & set(other.places):
             raise InputError(f"campaigns {name!r} and {again!r} have the same rows: each counts once")
@@ -105,16 +109,6 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
             name: unit for name, unit in first.units.items() if all(one.units.get(name) == unit for one in campaigns)
         },
     )
-
-
-def _names(campaigns: Sequence[Measurements]) -> list[str]:
-    """Return a name for each campaign, that of its file; a further one of that name has its number."""
-    found: list[str] = []
-    for number, one in enumerate(campaigns, 1):
-        file = one.places[0].file if one.places else None
-        name = file.stem if isinstance(file, Path) else f"campaign {number}"
-        found.append(f"{name} {number}" if name in found else name)
-    return found
 
 
 def _poses(given: Mapping[str, Measurements]) -> tuple[str, ...]:

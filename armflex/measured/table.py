@@ -358,8 +358,11 @@ def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tu
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
     """Return rows as CSV. Floats keep every digit; a text that a spreadsheet could run has an apostrophe before it."""
     lines = _Lines()
-    plain = ([float(cell) if isinstance(cell, float) else _harmless(cell) for cell in row] for row in rows)
-    csv.writer(lines, lineterminator="\r\n").writerows(plain)
+    plain = csv.writer(lines, lineterminator="\r\n")
+    for row in map(list, rows):
+        runs = [isinstance(cell, str) and FORMULA.match(cell) and not NUMBER.fullmatch(cell.strip()) for cell in row]
+        pairs = zip(row, runs, strict=True)
+        plain.writerow([f"'{cell}" if run else float(cell) if isinstance(cell, float) else cell for cell, run in pairs])
     return "".join(lines)
 
 
@@ -368,11 +371,6 @@ class _Lines(list[str]):
 
     def write(self, line: str) -> None:
         self.append(f"{line[:-2]}\n")
-
-
-def _harmless(cell: object) -> object:
-    runs = isinstance(cell, str) and FORMULA.match(cell) and not NUMBER.fullmatch(cell.strip())
-    return f"'{cell}" if runs else cell
 
 
 def write_table(path: str | Path, columns: Mapping[str, Sequence[object]]) -> Path:

@@ -149,7 +149,8 @@ def modes_of(found: Equilibrium, count: int, damping: float | None, driven: bool
     frequencies = 1.0 / (2.0 * np.pi * np.sqrt(inverse))
     energies = ways**2 @ (owner[:, None] == np.arange(len(places) // 6))  # of the flexures, as dm'C^-1 dm = y'y
     shares = energies / (masses / inverse)[:, None]
-    flags = () if damping is not None else (_assumed(),)
+    text = f"[robot] states no damping_ratio: {DAMPING:g} is assumed for every mode"
+    flags = () if damping is not None else (Flag("damping_assumed", text),)
     flags += tuple(_pointlike(found, configuration, body, masses))
     ratios = np.full(len(masses), DAMPING if damping is None else damping)
     twists, momenta, drives = motion.reshape(len(masses), -1, 6), None, None
@@ -261,11 +262,6 @@ def _slowest(stiffness: Array, mass: Array, count: int) -> tuple[Array, Array]:
             raise UnstableEquilibriumError(text, float(every[some].min()))
         return every[some], np.real(exact[:, some])
     return own - (off * mixed).sum(axis=0), chosen + ways @ mixed
-
-
-def _assumed() -> Flag:
-    text = f"[robot] states no damping_ratio: {DAMPING:g} is assumed for every mode"
-    return Flag("damping_assumed", text)
 
 
 def _pointlike(found: Equilibrium, configuration: Array, body: Array, masses: Array) -> Iterator[Flag]:

@@ -171,7 +171,10 @@ class Question:
         values = self._values(rows, orders)
         for _ in range(IMPROVED if len(orders) > 1 else 0):
             best = orders[int(values.argmax())]
-            more = [_exchanged(best, rng) for _ in range(ORDERS)]
+            more = [best.copy() for _ in range(ORDERS)]
+            for order in more:  # two of its rows in each other's place
+                one, other = rng.choice(count, 2, replace=False)
+                order[[one, other]] = order[[other, one]]
             orders, values = [*orders, *more], np.append(values, self._values(rows, more))
         best = orders[int(values.argmax())]
         names = tuple(f"{stem} {i + 1}" for i in range(len(best)))
@@ -290,10 +293,3 @@ def _scores(before: Before, block: CandidateBlock) -> Array:
     noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
     left = told.view.whitened * told.weights / noise**2
     return np.tensordot(answers([block], told.view), left, axes=([0, 1], [0, 1]))
-
-
-def _exchanged(order: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return an order with two of its rows in each other's place."""
-    found, (one, other) = order.copy(), rng.choice(len(order), 2, replace=False)
-    found[[one, other]] = found[[other, one]]
-    return found

@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.arguments import checked_kinds
-from armflex.conventions import Array
 from armflex.plan.design import TOptimal
 from armflex.plotting import picture
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import PolyCollection
-    from matplotlib.colors import Normalize
 
     from armflex.plan.planned_rows import Plan
 
@@ -47,11 +44,15 @@ def draw_plan(found: Plan, path: str | Path) -> Path:
         uncertainty = {title: values * 1e3 for title, values in found.uncertainty.items()}
         every = np.concatenate(list(uncertainty.values()))
         norm = LogNorm(float(np.quantile(every, 0.01)), float(np.quantile(every, 0.99)))
+        tip = found.offered.view.line.tip[:, :3, 3]
+        around = np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]  # the mean where the tip is, all around the base's z axis
         for axes, (title, values) in zip(maps, uncertainty.items(), strict=True):
-            marks = _draw_map(axes, found, values, norm)
-            axes.set_title(title)
+            marks = axes.hexbin(*around, values, gridsize=CELLS, norm=norm, cmap="viridis_r", linewidths=0.2)
+            axes.set(title=title, xlabel="distance from the base's z axis [m]", aspect="equal")
         maps[0].set_ylabel("z [m]")
-        read = _tips(found)
+        arm = found.reach.arm
+        tips = [arm.rigid_pose(q, enforce_limits=False).translation for q in found.rows.q[found.rows.measured]]
+        read = np.hypot(*np.array(tips)[:, :2].T), np.array(tips)[:, 2]
         maps[1].plot(*read, "o", mfc="none", mec="crimson", ms=6)
         maps[1].set_title(f"{maps[1].get_title()} (circles)")
         for axes in maps:
@@ -91,19 +92,3 @@ def _plain(axes: Axes) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0)))
     axes.yaxis.set_major_formatter("{x:.3g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _draw_map(axes: Axes, found: Plan, values: Array, norm: Normalize) -> PolyCollection:
-    """Draw the mean standard deviation where the tip is, all around the base's z axis."""
-    tip = found.offered.view.line.tip[:, :3, 3]
-    right, up = np.hypot(tip[:, 0], tip[:, 1]), tip[:, 2]
-    marks = axes.hexbin(right, up, values, gridsize=CELLS, norm=norm, cmap="viridis_r", linewidths=0.2)
-    axes.set(xlabel="distance from the base's z axis [m]", aspect="equal")
-    return marks
-
-
-def _tips(found: Plan) -> tuple[Array, Array]:
-    """Return where the rigid tip is in rows to be read."""
-    arm = found.reach.arm
-    tips = [arm.rigid_pose(q, enforce_limits=False).translation for q in found.rows.q[found.rows.measured]]
-    return np.hypot(*np.array(tips)[:, :2].T), np.array(tips)[:, 2]

@@ -157,7 +157,8 @@ def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyTy
             return origin(typed(kind, one, f"{where}[{i}]", makers) for i, (kind, one) in pairs)
     elif expected is Any or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)):
         return float(value) if expected is float else value
-    raise ValueError(f"{where} is {_short(value)}, expected {_short_name(expected)}")
+    name = expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
+    raise ValueError(f"{where} is {_short(value)}, expected {name}")
 
 
 def _record(expected: Mapping[str, Any], value: Any, where: str, makers: Makers) -> dict[str, Any]:
@@ -177,10 +178,6 @@ def _any_of(parts: tuple[Any, ...], value: Any, where: str, makers: Makers) -> A
         except ValueError as error:
             problems.append(error)
     raise problems[0] if len(parts) == 2 and parts[1] is type(None) else ValueError(f"{where} is {_short(value)}")
-
-
-def _short_name(expected: Any) -> str:
-    return expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
 
 
 def _is_text(value: Any) -> bool:

@@ -128,7 +128,9 @@ def calm(
     if path.v is not None or path.a is not None:
         raise InputError("the path states v_ or a_ columns, which another timing makes wrong: leave them out")
     motions, flags, shift, rows = [], dict[str, Flag](), 0.0, [_Rows(path.time[:1], np.zeros(1), path.via[:1])]
-    for first, last in _stretches(path):
+    moves = (np.diff(path.q, axis=0) != 0.0).any(axis=1)  # stretches: all the time the drives move, or stand
+    ends = [0, *(np.flatnonzero(moves[1:] != moves[:-1]) + 1).tolist(), len(path) - 1]
+    for first, last in pairwise(ends):
         own = [_Rows(path.time[first : last + 1], np.arange(first, last + 1.0), path.via[first : last + 1])]
         if (path.q[first + 1 : last + 1] != path.q[first]).any():
             own, made, met = _calmed(arm, path, own[0], slower)
@@ -154,13 +156,6 @@ def impulses(kind: str, frequency: float, damping: float) -> tuple[Array, Array]
     root = np.sqrt(1.0 - damping**2)
     sizes = np.array(KINDS[kind]) * np.exp(-np.pi * damping / root) ** np.arange(len(KINDS[kind]))
     return np.arange(len(sizes)) * 0.5 / (frequency * root), sizes / sizes.sum()
-
-
-def _stretches(path: Trajectory) -> Iterator[tuple[int, int]]:
-    """Yield the first and last row of every stretch in which the drives move all the time, or stand."""
-    moves = (np.diff(path.q, axis=0) != 0.0).any(axis=1)
-    ends = [0, *(np.flatnonzero(moves[1:] != moves[:-1]) + 1).tolist(), len(path) - 1]
-    yield from pairwise(ends) if len(path) > 1 else ((0, 0),)
 
 
 @dataclass(frozen=True)
@@ -239,7 +234,9 @@ def _shaped(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[_Row
 
     unshaped = _Law(base, way, np.zeros(1), np.ones(1))
     before, whole = swing(unshaped), float(base[-1])
-    fastest = _room(arm, np.abs(np.diff(q, axis=0) / np.diff(base)[:, None]))
+    speeds = np.abs(np.diff(q, axis=0) / np.diff(base)[:, None]).max(axis=0)
+    limits = np.array([joint.velocity for joint in arm.robot.moving])
+    fastest = max(1.0, float((limits[speeds > 0.0] / speeds[speeds > 0.0]).min(initial=np.inf)))
     first, final = (asked(node, nodes.payload[node], node)[0] for node in (0, last))
     many = min(len(first.frequencies), len(final.frequencies), SHAPED)
     frequencies = np.sqrt(first.frequencies[:many] * final.frequencies[:many]).tolist()
@@ -267,13 +264,6 @@ def _shaped(arm: Arm, path: Trajectory, own: _Rows, slower: float) -> tuple[_Row
     shifts = (before, swing(law), worst)
     motion = CalmMotion(own.via[-1], name, law.times, law.sizes, (whole, duration), speedup, shifts)
     return _on_rows(own, law) if name else own, motion, final
-
-
-def _room(arm: Arm, speeds: Array) -> float:
-    """Return how many times as fast (N, nq) speeds may be by the joints' limits, 1 where one is at its limit."""
-    speeds = speeds.max(axis=0)
-    limits = np.array([joint.velocity for joint in arm.robot.moving])
-    return max(1.0, float((limits[speeds > 0.0] / speeds[speeds > 0.0]).min(initial=np.inf)))
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,6 @@ from armflex.readings.instrument import Instrument
 from armflex.result import Result
 from armflex.rows import Rows
 from armflex.rows.rows import last_motion
-from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import CREDIBLE
 from armflex.trace.screen import UNIT_MOTION, Screen, unit_of
 from armflex.trace.search import standing
@@ -235,7 +234,9 @@ def _rehearsed(
     read = np.isfinite(screen.fit.view.sigma).ravel()
     mean, within, sizes = np.zeros(len(places.titles)), 0, []
     for _ in range(draws):
-        amplitudes = group.scale * _direction(group.hypothesis, rng)
+        direction = rng.standard_normal(len(one.location.terms))
+        direction = np.abs(direction) if group.hypothesis.positive else direction
+        amplitudes = group.scale * (direction / np.linalg.norm(direction))
         moved = UNIT_MOTION * float(np.sqrt(((columns @ amplitudes) ** 2).sum() / unit))
         if not 0.0 < moved < np.inf:
             return Rehearsed(*what, 0.0, 0.0, 0.0, 1.0)
@@ -251,13 +252,6 @@ def _rehearsed(
     best = [i for i in np.argsort(-mean).tolist() if i not in (own, len(mean) - 1)]
     confused = tuple((places.titles[i], float(mean[i])) for i in best[:3] if mean[i] > FAINT)
     return Rehearsed(*what, float(np.mean(sizes)), float(mean[own]), within / draws, float(mean[-1]), confused)
-
-
-def _direction(hypothesis: Hypothesis, rng: np.random.Generator) -> Array:
-    """Return the (k,) direction of the amplitudes of a hidden hypothesis, of length 1."""
-    drawn = rng.standard_normal(len(hypothesis.one.location.terms))
-    drawn = np.abs(drawn) if hypothesis.positive else drawn
-    return drawn / np.linalg.norm(drawn)
 
 
 def _drawn(precision: Array, rng: np.random.Generator) -> Array:

@@ -154,7 +154,11 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
         told["sensors"] = {
             name: np.atleast_1d(np.asarray(read, dtype=float)).tolist() for name, read in reading.sensors.items()
         }
-        told["wrenches"] = [_written(one) for one in reading.wrenches]
+        told["wrenches"] = []
+        for one in reading.wrenches:
+            at = {joint: float(value) for joint, value in one.positions.items()} if isinstance(one, Branch) else None
+            load = {"frame": one.frame, "axes": one.axes, "force": one.force.tolist(), "moment": one.moment.tolist()}
+            told["wrenches"].append(load | {"positions": at})
         readings.append(told)
     said = {
         "about": dict(about),
@@ -203,13 +207,6 @@ def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
     if problem := _problem(state):
         raise ModelFileError(Place(path), f"does not hold {LAYOUT.what}: {problem}; {LAYOUT.anew}")
     return state, about
-
-
-def _written(load: Wrench) -> dict[str, Any]:
-    """Return what is written of a load from outside; see `WRENCH`."""
-    told = {"frame": load.frame, "axes": load.axes, "force": load.force.tolist(), "moment": load.moment.tolist()}
-    at = {name: float(value) for name, value in load.positions.items()} if isinstance(load, Branch) else None
-    return told | {"positions": at}
 
 
 def _read(told: Mapping[str, Any], robot: Robot) -> Wrench:

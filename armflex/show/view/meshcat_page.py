@@ -25,7 +25,7 @@ from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
 
 from armflex.conventions import printable
-from armflex.show.view.scene_3d import Camera, Node, Posable, Scene, Shape, frame_camera, scene_points
+from armflex.show.view.scene_3d import Camera, Posable, Scene, Shape, frame_camera, scene_points
 
 Command = dict[str, object]
 
@@ -59,7 +59,9 @@ def render_page(scene: Scene) -> str:
         "posable": None if scene.posable is None else _posable(scene.posable),
         "carried": [
             [_parts("Nodes", node.name), node.link, node.flexed, node.turns, pose.T.ravel().tolist()]
-            for node, pose in _as_posed(scene)
+            for node in scene.nodes
+            if node.link and scene.posable
+            for pose in (node.poses[min(scene.posable.frame, len(node.poses) - 1)],)
         ],
         "floor": floor,
         "start": 0.0 if scene.times is None else float(scene.times[0]),
@@ -88,13 +90,6 @@ def render_page(scene: Scene) -> str:
         facts=json.dumps(facts).replace("<", "\\u003c"),
         commands=json.dumps(commands),
     )
-
-
-def _as_posed(scene: Scene) -> Iterator[tuple[Node, np.ndarray]]:
-    """Yield what a slider carries, and its (4, 4) pose where the sliders stand at first."""
-    for node in scene.nodes:
-        if node.link and scene.posable:
-            yield node, node.poses[min(scene.posable.frame, len(node.poses) - 1)]
 
 
 def _posable(arm: Posable) -> dict[str, object]:
@@ -194,7 +189,9 @@ def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
         yield SetProperty("visible", False, grid).lower()
     else:
         # Whole metres: the lines of the grid, half a metre apart, then lie on round coordinates.
-        yield SetTransform(_translation(np.array([*np.round(camera.target[:2]), scene.floor_z])), grid).lower()
+        pose = np.eye(4)
+        pose[:3, 3] = *np.round(camera.target[:2]), scene.floor_z
+        yield SetTransform(pose, grid).lower()
         yield SetProperty("color", [1.0, 1.0, 1.0, 0.22], grid).lower()
     # The viewer's cameras live in a frame with y up, the scene in one with z up.
     x, y, z = camera.position.tolist()
@@ -296,9 +293,3 @@ def _path(group: str, name: str) -> ScenePath:
 
 def _parts(group: str, name: str) -> tuple[str, ...]:
     return (group, *(part for part in name.split("/") if part))
-
-
-def _translation(position: np.ndarray) -> np.ndarray:
-    pose = np.eye(4)
-    pose[:3, 3] = position
-    return pose

@@ -48,7 +48,9 @@ def draw_map(arm: Arm, found: WorkspaceMap, path: str | Path, tolerance: float |
     path = Path(path)
     with picture(path, 13.0, 6.0) as figure:
         colours, norm = _colours(found, tolerance)
-        places, skeleton = figure.subplots(1, len(VIEWS) + (found.frequency is not None)), _skeleton(arm, found)
+        places = figure.subplots(1, len(VIEWS) + (found.frequency is not None))
+        pose = Arm(arm.robot).deflection(found.worst_q[found.worst_voxel]).link_poses()  # rigid: it needs no covariates
+        skeleton = np.array([np.zeros(3), *(pose[joint.child][:3, 3] for joint in arm.robot.chain)])
         first, images = next(iter(VIEWS)), []
         drawn: list[tuple[str, Array, str, Normalize | None]] = [
             (name, found.worst * 1e3, colours, norm) for name in VIEWS
@@ -66,7 +68,10 @@ def draw_map(arm: Arm, found: WorkspaceMap, path: str | Path, tolerance: float |
             figure.colorbar(images[-1], ax=places[-1], label=label, format=inverse)
         if tolerance is not None:
             bar.ax.axhline(tolerance * 1e3, color="0.1", lw=2)
-        figure.suptitle(_title(found, tolerance))
+        carried = ", ".join(found.payloads)
+        title = f"{found.rows:,} configurations, payload {carried}, voxels of {found.voxel:g} m, base {found.base}"
+        title += f", {found.draws} draws" if found.draws else ""
+        figure.suptitle(title if tolerance is None else f"{title}, tolerance {tolerance * 1e3:g} mm")
     return path
 
 
@@ -100,16 +105,3 @@ def _draw(
     image = axes.imshow(np.ma.masked_invalid(most), extent=extent, origin="lower", cmap=colours, norm=norm)
     axes.plot(*seen(found.centres[found.refused.any(axis=1)]), "x", color="0.3", ms=3)
     return image
-
-
-def _skeleton(arm: Arm, found: WorkspaceMap) -> Array:
-    """Return the (k, 3) origins of the links from base to tip where the tip moves most, undeflected [m]."""
-    pose = Arm(arm.robot).deflection(found.worst_q[found.worst_voxel]).link_poses()  # rigid: it needs no covariates
-    return np.array([np.zeros(3), *(pose[joint.child][:3, 3] for joint in arm.robot.chain)])
-
-
-def _title(found: WorkspaceMap, tolerance: float | None) -> str:
-    carried = ", ".join(found.payloads)
-    title = f"{found.rows:,} configurations, payload {carried}, voxels of {found.voxel:g} m, base {found.base}"
-    title += f", {found.draws} draws" if found.draws else ""
-    return title if tolerance is None else f"{title}, tolerance {tolerance * 1e3:g} mm"
