@@ -293,7 +293,7 @@ def read_learned(flexure: Flexure, table: Declaration) -> Flexure:
             text = f"{parameter.name} is the logarithm of a factor, or of a coupling: expected at most"
             raise table.fail("values", f"{text} {LARGEST_LOGARITHM:.3g} either way, got {value:g}")
     law = replace(law, values=values, scales=tuple(scales.tolist()))
-    if table.has("reach"):  # how its correction ends; files before `energy` was part of that have none
+    if table.has("reach"):  # how its correction ends
         reach, faded = table.numbers("reach", (6,)), table.number("faded")
         _not_below_zero(table, "reach", reach)
         if faded < NEAREST:
@@ -436,8 +436,6 @@ def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
 def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:
     """Return a covariance from the safetensors file beside the arm.toml, whose layout says that it must be one."""
     path = table.path.parent / table.text("covariance_file")
-    if not table.has("covariance_sha256"):
-        raise table.fail("covariance_file", f"was made by an earlier version, without its SHA-256: {LAYOUT.anew}")
     digest = table.text("covariance_sha256")
     try:
         found = read_arrays(path, LAYOUT)

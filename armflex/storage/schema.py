@@ -13,7 +13,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from armflex.conventions import covariance_fault
-from armflex.errors import did_you_mean, listing
+from armflex.errors import did_you_mean, listing, shown
 
 LARGEST = 1e50
 """Numbers beyond this count as a mistake: products of six of them are finite. What must be positive is no smaller
@@ -60,7 +60,7 @@ def check_shapes(
     for name in found:
         if name not in declared:
             hint = did_you_mean(name[:100], declared)
-            raise ValueError(f"{_short(name)} is not expected{hint} (expected: {listing(declared)})")
+            raise ValueError(f"{shown(name, 60)} is not expected{hint} (expected: {listing(declared)})")
     known: dict[str, int] = {}
     for name, numbers in declared.items():
         if name not in found:
@@ -146,7 +146,9 @@ def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyTy
         return _any_of(parts, value, where, makers)
     if origin is Literal:
         if not isinstance(value, str) or value not in parts:
-            raise ValueError(f"{where} is {_short(value)}, which is not known{did_you_mean(str(value)[:100], parts)}")
+            raise ValueError(
+                f"{where} is {shown(value, 60)}, which is not known{did_you_mean(str(value)[:100], parts)}"
+            )
         return value
     if origin is dict and isinstance(value, dict):
         return {typed(str, key, where): typed(parts[1], one, f"{where}.{key}", makers) for key, one in value.items()}
@@ -158,15 +160,15 @@ def typed(expected: Any, value: Any, where: str, makers: Makers = MappingProxyTy
     elif expected is Any or (isinstance(expected, type) and expected in _PLAIN and _PLAIN[expected](value)):
         return float(value) if expected is float else value
     name = expected.__name__ if get_origin(expected) is None else str(expected).partition("[")[0]
-    raise ValueError(f"{where} is {_short(value)}, expected {name}")
+    raise ValueError(f"{where} is {shown(value, 60)}, expected {name}")
 
 
 def _record(expected: Mapping[str, Any], value: Any, where: str, makers: Makers) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ValueError(f"{where} is {_short(value)}, expected {listing(expected)}")
+        raise ValueError(f"{where} is {shown(value, 60)}, expected {listing(expected)}")
     for name in sorted(expected.keys() ^ value.keys()):
         problem = "is missing" if name in expected else f"is not expected{did_you_mean(name[:100], expected)}"
-        raise ValueError(f"{where}: {_short(name)} {problem}")
+        raise ValueError(f"{where}: {shown(name, 60)} {problem}")
     return {name: typed(each, value[name], f"{where}.{name}", makers) for name, each in expected.items()}
 
 
@@ -177,7 +179,7 @@ def _any_of(parts: tuple[Any, ...], value: Any, where: str, makers: Makers) -> A
             return None if part is type(None) and value is None else typed(part, value, where, makers)
         except ValueError as error:
             problems.append(error)
-    raise problems[0] if len(parts) == 2 and parts[1] is type(None) else ValueError(f"{where} is {_short(value)}")
+    raise problems[0] if len(parts) == 2 and parts[1] is type(None) else ValueError(f"{where} is {shown(value, 60)}")
 
 
 def _is_text(value: Any) -> bool:
@@ -220,8 +222,3 @@ def _bounds(numbers: Numbers) -> str:
     if numbers.least == -LARGEST:
         return "a finite number" if numbers.most == LARGEST else f"{numbers.most:g} at most"
     return f"{numbers.least:g} or more" if numbers.most == LARGEST else f"{numbers.least:g} to {numbers.most:g}"
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

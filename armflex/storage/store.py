@@ -19,8 +19,8 @@ from armflex.storage.digest import digest
 from armflex.storage.schema import strict_json
 from armflex.storage.whole_file import write_whole
 
-MANIFEST, EARLIER = "manifest.json", "map.json"
-"""What a folder is of, now and as earlier versions named it."""
+MANIFEST = "manifest.json"
+"""What a folder is of."""
 
 SUFFIX = ".safetensors"
 
@@ -121,8 +121,6 @@ def open_store(folder: Path, manifest: Mapping[str, object], form: PieceForm[Pie
         _compare(folder / MANIFEST, json.loads(json.dumps(manifest)))
         for half in folder.glob(f".*{SUFFIX}.*"):  # whoever wrote it was killed
             half.unlink(missing_ok=True)
-    elif EARLIER in there:
-        raise FileError(Place(folder / EARLIER), "was made by an earlier version: name another folder")
     elif any(not name.startswith(".") for name in there):
         raise FileError(Place(folder), f"is not empty and holds no {MANIFEST}: expected a new folder")
     else:

@@ -451,10 +451,7 @@ def read_map(path: str | Path) -> WorkspaceMap:
     Raises:
         FileError: The file cannot be read, is damaged, was made by another version, or is no map.
     """
-    path = Path(path)
-    if path.suffix == ".npz":
-        raise FileError(Place(path), f"was made by an earlier version, expected .safetensors; {LAYOUT.anew}")
-    about, arrays, _ = read_arrays(path, LAYOUT)
+    about, arrays, _ = read_arrays(path := Path(path), LAYOUT)
     found = WorkspaceMap(**{**dict.fromkeys(OPTIONAL), **arrays}, **about)
     try:
         _check(found)

@@ -347,9 +347,6 @@ def test_files_hold_the_map(tarm: Arm, tmp_path: Path) -> None:
     i = found.worst_voxel
     assert float(rows[i]["worst"]) == found.worst.max() and float(rows[i]["margin"]) == 0.1 - found.worst.max()
     assert [float(rows[i][f"q_{name}"]) for name in tarm.joint_names] == found.worst_q[i].tolist()
-    (tmp_path / "old.npz").write_bytes((tmp_path / "map.safetensors").read_bytes())
-    with pytest.raises(FileError, match=r"old\.npz: was made by an earlier version.*; make the map anew"):
-        read_map(tmp_path / "old.npz")
     with pytest.raises(InputError, match=r"ends in \.safetensors or \.csv"):
         write_map(found, tmp_path / "map.txt")
 
