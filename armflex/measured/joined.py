@@ -80,7 +80,9 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
     def sessions(name: str, one: Measurements) -> list[str]:
         return [name if len(set(one.session)) == 1 else f"{name}/{session}" for session in one.session]
 
-    first = campaigns[0]
+    first, timed, times = campaigns[0], not any("time" in one.derived for one in campaigns), [campaigns[0].time]
+    for one in campaigns[1:]:  # none earlier than any of the campaign before
+        times.append(one.time + max(times[-1].max() - one.time.min(), 0.0))
     covariates, flags = _columns(given, arm)
     if any(one.hold is None for one in campaigns) and any(one.hold is not None for one in campaigns):
         flags.append(_lacking("hold", [name for name, one in given.items() if one.hold is None]))
@@ -89,7 +91,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         pose=_poses(given),
         session=texts(sessions),
         payload=texts(lambda _, one: one.payload),
-        time=_times(campaigns),
+        time=np.concatenate(times) if timed else np.arange(sum(map(len, campaigns)), dtype=float),
         q=whole(lambda one: one.q),
         approach=whole(lambda one: one.approach),
         measured=whole(lambda one: one.measured),
@@ -120,16 +122,6 @@ def _poses(given: Mapping[str, Measurements]) -> tuple[str, ...]:
             same = np.abs(first.setdefault(pose, q) - q).max() < COMMANDED
             found.append(pose if same else f"{name}/{pose}")
     return tuple(found)
-
-
-def _times(campaigns: Sequence[Measurements]) -> Array:
-    """Return (N,) times [s], none earlier than any of the campaign before; row numbers where one has none."""
-    if any("time" in one.derived for one in campaigns):
-        return np.arange(sum(map(len, campaigns)), dtype=float)
-    found = [campaigns[0].time]
-    for one in campaigns[1:]:
-        found.append(one.time + max(found[-1].max() - one.time.min(), 0.0))
-    return np.concatenate(found)
 
 
 def _columns(given: Mapping[str, Measurements], arm: Arm) -> tuple[dict[str, Array | tuple[str, ...]], list[Flag]]:

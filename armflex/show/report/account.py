@@ -32,6 +32,10 @@ def account(trace: Trace) -> SimpleNamespace:
     accurate = accuracy(trace)
     placed, view = bool(trace.state.fit.view.readings.of(Position)), trace.state.fit.view
     left_over = view.residual[trace.believed][:, view.foremost]
+    places, used = trace.state.measurements.places, f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
+    if trace.outliers:
+        out = len(trace.outliers) - trace.told("counted less")
+        used += f"; {len(trace.outliers)} outliers, in none of the errors here, {out} of them excluded from the fit"
     left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(
         title=f"{trace.arm.robot.urdf.name}: calibration and effects identified",
@@ -47,7 +51,7 @@ def account(trace: Trace) -> SimpleNamespace:
         point_head=cover.POINT_HEAD,
         further=summary.further(trace),
         cards=_cards(trace, accurate),
-        campaign=_campaign(trace),
+        campaign=cover.facts(trace.arm, trace.state.measurements, used),
         numbers=_numbers(trace, accurate),
         size=_errors_of(trace)[1],
         workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
@@ -59,7 +63,15 @@ def account(trace: Trace) -> SimpleNamespace:
         parameters=_parameters(trace),
         hidden=_hidden(trace),
         detectable=figures.detectable(trace.smallest, accurate.stated, view.readings) if trace.smallest else "",
-        outliers=_outliers(trace),
+        outliers=tuple(
+            (
+                places[one.row].short if places else f"row {one.row}",
+                trace.state.measurements.pose[one.row],
+                millimetres(one.error_m, unit=one.unit),
+                f"{one.kind} with {one.fellow}" if one.fellow else one.kind,
+            )
+            for one in trace.outliers[:SHOWN]
+        ),
         swing=swing(trace.arm, trace.state.measurements, trace.rows),
         flags=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
@@ -113,16 +125,6 @@ def _errors_of(trace: Trace) -> tuple[Callable[..., str], str]:
     """Return how errors of the foremost readings are said, each as `millimetres` says a length, and what they are."""
     readings = trace.state.fit.view.readings
     return partial(millimetres, unit=readings.unit), cover.size_title(readings)
-
-
-def _campaign(trace: Trace) -> Table:
-    left_out = len(trace.outliers) - trace.told("counted less")
-    used = f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
-    if trace.outliers:
-        used += (
-            f"; {len(trace.outliers)} outliers, in none of the errors here, {left_out} of them excluded from the fit"
-        )
-    return cover.facts(trace.arm, trace.state.measurements, used)
 
 
 def _errors(trace: Trace, accurate: Accuracy) -> Table:
@@ -215,16 +217,3 @@ def _hidden(trace: Trace) -> Table:
         told = f"{place} ({called_in.get(partner, (partner,))[0]})" if partner else place
         rows.setdefault(one.effect, ([], []))[one.partner is None].append(told)
     return tuple((words(law).title, "; ".join(taken), ", ".join(still)) for law, (taken, still) in rows.items())
-
-
-def _outliers(trace: Trace) -> Table:
-    places, poses = trace.state.measurements.places, trace.state.measurements.pose
-    return tuple(
-        (
-            places[one.row].short if places else f"row {one.row}",
-            poses[one.row],
-            millimetres(one.error_m, unit=one.unit),
-            f"{one.kind} with {one.fellow}" if one.fellow else one.kind,
-        )
-        for one in trace.outliers[:SHOWN]
-    )

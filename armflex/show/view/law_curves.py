@@ -199,7 +199,12 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
         upper, lower = parts
         for column, (shown, rest, slopes) in enumerate(upper.subplots(size, 3, squeeze=False)):
             name, unit, factor = TWIST_NAMES[column], data.units[column], data.factors[column]
-            component = _strongest(law, data, column)
+            changes = []
+            for axis in range(size):  # the load that changes the column most over the rows
+                ends = np.tile(middle, (2, 1))
+                ends[:, axis] = data.loads[:, axis].min(), data.loads[:, axis].max()
+                changes.append(abs(float(np.diff(predicted(law, ends)[:, column])[0])))
+            component = int(np.argmax(changes))
             loads = np.tile(middle, (61, 1))
             loads[:, component] = np.linspace(data.loads[:, component].min(), data.loads[:, component].max(), 61)
             x, load = _thousands(loads[:, component], component)
@@ -237,16 +242,6 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
         axes.set(ylabel="RMS", title=f"Training and held-out error ({result.held_out})")
         axes.legend(frameon=False, fontsize=8)
     return path
-
-
-def _strongest(law: Law, data: JointData, column: int) -> int:
-    """Return the load component along which a column changes most over the rows."""
-    middle, changes = data.loads.mean(axis=0), []
-    for component in range(data.size):
-        ends = np.tile(middle, (2, 1))
-        ends[:, component] = data.loads[:, component].min(), data.loads[:, component].max()
-        changes.append(abs(float(np.diff(predicted(law, ends)[:, column])[0])))
-    return int(np.argmax(changes))
 
 
 def _thousands(loads: Array, component: int) -> tuple[Array, str]:

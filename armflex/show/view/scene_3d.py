@@ -260,20 +260,16 @@ def read_mesh(urdf: Path, filename: str) -> tuple[bytes, str] | None:
         if not path.is_relative_to(root):
             raise UrdfError(Place(urdf), f"mesh {filename!r} leads out of {root}")
         try:
-            if path.is_file() and path.suffix.lower() in FORMATS:
-                return _read(path), FORMATS[path.suffix.lower()]
+            if path.is_file() and (form := FORMATS.get(path.suffix.lower())):
+                if path.stat().st_size > MAX_BYTES:
+                    raise ValueError(f"larger than {MAX_BYTES} bytes")
+                data = path.read_bytes()
+                if form != "stl":
+                    data.decode()  # the others are text
+                return data, form
         except (OSError, ValueError) as error:
             raise UrdfError(Place(urdf), f"mesh {filename[:200]!r} cannot be read: {error}") from None
     return None
-
-
-def _read(path: Path) -> bytes:
-    if path.stat().st_size > MAX_BYTES:
-        raise ValueError(f"larger than {MAX_BYTES} bytes")
-    data = path.read_bytes()
-    if path.suffix.lower() != ".stl":
-        data.decode()  # the others are text
-    return data
 
 
 def _candidates(urdf: Path, filename: str) -> list[tuple[Path, str]]:

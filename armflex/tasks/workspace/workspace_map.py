@@ -231,7 +231,11 @@ def map_workspace(
     """
     rows, seed, chunk, draws = _counts(rows, seed, chunk, draws)
     lower, upper, flags = drawn_range(arm)
-    names = _payload_names(arm, payloads)
+    names = (payloads,) if isinstance(payloads, str) else tuple(payloads)
+    if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
+        raise InputError(f"payloads {names!r}: expected one name or several different ones")
+    for name in names:
+        arm.payload(name)
     if method not in METHODS:
         raise UnknownNameError("method", method, METHODS)
     edge = _edge(voxel, furthest(arm, lower, upper), rows)
@@ -301,15 +305,6 @@ def _counts(rows: int, seed: int, chunk: int, draws: int) -> tuple[int, int, int
     if not 1 <= chunk <= 1 << 20 or chunk & (chunk - 1):
         raise InputError(f"chunk is {chunk}, expected a power of two up to {1 << 20}")
     return rows, seed, chunk, draws
-
-
-def _payload_names(arm: Arm, payloads: str | Sequence[str]) -> tuple[str, ...]:
-    names = (payloads,) if isinstance(payloads, str) else tuple(payloads)
-    if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
-        raise InputError(f"payloads {names!r}: expected one name or several different ones")
-    for name in names:
-        arm.payload(name)
-    return names
 
 
 def _edge(voxel: float | None, reach: float, rows: int) -> float:
@@ -437,7 +432,14 @@ def write_map(found: WorkspaceMap, path: str | Path, tolerance: float | None = N
     if path.suffix not in SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(SUFFIXES)}")
     if path.suffix == ".csv":
-        return write_table(path, _columns(found, tolerance))
+        columns = {name: np.asarray(values).tolist() for name, values in found.table.items()}
+        if tolerance is not None:
+            asked = {"margin": found.margin(tolerance).tolist(), "verdict": found.verdicts(tolerance).tolist()}
+            place = list(columns).index("payload")
+            columns = {**dict([*columns.items()][:place]), **asked, **dict([*columns.items()][place:])}
+        for name in {"mean", "worst", *OPTIONAL, "margin"} & columns.keys():
+            columns[name] = [x if np.isfinite(x) else "" for x in columns[name]]
+        return write_table(path, columns)
     arrays = {name: getattr(found, name) for name in ARRAYS if getattr(found, name) is not None}
     about = {field.name: getattr(found, field.name) for field in fields(found) if field.name not in ARRAYS}
     write_arrays(path, LAYOUT, arrays, about | {"flags": [asdict(flag) for flag in found.flags]})
@@ -482,13 +484,3 @@ def _check(found: WorkspaceMap) -> None:
         raise ValueError("an uncertainty is there without an answer")
     if (found.worst_of_draws is None) != (found.draws == 0):
         raise ValueError(f"{found.draws} draws, expected 'worst_of_draws' where there are any, and only there")
-
-
-def _columns(found: WorkspaceMap, tolerance: float | None) -> dict[str, list]:
-    columns = {name: np.asarray(values).tolist() for name, values in found.table.items()}
-    if tolerance is not None:
-        asked = {"margin": found.margin(tolerance).tolist(), "verdict": found.verdicts(tolerance).tolist()}
-        place = list(columns).index("payload")
-        columns = {**dict([*columns.items()][:place]), **asked, **dict([*columns.items()][place:])}
-    sizes = ("mean", "worst", *OPTIONAL, "margin")
-    return columns | {name: [x if np.isfinite(x) else "" for x in columns[name]] for name in sizes if name in columns}
