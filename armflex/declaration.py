@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -166,12 +166,14 @@ class Declaration:
             raise self.fail(key, f"expected texts in a list, got {shown(value)}")
         return tuple(value)
 
-    def choice(self, key: str, options: tuple[str, ...], default: str | None = None) -> str:
-        """Return one of `options`."""
+    def choice(
+        self, key: str, options: Collection[str], default: str | None = None, problem: str = "{!r} is not known"
+    ) -> str:
+        """Return one of `options`; `problem` is what is said of anything else."""
         value = self.text(key, default)
         if value not in options:
             hint = did_you_mean(value, options)
-            raise self.fail(key, f"{value!r} is not known{hint} (known: {listing(options)})")
+            raise self.fail(key, f"{problem.format(value)}{hint} (known: {listing(options)})")
         return value
 
     def flag(self, key: str) -> bool:

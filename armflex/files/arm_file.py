@@ -335,12 +335,9 @@ def _read_payload(name: str, table: Declaration) -> Payload:
 
 
 def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
-    joint = table.text("joint")
     places = {one.name: one for one in robot.places}
-    if joint not in places:
-        hint = did_you_mean(joint, places)
-        where = "between base and tip" + " or in a loop" * bool(robot.linkage.closures)
-        raise table.fail("joint", f"no joint {joint!r} {where}{hint} (known: {listing(places)})")
+    where = "between base and tip" + " or in a loop" * bool(robot.linkage.closures)
+    joint = table.choice("joint", places, problem=f"no joint {{!r}} {where}")
     if table.has("joint_stiffness"):
         table = _by_joint_stiffness(table, places[joint])
     law, drawing = read_law(table, joint, _ranges(robot)), read_drawing(table)

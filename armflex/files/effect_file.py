@@ -132,20 +132,15 @@ def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> lis
     if law.symmetric:  # either axis may come first
         locations += [replace(location, axis=location.partner, partner=str(location.axis)) for location in locations]
 
-    site = table.text("site")
     places = _unique(location.place for location in locations)
-    if site not in places:
-        text = f"{site!r} is no place for {called} on this arm{did_you_mean(site, places)}"
-        raise table.fail("site", f"{text} (possible: {listing(places)})")
+    site = table.choice("site", places, problem=f"{{!r}} is no place for {called} on this arm")
     locations = [location for location in locations if location.place == site]
 
     if table.has("axis"):
-        axis, axes = table.text("axis"), _unique(location.axis for location in locations if location.axis)
+        axes = _unique(location.axis for location in locations if location.axis)
         if not axes:
             raise table.fail("axis", f"{called} takes no axis")
-        if axis not in axes:
-            text = f"{called} has no axis {axis!r} there{did_you_mean(axis, axes)}"
-            raise table.fail("axis", f"{text} (possible: {listing(axes)})")
+        axis = table.choice("axis", axes, problem=f"{called} has no axis {{!r}} there")
         locations = [location for location in locations if location.axis == axis]
 
     partner, partners = table.text("partner", ""), _unique(location.partner for location in locations)

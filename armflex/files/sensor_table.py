@@ -6,7 +6,7 @@ import numpy as np
 
 from armflex.conventions import SMALLEST_STD
 from armflex.declaration import Declaration
-from armflex.errors import ArmFileError, did_you_mean, listing, shown
+from armflex.errors import ArmFileError, shown
 from armflex.readings import SENSOR_KINDS, SlideEncoder, Sockets
 from armflex.readings.sensor import LONGEST, Sensor, Shaft
 from armflex.robot import Robot
@@ -40,11 +40,7 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
     kind, shaft = SENSOR_KINDS[what], None
 
     def link(key: str) -> str:
-        value, known = table.text(key), robot.urdf.below(robot.base)
-        if value not in known:
-            hint = did_you_mean(value, known)
-            raise table.fail(key, f"the arm has no link {value!r}{hint} (links: {listing(known)})")
-        return value
+        return table.choice(key, robot.urdf.below(robot.base), problem="the arm has no link {!r}")
 
     on, about = kind.declared(table, robot) or (None, None)
     sockets, touching = _sockets(table) if what == "touch" else None, what == "touch"

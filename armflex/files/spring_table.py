@@ -6,7 +6,6 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.declaration import Declaration
-from armflex.errors import did_you_mean, listing
 from armflex.mechanics.pinocchio_model import build_model
 from armflex.mechanics.spring import CoilSpring, GasSpring, Spring, TensionLaw
 from armflex.robot import Robot
@@ -39,12 +38,10 @@ def read_ends(table: Declaration, robot: Robot) -> tuple[tuple[str, Array], tupl
     Raises:
         ArmFileError: There is no such link, or a point is farther from its link's origin than the robot reaches.
     """
-    found, links = [], robot.urdf.below(robot.base)
+    found = []
     for key, where in (("link", "at"), ("to", "at_to")):
-        link, point = table.text(key), table.numbers(where, (3,))
-        if link not in links:
-            hint = did_you_mean(link, links)
-            raise table.fail(key, f"no link {link!r} at or beyond the base{hint} (known: {listing(links)})")
+        point = table.numbers(where, (3,))
+        link = table.choice(key, robot.urdf.below(robot.base), problem="no link {!r} at or beyond the base")
         if (apart := float(np.linalg.norm(point))) > max(robot.reach, 1.0):
             raise table.fail(where, f"is {apart:g} m from the origin of {link!r}, more than the reach: millimetres?")
         found.append((link, point))

@@ -121,7 +121,7 @@ def test_a_link_effect_goes_by_the_joint_that_ends_the_link(folder: Path) -> Non
     arm = arm_with(folder, table.format("J3"))
     shift = arm.deflection(Q, "p200").displacement - plain().deflection(Q, "p200").displacement
     np.testing.assert_allclose(np.linalg.norm(shift[:3]), 1e-3, rtol=1e-2)
-    with pytest.raises(ArmFileError, match=r"'J1' is no place for link_geometry .*possible: J2, J3, J4, J5, J6, tool"):
+    with pytest.raises(ArmFileError, match=r"'J1' is no place for link_geometry .*known: J2, J3, J4, J5, J6, tool"):
         arm_with(folder, table.format("J1"))
 
 
@@ -140,7 +140,7 @@ BAD = {
     "site": (BACKLASH.replace('"J2"', '"J22"'), "'J22' is no place for backlash on this arm, did you mean 'J2'", 2),
     "place": (BACKLASH.replace('"J2"', '"tool"'), "'tool' is no place for backlash", 2),
     "axis": (BACKLASH.replace('"ry"', '"rw"'), "has no axis 'rw' there, did you mean 'ry'", 3),
-    "other axis": (BACKLASH.replace('"ry"', '"dx"'), "has no axis 'dx' there.*possible: ry", 3),
+    "other axis": (BACKLASH.replace('"ry"', '"dx"'), "has no axis 'dx' there.*known: ry", 3),
     "axis of none": (
         'name = "tracker_scale"\nsite = "base"\naxis = "rx"\nparameters = { lambda = 1 }',
         "takes no axis",

@@ -104,7 +104,7 @@ def test_what_is_written_is_read_again(tmp_path):
     ("old", "new", "words"),
     [
         ("bending = 1e-9", "bending = -1e-9", "bending is -1e-09, expected 0 or more"),
-        ('"M1"', '"A1"', "'A1' is no place for unnamed telescope on this arm.*possible: M1"),
+        ('"M1"', '"A1"', "'A1' is no place for unnamed telescope on this arm.*known: M1"),
         ("length0 = 1.2, ", "", r"'length0' \[m\] is missing"),
     ],
 )
