@@ -494,7 +494,14 @@ def write_arm(
     if effects and "effect" not in document:
         document.append("effect", tomlkit.aot())
     for effect in effects:
-        document["effect"].append(_inline(effect))
+        table = tomlkit.table()
+        for key, value in effect.items():
+            if isinstance(value, dict):  # a table of its own stands on one line
+                line = tomlkit.inline_table()
+                line.update(value)
+                value = line
+            table.append(key, value)
+        document["effect"].append(table)
     with together():
         calibration = with_covariance(calibration_table(arm, campaign, unfinished), path)
         document.append("calibration", tomlkit.item(calibration))
@@ -559,20 +566,6 @@ def _passing(path: Path) -> list[Path]:
     name = document.get("calibration", {}).get("covariance_file")
     ours = isinstance(name, str) and name.startswith(f"{path.stem}.unfinished-") and Path(name).name == name
     return [path.with_name(name)] if name and ours else []
-
-
-def _inline(effect: dict[str, Any]) -> Any:
-    """Return a table whose own tables stand on one line each."""
-    import tomlkit
-
-    table = tomlkit.table()
-    for key, value in effect.items():
-        if isinstance(value, dict):
-            line = tomlkit.inline_table()
-            line.update(value)
-            value = line
-        table.append(key, value)
-    return table
 
 
 def _move_files(table: Any, old: Path, new: Path) -> None:

@@ -400,7 +400,15 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
             hint = did_you_mean(label.partition(" ")[0], BLOCKS)
             raise table.fail("parameters", f"{label!r} is no parameter of a fit{hint} (they begin: {listing(BLOCKS)})")
     key = "covariance_file" if table.has("covariance_file") else "covariance"
-    covariance = _from_file(table, labels) if key == "covariance_file" else _from_rows(table, labels)
+    if key == "covariance_file":
+        covariance = _from_file(table, labels)
+    else:  # the rows of its lower triangle
+        expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
+        covariance = np.zeros((len(labels), len(labels)))
+        for i, row in enumerate(table.ragged(key, range(1, len(labels) + 1), expected)):
+            covariance[i, : i + 1] = covariance[: i + 1, i] = row
+        if fault := covariance_fault(covariance):
+            raise table.fail(key, fault)
     directions = None
     if table.has("undetermined"):  # directions that nothing determined
         given = table.raw("undetermined")
@@ -419,18 +427,6 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
         unexplained = site, axis, part.std("std")
         part.finish()
     return Certainty(arm.named(labels), covariance, unexplained, directions, misfit, effect)
-
-
-def _from_rows(table: Declaration, labels: tuple[str, ...]) -> Array:
-    """Return a covariance given as the lower triangle's rows."""
-    expected = f"{len(labels)} rows of 1, 2, ... finite numbers, one for each of the parameters"
-    rows = table.ragged("covariance", range(1, len(labels) + 1), expected)
-    covariance = np.zeros((len(labels), len(labels)))
-    for i, row in enumerate(rows):
-        covariance[i, : i + 1] = covariance[: i + 1, i] = row
-    if fault := covariance_fault(covariance):
-        raise table.fail("covariance", fault)
-    return covariance
 
 
 def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:

@@ -471,22 +471,16 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
         if sensor.kind.positive and low.any():
             text = f"{name} is {values[low][0, 0]:g} {sensor.kind.unit}, expected more than 0"
             raise table.fail(text, low.argmax())
-        beside = {
-            key: _counts(table, f"{name}_{key}") for key in sensor.kind.beside if f"{name}_{key}" in table.columns
-        }
+        beside = {}
+        for key in (one for one in sensor.kind.beside if f"{name}_{one}" in table.columns):
+            there = table.given([column := f"{name}_{key}"])
+            counts = table.numbers_where(column, there)
+            for row in np.flatnonzero(there & ((counts != np.round(counts)) | (counts < 1.0)))[:1]:
+                raise table.fail(f"{column} is {counts[row]:g}, expected a whole number from 1 on", row)
+            beside[key] = np.where(there, counts, 0.0).astype(int)
         each = np.where(read[:, None], np.broadcast_to(sigma, values.shape), np.inf)
         found.append(sensor.kind(values, each, name, **beside))
     return tuple(found)
-
-
-def _counts(table: Table, name: str) -> np.ndarray:
-    """Return (N,) whole numbers above 0, and 0 where the cell is empty."""
-    there = np.array([bool(cell) for cell in table.texts(name)])
-    values = table.numbers_where(name, there)
-    bad = there & ((values != np.round(values)) | (values < 1.0))
-    for row in np.flatnonzero(bad)[:1]:
-        raise table.fail(f"{name} is {values[row]:g}, expected a whole number from 1 on", row)
-    return np.where(there, values, 0.0).astype(int)
 
 
 READ_IN = tuple(unit for kind in ("length", "angle") for unit in UNITS[kind] if len(unit) > 1)

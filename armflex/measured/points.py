@@ -251,9 +251,16 @@ def with_points(table: Table, points: PointExport) -> tuple[Table, tuple[Flag, .
         axis: [repr(float(v)) for v in points.position[:, i]] for i, axis in enumerate(AXES)
     }
     exported |= points.extras
+    # ISO 8601 stamps are seconds since the first; other formats leave month and day open and stay text.
     stamps = next((name for name, cells in points.extras.items() if all(map(_ISO.fullmatch, cells))), None)
     if stamps and "time" not in table.columns and None not in point_of:
-        exported["time"] = _seconds(points, exported.pop(stamps))
+        times = []
+        for line, cell in zip(points.lines, exported.pop(stamps), strict=True):
+            try:
+                times.append(datetime.fromisoformat(cell).replace(tzinfo=None).timestamp())
+            except ValueError:
+                raise TableError(Place(points.path, line), f"{cell!r} is no date and time") from None
+        exported["time"] = [repr(float(seconds)) for seconds in np.array(times) - min(times)]
     kept = {name: cells for name, cells in table.columns.items() if name != "point"}
     for name, cells in exported.items():
         given = tuple("" if i is None else cells[i] for i in point_of)
@@ -299,14 +306,3 @@ def _check_order(table: Table, name: str, rows: Sequence[int], found: Sequence[i
         hint = "name each row's point in a column 'point', empty where nothing was read"
         text = f"{name!r}: {read}{which} for {asked}: {hint}"
         raise TableError(Place(points.path, points.lines[found[0]]), text)
-
-
-def _seconds(points: PointExport, stamps: Sequence[str]) -> list[str]:
-    """Return ISO 8601 stamps as seconds since the first; other formats leave month and day open and stay text."""
-    times = []
-    for line, cell in zip(points.lines, stamps, strict=True):
-        try:
-            times.append(datetime.fromisoformat(cell).replace(tzinfo=None).timestamp())
-        except ValueError:
-            raise TableError(Place(points.path, line), f"{cell!r} is no date and time") from None
-    return [repr(float(seconds)) for seconds in np.array(times) - min(times)]

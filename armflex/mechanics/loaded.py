@@ -370,10 +370,6 @@ class LoadedArm:
         bound = bound_stability(model, self.flexure_joints, self.arm.stack, ranges, travel, link)
         return bound.under(self.arm.pulls)
 
-    def bound_under(self, wrenches: Sequence[Load]) -> StabilityBound | None:
-        """Return the bound under further loads from outside."""
-        return self.stability_bound and self.stability_bound.under(wrenches)
-
     @cached_property
     def flexure_joints(self) -> tuple[int, ...]:
         """Pinocchio joints of the flexures, in order; those at closures have none."""

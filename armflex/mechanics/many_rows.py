@@ -301,7 +301,7 @@ class RowSolver:
     @cached_property
     def bound(self) -> StabilityBound | None:
         """How far the loads can soften the arm with its own laws; None where nobody can say beforehand."""
-        return self._loaded.bound_under(self._wrenches)
+        return self._loaded.stability_bound and self._loaded.stability_bound.under(self._wrenches)
 
     def rooms(self, count: int) -> Array:
         """Return memory in which the kernel keeps what it knows of so many rows from one call to the next."""

@@ -123,7 +123,9 @@ class Question:
         foreign = np.concatenate(
             [np.zeros(0, int), *(model.place(blocks[id(one)]) for one in causes if one.ordinal == NOWHERE)]
         )
-        truths = []
+        kinds, truths = told.view.readings.kinds, []
+        noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
+        left = told.view.whitened * told.weights / noise**2
         for one, other in pairs:
             own, block = np.zeros(len(model.scale)), blocks[id(one)]
             place = model.place(block)
@@ -133,7 +135,10 @@ class Question:
                 own[place] = block.effect.acting / model.scale[place]
             else:  # as it is fitted to what everything else leaves
                 score, some = np.zeros(len(own)), np.append(np.setdiff1d(others, rival), place)
-                score[place] = _scores(before, block) * model.scale[place]
+                # The products of its whitened columns with what the campaign's fit leaves.
+                score[place] = (
+                    np.tensordot(answers([block], told.view), left, axes=([0, 1], [0, 1])) * model.scale[place]
+                )
                 own[place] = model.known.conditional(some).solve(score[some])[-len(place) :]
             truths.append(Truth(own, others, float(own @ own)))
         now = np.array([one.chi_square(model.known, one.departure(model.known)) for one in truths])
@@ -283,13 +288,3 @@ def _reach(before: Before, effects: Sequence[Effect], settable: Mapping[str, Seq
     read = tuple(name for name in campaign.readings.names if name or at_tip)
     blank = tuple(name for name, values in levels.items() if len(values) == 1)
     return replace(reach, levels=levels | last, read=read, blank=(*blank, *last))
-
-
-def _scores(before: Before, block: CandidateBlock) -> Array:
-    """Return the (k,) products of an effect's whitened columns with what the campaign's fit leaves."""
-    told = before.told
-    assert told is not None
-    kinds = told.view.readings.kinds
-    noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
-    left = told.view.whitened * told.weights / noise**2
-    return np.tensordot(answers([block], told.view), left, axes=([0, 1], [0, 1]))

@@ -471,16 +471,11 @@ def _check_steps(arm: Arm, trajectory: Trajectory) -> None:
 
 def _settled(scores: Array) -> np.ndarray:
     """Return (S,) whether more samples than these (S, M, 3) scores would change neither verdict nor worst shift."""
-    highest = scores.max(axis=1)
-    hidden = _hidden_peak(scores) - highest
-    same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < CLOSEST)
-    return same_verdict[:, 1:].all(axis=1) & (hidden[:, 0] <= 0.01 * np.maximum(highest[:, 0], 1.0))
-
-
-def _hidden_peak(scores: Array) -> Array:
-    """Return (S, 3) how high the scores may get between (S, M, 3) even samples, twice as curved as they look."""
-    bend = np.abs(np.diff(scores, n=2, axis=1))
+    # How high they may get between samples, twice as curved as they look.
+    highest, bend = scores.max(axis=1), np.abs(np.diff(scores, n=2, axis=1))
     before, after = np.concatenate([bend[:, :1], bend], axis=1), np.concatenate([bend, bend[:, -1:]], axis=1)
     bend = 2.0 * np.maximum(before, after) + 1e-300
     rise = np.maximum(0.5 * bend - np.abs(np.diff(scores, axis=1)), 0.0) ** 2 / (2.0 * bend)
-    return (np.maximum(scores[:, 1:], scores[:, :-1]) + rise).max(axis=1)
+    hidden = (np.maximum(scores[:, 1:], scores[:, :-1]) + rise).max(axis=1) - highest
+    same_verdict = (highest > 1.0) | (highest + hidden <= 1.0) | (hidden < CLOSEST)
+    return same_verdict[:, 1:].all(axis=1) & (hidden[:, 0] <= 0.01 * np.maximum(highest[:, 0], 1.0))

@@ -233,16 +233,12 @@ def against_suspect(trace: Trace, index: int) -> str:
         grid(panel)
     axes[0].set_ylabel(seen.y_label, fontsize=8.0)
     axes[1].set_xlabel(cut(seen.x_label, 60))
-    axes[0].set_ylim(*_limits(seen))
-    return inline(figure, f"Residual against its possible cause, effect {index + 1}")
-
-
-def _limits(seen: Suspicion) -> tuple[float, float]:
     good = seen.std <= 2.0 * np.median(seen.std)
-    values = np.concatenate([seen.calibrated[good], seen.without[good], seen.after[good], seen.effect[good]])
-    low, high = np.quantile(values, [0.003, 0.997])
+    every = np.concatenate([values[good] for values in (seen.calibrated, seen.without, seen.after, seen.effect)])
+    low, high = np.quantile(every, [0.003, 0.997])
     room = 0.08 * (high - low) + 1e-12
-    return float(low - room), float(high + room)
+    axes[0].set_ylim(float(low - room), float(high + room))
+    return inline(figure, f"Residual against its possible cause, effect {index + 1}")
 
 
 def _cloud(panel: Axes, seen: Suspicion, values: Array, colour: str) -> None:

@@ -472,7 +472,13 @@ def _nodes(
     arm: Arm, motion: Motion, rigid: Poses, flexed: Poses, colors: dict[str, str], shapes: dict[str, tuple[Shape, ...]]
 ) -> Iterator[Node]:
     """Yield the links of the rigid arm that move apart from it, the flexed arm, its flexures, and the payload."""
-    owner = _flexure_of_link(arm)
+    owner: dict[str, str] = {}  # the flexure that each link hangs on most directly
+    at_joint = {flexure.joint: flexure.name for flexure in arm.flexures}
+    stack = [(arm.robot.base, "")]
+    while stack:
+        link, flexure = stack.pop()
+        owner[link] = flexure
+        stack.extend((joint.child, at_joint.get(joint.name, flexure)) for joint in arm.robot.urdf.children[link])
     for link in rigid[0]:
         if shapes[link] and owner.get(link):
             ghost = (replace(shape, color=GHOST, opacity=0.22) for shape in shapes[link])
@@ -568,18 +574,6 @@ def _parts(
             shape = Shape("mesh", np.ones(3), color=color, opacity=opacity, data=data, data_format="stl")
             poses = np.array([pose[link] for pose in placed])
             yield Node(f"{group}/{_leaf(name)}", poses, (shape,), link, flexed=group == "flexed")
-
-
-def _flexure_of_link(arm: Arm) -> dict[str, str]:
-    """Return the flexure that each link hangs on most directly."""
-    owner: dict[str, str] = {}
-    at_joint = {flexure.joint: flexure.name for flexure in arm.flexures}
-    stack = [(arm.robot.base, "")]
-    while stack:
-        link, flexure = stack.pop()
-        owner[link] = flexure
-        stack.extend((joint.child, at_joint.get(joint.name, flexure)) for joint in arm.robot.urdf.children[link])
-    return owner
 
 
 def _paths(arm: Arm, rigid: Poses, flexed: Poses) -> Iterator[Polyline]:
