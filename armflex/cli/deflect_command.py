@@ -21,7 +21,7 @@ TOLD = (
     "method q joint_loads wrenches twists contributions corrected remainder displacement compliance load_factor "
     "passive loop_loads cylinder_states spring_states"
 )
-"""What of a result programs are told under its own name."""
+"""What of a result programs get under its own name."""
 
 
 @click.command(cls=options.Command)
