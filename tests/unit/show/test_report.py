@@ -215,7 +215,7 @@ def test_unexplained_without_a_place(found: Trace) -> None:
 
 def test_equivalents_are_said_first(found: Trace) -> None:
     hypothesis = replace(found.found[0].effect, location=replace(found.found[0].effect.location, site="link:J5"))
-    told = replace(found, found=(replace(found.found[0], equivalent=((hypothesis, 2.0),)),))
+    told = replace(found, found=(replace(found.found[0], credible=((hypothesis, 0.1),)),))
     text = Outline(render_report(told)).text
     said = (
         "These data do not distinguish thermal growth at the link ending at J4 "
