@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from armflex.conventions import NUMBER, UNITS, Array
 from armflex.errors import InputError, ManyErrors, Place, TableError, UnknownNameError, UrdfError, did_you_mean, listing
-from armflex.intake.dh import UPRIGHT, arm_text, is_dh, read_dh
+from armflex.files.arm_file import ROBOTS
+from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
 from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
 from armflex.intake.pictures import camera, joined_by_number
 from armflex.intake.recordings import read_sources
@@ -37,7 +38,6 @@ CLOCK = re.compile(
 )
 """A clock's time, after a day or without one."""
 
-ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
 
@@ -191,23 +191,29 @@ def intake(
         urdf = Path(os.path.relpath(robots[0], beside)).as_posix()
         lines = ["[robot]", f'urdf = "{urdf}"', f'tip = "{robot.tip}"', UPRIGHT]
         lines += ["allow_massless = true"] if any(one.code == "massless" for one in robot.flags) else []
-        text = arm_text(lines, robot.tip, found.declare, bool(points))
-        return replace(found, arm=text)
-    if rows_of_arm is None or arm is None:
-        return found
-    joints = [name.removeprefix("q_") for name in found.columns if name.startswith("q_")]
+        return replace(found, arm=arm_text(lines, robot.tip, found.declare, bool(points)))
+    return found if rows_of_arm is None or arm is None else _by_dh(found, rows_of_arm, arm, bool(points))
+
+
+def _by_dh(found: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake:
+    """Return a campaign with the arm file of a table of DH parameters, whose rows are the log's joints.
+
+    Raises:
+        TableError: There are more or fewer of them.
+    """
+    joints, notes = [name.removeprefix("q_") for name in found.columns if name.startswith("q_")], found.notes
     if {*joints} == {f"{name}_joint" for name in UR}:  # ROS sorts them by name
         joints = [f"{name}_joint" for name in UR]
     elif all(one[-1:].isdigit() for one in joints):
         joints.sort(key=lambda one: int(one[-1]))
     else:
-        found = replace(found, notes=(*found.notes, f"the rows of {rows_of_arm.title} are {listing(joints)}"))
+        notes = (*notes, f"the rows of {source.title} are {listing(joints)}")
     if len(joints) != len(arm.rows):
         text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
-        raise TableError(Place(rows_of_arm.path), text)
-    of_arm = tuple((rows_of_arm.title, *cells) for cells in arm.taken)
-    text = arm_text(arm.lines(joints), "flange", found.declare, bool(points))
-    return replace(found, taken=of_arm + found.taken, arm=text)
+        raise TableError(Place(source.path), text)
+    taken = (*((source.title, *cells) for cells in arm.taken), *found.taken)
+    text = arm_text(arm.lines(joints), "flange", found.declare, tracked)
+    return replace(found, taken=taken, notes=notes, arm=text)
 
 
 def _named_alike(
@@ -476,8 +482,9 @@ def _time(source: Source, own: Sequence[Meaning]) -> Array | None:
     if None in found:
         return None
     times = np.array(found, dtype=float)
-    midnights = np.cumsum(np.diff(times, prepend=times[:1]) < -43200.0)
-    return times + 86400.0 * midnights if times.max() < 86400.0 else times
+    if times.max() < 86400.0:  # a clock without a day, past midnight
+        times += 86400.0 * np.cumsum(np.diff(times, prepend=times[:1]) < -43200.0)
+    return times
 
 
 def _seconds(text: str) -> float | None:

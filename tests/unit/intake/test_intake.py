@@ -258,6 +258,12 @@ def test_dh_tables_as_data_sheets_have_them(tmp_path: Path, header: str, form: s
     found = intake([tmp_path / "dh.csv", *written(tmp_path, LOGS["degrees"], EXPORTS["leica"])], 5e-5, dh=asked)
     assert found.arm is not None
     assert f'dh = "{form}"' in found.arm
+    names = ("elbow", "shoulder_lift", "shoulder_pan", "wrist_1", "wrist_2", "wrist_3")  # as ROS sorts them
+    rows = "\n".join(",".join([name, *map(str, np.radians(q))]) for name, q in zip(NAMES, Q, strict=True))
+    (tmp_path / "log.txt").write_text("name," + ",".join(f"position.{one}_joint" for one in names) + f"\n{rows}")
+    sorted_ = intake([tmp_path / name for name in ("dh.csv", "log.txt", "export.txt")], 5e-5, dh=asked).arm
+    assert sorted_ is not None
+    assert sorted_.index("shoulder_pan_joint =") < sorted_.index("shoulder_lift_joint = { theta_deg = -90.0")
     assert "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 270.0, alpha_deg = 0.0 }" in found.arm
 
 
