@@ -159,7 +159,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         asked=following.asked,
         compared=None if seen is None else seen.compared,
         withdrawn=withdrawn,
-        nothing=known.credible[-1].nothing if not state.known else 0.0,
+        nothing=0.0 if state.known or left is not None else known.credible[-1].nothing,
     )
 
 

@@ -63,6 +63,12 @@ def test_what_no_hose_pulls_is_no_rival_of_an_encoder_scale():
     assert found.verdict == "exact" and found.stated[0][0] > 0.9, found
 
 
+@pytest.mark.slow
+def test_something_is_missing_where_a_change_is_left_unexplained():
+    found = score("random_pose", 6000, "six", 1.0)
+    assert found.verdict == "exact" and found.stated == [(0.0, False)], found
+
+
 def calibrated(kind: str, folder: Path) -> State:
     truth = draw(kind, 1000, "boom").write(folder)
     arm = load_arm(truth.arm)

@@ -1,7 +1,7 @@
 """How often stated probabilities are right: a table and a picture from the tables of `study.py`.
 
     python tests/studies/study.py --draws 350 --seed 6000 -o study.csv         # continued where it was ended
-    python tests/studies/reliability.py study.csv --picture reliability.png
+    python tests/studies/reliability.py study.csv --picture reliability.svg
 
 Every name of every credible set counts once, and so does that nothing is missing.
 """
@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+
+from armflex.plotting import picture
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -42,19 +44,18 @@ def log_score(stated: np.ndarray) -> float:
 
 
 def draw(path: Path, found: list[tuple[int, float, float]]) -> None:
-    """Draw frequency against probability, with two standard deviations of the counts."""
-    import matplotlib.pyplot as plt
-
-    count, mean, right = (np.array(column) for column in zip(*found, strict=True))
-    figure, axes = plt.subplots(figsize=(4.2, 4.0), layout="constrained")
-    axes.plot([0, 1], [0, 1], color="0.7", lw=1)
-    error = 2.0 * np.sqrt(np.maximum(mean * (1.0 - mean), 0.0) / np.maximum(count, 1))
-    axes.errorbar(mean, right, error, fmt="o", ms=4, capsize=2)
-    for n, x, y in found:
-        if n:
-            axes.annotate(str(n), (x, y), xytext=(5, -9), textcoords="offset points", fontsize=7)
-    axes.set(xlabel="probability stated", ylabel="share that is right", xlim=(-0.02, 1.02), ylim=(-0.05, 1.05))
-    figure.savefig(path, dpi=150)
+    """Draw frequency against probability, with two standard deviations of the counts; few statements are hollow."""
+    with picture(path, 4.2, 4.0, 150.0) as figure:
+        axes = figure.subplots()
+        axes.plot([0, 1], [0, 1], color="0.7", lw=1)
+        for n, mean, right in found:
+            if not n:
+                continue
+            error, fill = 2.0 * np.sqrt(mean * (1.0 - mean) / n), "C0" if n >= FEWEST else "white"
+            axes.errorbar(mean, right, error, fmt="o", ms=5, capsize=2, color="C0", markerfacecolor=fill)
+            axes.annotate(str(n), (mean, right), xytext=(6, -10), textcoords="offset points", fontsize=8)
+        axes.set(xlabel="probability stated", ylabel="share that is right", xlim=(-0.05, 1.1), ylim=(-0.1, 1.1))
+        axes.grid(alpha=0.25)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
