@@ -320,6 +320,7 @@ def check_small(twists: Array, names: tuple[str, ...]) -> None:
     if len(turns) and turns.max() > MAX_ROTATION:
         name, most = names[int(turns.argmax())], float(turns.max())
         text = f"flexure {name!r} turns by {most:.3g} rad, more than the {MAX_ROTATION} rad a compliance describes"
+        text += ": is its compliance, or a load on it, in another unit?"
         raise SmallDisplacementError(text, twists.reshape(-1, 6))
 
 
