@@ -171,8 +171,9 @@ def errors_of(found: Calibration | Trace, measurements: Measurements) -> tuple[n
     errors = np.array([one.position for one in predictions]) - measurements.position
     stds = [np.full_like(errors[0], np.nan) if one.sigma is None else one.sigma for one in predictions]
     stds[0] = np.full_like(errors[0], np.nan)
-    noise = min(1.0, found.noise if isinstance(found, Trace) else found.scatter)
-    return errors, np.hypot(np.array(stds), noise * measurements.sigma)
+    noises = [1.0, calibration.scatter, *([found.noise] if isinstance(found, Trace) else [])]
+    scale = np.minimum(np.array(noises), 1.0)[:, None, None]
+    return errors, np.hypot(np.array(stds), scale * measurements.sigma)
 
 
 def figures(errors: np.ndarray, stds: np.ndarray) -> dict:
