@@ -47,8 +47,8 @@ class Credible:
 
     @property
     def doubtful(self) -> bool:
-        """Whether something else in its place is likelier than it."""
-        return bool(self.others) and self.others[0][1] > self.probability
+        """Whether something else in its place is likelier than it, and than nothing."""
+        return bool(self.others) and self.others[0][1] > max(self.probability, self.nothing)
 
 
 def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dict[int, int]]:
