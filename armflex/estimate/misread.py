@@ -87,6 +87,7 @@ class Misfit:
 
     Attributes:
         view: The rows, instruments placed and nothing else fitted.
+        placed: Where the instrument stands there; the frames of sessions that have no first guess are left to [prior].
         cost: Minus the logarithm of the density, readings counted as so many.
         excess: (M, G) each reading's part of it beyond that of noise as stated, of every kind.
         ideal: What the cost would be if nothing were left but what is stated.
@@ -96,6 +97,7 @@ class Misfit:
     """
 
     view: View
+    placed: Instrument
     cost: float
     excess: Array
     ideal: float
@@ -215,7 +217,7 @@ def misfit(case: Case, known: View | None = None, instrument: Instrument | None 
     free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
     assert first is not None and found is not None
     _, cost, excess, ideal, left, scatter = found
-    return Misfit(first, cost, excess, ideal, left, scatter, free)
+    return Misfit(first, setup.instrument, cost, excess, ideal, left, scatter, free)
 
 
 def _settled(
@@ -378,7 +380,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
         with suppress(ArmflexError):
             other = case.meant(hypothesis, own)
             known = found.view if found is not None and other.rests_as(case) else None
-            near = found.view.setup.instrument if found is not None and hypothesis.of == "loads" else None
+            near = found.placed if found is not None and hypothesis.of == "loads" else None
             then, (words, choice) = misfit(other, known, near), _choice(case, own)
             gain = cost - then.cost + LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
             if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
@@ -522,7 +524,7 @@ def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:
     own, every, where = np.zeros(len(open_), bool), np.arange(len(open_)), found.view.foremost
     for _ in range(MOST_SAID):
         with suppress(ArmflexError):
-            fitted = misfit(case.meant(hypothesis, own), None, found.view.setup.instrument) if own.any() else found
+            fitted = misfit(case.meant(hypothesis, own), None, found.placed) if own.any() else found
             one, other = (look(fitted.view.setup, rows, every).residual for rows in (case.rows, meant.rows))
             now = np.where(own[:, None], other, one)
             sizes = [((fitted.left + each - now)[:, where] ** 2).sum(axis=1) for each in (one, other)]

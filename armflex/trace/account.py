@@ -32,7 +32,7 @@ from armflex.trace.findings import (
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
-from armflex.trace.search import Standing, exchanged, refitted, standing
+from armflex.trace.search import Standing, exchanged, is_full, refitted, standing
 from armflex.trace.selection import BETTER, SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
@@ -73,7 +73,8 @@ def idle(state: State) -> int | None:
 def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
 
-    What is not distinguished from zero is no finding, nor what is less likely than something else in its place.
+    What is not distinguished from zero is no finding, nor what is less likely than something else in its place, unless
+    more is missing than can be named.
     """
     withdrawn = list[Withdrawn]()
     while True:
@@ -81,7 +82,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         evidence, own, numbers = competing(here.screen, here.model)
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
         found, visited = sampled(evidence, model)
-        if idle(here.state) is None and any(one.doubtful for one in found[:-1]):
+        if not is_full(here) and idle(here.state) is None and any(one.doubtful for one in found[:-1]):
             back, tried = {place: number for number, place in numbers.items()}, len(here.rejected)
             models = [tuple(replace(one, number=back[one.number]) for one in some) for some in visited]
             after = exchanged(here, models)

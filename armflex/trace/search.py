@@ -158,7 +158,7 @@ def _begun(here: Standing) -> Standing:
 def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     """Return the state that no further model of its own linear problem improves; a full one stays as it is."""
     for _ in range(MOST_STATES):
-        if _is_full(here):
+        if is_full(here):
             return here
         model = modelled(here)
         after = _fitted(here, model)
@@ -185,7 +185,7 @@ def exchanged(here: Standing, models: Sequence[Model]) -> Standing | None:
     return None
 
 
-def _is_full(here: Standing) -> bool:
+def is_full(here: Standing) -> bool:
     """Return whether more is missing than can be named: which of it is then makes little difference."""
     return len(here.model) >= MOST_EFFECTS
 
@@ -291,13 +291,13 @@ def refitted(here: Standing, model: Model) -> State | None:
 def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
     """Return the state after what comes last: products, a random twist, rows far off; None where nothing changes."""
     state = here.state
-    after = None if _is_full(here) else _with_shapes(here, passing)
+    after = None if is_full(here) else _with_shapes(here, passing)
     if after is not None:
         return after
     if state.random is not None:
         return _withdrawn(here, passing)
     if here.unrecorded is not None:
-        after = None if _is_full(here) else _with_products(here, passing)
+        after = None if is_full(here) else _with_products(here, passing)
         if after is not None:
             return after
         return _set_aside(here, passing)

@@ -138,6 +138,15 @@ def test_an_effect_of_millimetres_is_no_convention(kind: str) -> None:
     assert judged(*ur5(wave=4e-3)) == ()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [999, 1000])
+def test_an_instrument_set_up_again_is_no_wrong_payload(seed: int, tmp_path: Path) -> None:
+    """Sessions are as free in the campaign as written as in a hypothesis about its loads."""
+    truth = draw("session_frame", seed, "six").write(tmp_path)
+    arm = load_arm(truth.arm)
+    assert judged(arm, read_measurements(truth.train, arm)) == ()
+
+
 def test_two_readings_in_each_others_row_are_called_exchanged() -> None:
     arm, rows = ur5()
     position = rows.position.copy()
