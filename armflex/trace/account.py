@@ -32,7 +32,7 @@ from armflex.trace.findings import (
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
-from armflex.trace.search import Standing, exchanged, is_full, refitted, standing
+from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
@@ -82,10 +82,12 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         evidence, own, numbers = competing(here.screen, here.model)
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
         found, visited = sampled(evidence, model)
-        if not is_full(here) and idle(here.state) is None and any(one.doubtful for one in found[:-1]):
+        doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.doubtful]
+        if not is_full(here) and idle(here.state) is None and doubted:
             back, tried = {place: number for number, place in numbers.items()}, len(here.rejected)
             models = [tuple(replace(one, number=back[one.number]) for one in some) for some in visited]
-            after = exchanged(here, models)
+            known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
+            after = exchanged(here, [one for one in models if any((known - spots(here.screen, one)) & unlikely)])
             if after is not None or len(here.rejected) > tried:
                 here = here if after is None else after
                 continue

@@ -175,13 +175,13 @@ def exchanged(here: Standing, models: Sequence[Model]) -> Standing | None:
     """Return the state refitted with the likeliest of some models that is more probable, None where none comes out so.
 
     The linear problem is about an arm that has other effects: what is new and does not come out as it promised is from
-    then on worth there what came out.
+    then on worth there what came out. What was fitted in one state is not fitted again in those that follow it.
     """
     for model in sorted(models, key=here.screen.log_posterior, reverse=True):
         if len(here.rejected) >= MOST_STATES or here.screen.log_posterior(model) <= here.value + BETTER:
             continue
         if (after := _fitted(here, model)) is not None:
-            return after
+            return replace(after, rejected=here.rejected)
     return None
 
 
