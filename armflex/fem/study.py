@@ -120,7 +120,7 @@ def study(
             for node, forces in zip(read, (spread @ load).reshape(-1, 3), strict=True):
                 step += [f"{node}, {axis}, {force:.12e}" for axis, force in enumerate(forces, 1)]
             step += [f"*NODE PRINT, NSET={REFERENCE if interface == 'rigid' else LOADED}, TOTALS=NO", "U", "*END STEP"]
-            (folder / "job.inp").write_text("\n".join(step) + "\n")
+            write_whole(folder / "job.inp", ("\n".join(step) + "\n").encode())
             environment = {"OMP_NUM_THREADS": "1", **os.environ}
             ran = subprocess.run([PROGRAM, "job"], cwd=folder, capture_output=True, env=environment)
             moved = _printed(folder / "job.dat")

@@ -179,7 +179,7 @@ def undescribed(asked: Asked, read: Mapping[str, Mapping[str, str]]) -> list[str
         f"{file}: {column}"
         for file, found in read.items()
         for column in found
-        if column not in {*COLUMNS[file], *covariates}
+        if column not in {*COLUMNS[file], *covariates} and column.lower() not in COLUMNS[file]
     ]
 
 

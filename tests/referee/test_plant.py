@@ -45,7 +45,8 @@ def test_every_effect_moves_the_tip_by_what_was_asked(kind, arm):
     for effect, told in zip(drawn.effects, drawn.raw_rms, strict=True):
         moved = (drawn.readings((effect,)) - calm)[drawn.rows.measured]
         raw = np.sqrt((moved**2).sum(axis=1).mean())
-        assert 0.99 * 4e-4 <= raw <= 1.01 * 5e-3 and raw == pytest.approx(told, rel=1e-6)
+        least = 0.0 if effect.amplitude == effect.limit else 0.99 * 4e-4  # hoses pull as much as they can, and no more
+        assert least < raw <= 1.01 * 5e-3 and raw == pytest.approx(told, rel=1e-6)
         assert 0.0 < effect.amplitude <= effect.limit
 
 

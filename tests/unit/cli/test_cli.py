@@ -83,7 +83,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
         code,
     )
     found = strict_json(tmp_path / "c.json")
-    more = {"angle_rad", "samples", "load_factor", "flags", "base", "tip"}
+    more = {"angle_rad", "samples", "load_factor", "relative_sigma_m", "flags", "base", "tip"}
     assert set(found) == {"format", "ok", "tolerance_m", "via_points", "path_worst"} | more
     assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
     more = POINT | {"margin_rad", "payload", "reason"}

@@ -491,7 +491,7 @@ def test_nothing_to_sample_is_said(tmp_path):
 
 @pytest.mark.parametrize(
     ("options", "message"),
-    [(["--sample", "3"], "3 is not in the range x>=4"), (["--sample", "9", "--keep"], "leave out --sample, or --keep")],
+    [(["--sample", "3"], "3 is not in the range x>=4"), (["--sample", "9", "--keep"], "leave out one of the two")],
 )
 def test_what_cannot_be_sampled_is_refused_at_once(learned, tmp_path, options, message):
     folder, found = learned

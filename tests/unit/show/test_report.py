@@ -67,7 +67,7 @@ def page(found: Trace) -> str:
 def without_effects(found: Trace, unexplained: Unexplained | None = None) -> Trace:
     """The same trace as if nothing had been found."""
     state = begin(found.calibration)
-    return replace(found, found=(), before=state.fit, state=state, unexplained=unexplained, noise=1.0)
+    return replace(found, found=(), state=state, unexplained=unexplained)
 
 
 class Outline(HTMLParser):
