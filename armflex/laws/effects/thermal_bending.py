@@ -1,6 +1,7 @@
 """A link that bends as it warms: beta (T - Tref), a rotation of its end about a point of it.
 
-An even bend turns its end about its middle. One at its root is one at the end of the link before.
+An even bend turns its end about its middle. One at its root is one at the end of the link before, where the joint
+between them turns about the same axis.
 """
 
 from __future__ import annotations
@@ -8,15 +9,32 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws.effects.context import AXES_TURN
+from armflex.laws.effects.context import AXES_TURN, Context
 from armflex.laws.effects.effect import Along, Amplitude, Inner, Plausible, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here, Location
+from armflex.laws.effects.location import LINK, Here, Location, joint_named, path_to
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm, warmth
+
+PARALLEL = 1.0 - 1e-9
+"""Tolerance: cosine above which two axes are one."""
 
 
 def _direction(here: Here, inner: Values) -> Array:
     (x, y, z), (u, v, w) = here.direction[3:].tolist(), ((1.0 - inner[0]) * here.length).tolist()
     return np.array([y * w - z * v, z * u - x * w, x * v - y * u, x, y, z])  # numpy takes its time to cross two vectors
+
+
+def _along(location: Location, context: Context) -> Values:
+    """Return where on the link a bend may be; at its root only where no other link's end has the same columns."""
+    robot, joint = context.records.robot, joint_named(location.site.removeprefix(LINK), context.records.robot)
+    if joint is None:  # the tool's link
+        return 1.0, 0.5
+    turned = np.eye(3)[AXES_TURN.index(location.axis or AXES_TURN[0])]
+    for one in reversed(path_to(joint, robot)):
+        if one is not joint and one in robot.jointed:
+            same = one.kind != "prismatic" and abs(turned @ one.axis) > PARALLEL
+            return (1.0, 0.5) if same else (1.0, 0.5, 0.0)
+        turned = one.rotation @ turned
+    return 1.0, 0.5
 
 
 THERMAL_BENDING = TwistLaw(
@@ -31,7 +49,7 @@ THERMAL_BENDING = TwistLaw(
     terms=lambda here, inner: twists(_direction(here, inner), warm(here, *inner[1:])),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
     inner=(
-        Inner("along", "1", lambda location, context: (1.0, 0.5), polished=False, usual=1.0, default=1.0),
+        Inner("along", "1", _along, polished=False, usual=1.0, default=1.0),
         *WARM,
     ),
     memory=LAGGED,
