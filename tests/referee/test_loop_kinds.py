@@ -12,48 +12,34 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
-from support.machines import Hinge, Machine, X, Y, Z
+from support.machines import UNEVEN, Hinge, Machine, X, Y, Z
 
 import armflex
 
 PAYLOAD = 120.0
 MACHINE = Machine(
     hinges={
-        "turn": Hinge("base", "column", (0.0, 0.0, 0.4), Z),
-        "lower": Hinge("column", "arm", (0.2, 0.0, 0.3), Y),
-        "elbow": Hinge("arm", "fore", (0.0, 0.0, 1.1), Y, passive=True),
+        **UNEVEN.hinges,
         "crank": Hinge("column", "crank", (0.21, 0.0, 0.31), Y),
-        "foot": Hinge("crank", "rod", (-0.37, 0.03, 0.02), Y, passive=True),
         "eye": Hinge("fore", "eye", (-0.42, 0.0, 0.01), Y, passive=True),
         "wrist": Hinge("fore", "hand", (1.2, 0.0, 0.0), Y, passive=True),
         "bell": Hinge("arm", "bell", (0.0, 0.05, 1.1), Y, passive=True),
         "stay": Hinge("column", "stay", (0.02, 0.05, 0.42), Y, passive=True),
     },
     bodies={
-        "column": (150.0, (0.05, 0.01, 0.1)),
-        "arm": (90.0, (0.0, 0.02, 0.5)),
-        "fore": (60.0, (0.6, 0.0, 0.1)),
-        "crank": (20.0, (-0.2, 0.0, 0.0)),
-        "rod": (15.0, (0.0, 0.0, 0.55)),
+        **UNEVEN.bodies,
         "eye": (2.0, (0.0, 0.0, 0.05)),
         "hand": (35.0, (0.1, 0.02, -0.1)),
         "bell": (6.0, (0.05, 0.0, 0.1)),
         "stay": (9.0, (0.0, 0.0, 0.5)),
     },
-    gives={
-        "turn": (Z, 5e5),
-        "lower": (Y, 3e5),
-        "crank": (Y, 2e5),
-        "elbow": (X, 8e5),
-        "wrist": (Z, 4e5),
-        "foot": (X, 3e6),
-    },
+    gives={**UNEVEN.gives, "elbow": (X, 8e5), "wrist": (Z, 4e5), "foot": (X, 3e6)},
     loops={
         "tail": ("rod", (0.01, -0.03, 1.13), "eye", (0.0, 0.0, 0.0), None),
         "level": ("stay", (0.0, 0.0, 1.12), "bell", (-0.21, 0.0, 0.1), Y),
     },
     cylinders={"tie": ("bell", (0.05, 0.0, 0.21), "hand", (-0.03, 0.04, 0.2), 9e6, 0.9, 1.5)},
-    springs={"balancer": ("column", (-0.25, 0.0, 0.1), "arm", (0.05, 0.0, 0.7), 30e3, 0.5)},
+    springs=UNEVEN.springs,
     tool=("hand", (0.3, 0.1, -0.1)),
 )
 """A palletizing arm, not quite parallel, whose wrist is kept level by a second loop and a cylinder."""
