@@ -14,9 +14,8 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, OutOfMemoryError, listing
 from armflex.fem.cholesky import Factor
 from armflex.fem.matrices import MODAL, Matrices, of_mesh
-from armflex.fem.mesh import Mesh, check_connected, check_size
+from armflex.fem.mesh import FACES, Mesh, check_connected, check_size, corners_of
 from armflex.fem.part import MOST, Part
-from armflex.fem.surface import surface_of
 from armflex.storage.trust import sha256_of
 
 MODES = 6
@@ -122,7 +121,7 @@ def condense(
         young_std=young_std,
         nodes=len(mesh.points),
         flags=tuple(dict.fromkeys(flags)),
-        surface=surface_of(mesh, np.asarray(reduced @ shapes)) if mesh is structure and len(loaded) == 1 else None,
+        surface=_surface(mesh, np.asarray(reduced @ shapes)) if mesh is structure and len(loaded) == 1 else None,
     )
 
 
@@ -160,3 +159,21 @@ def _frequencies(stiffness: Any, mass: Any, solver: Any) -> Array:
     start = np.ones(size)
     found = linalg.eigsh(stiffness, MODES, mass, sigma=0.0, OPinv=back, return_eigenvectors=False, v0=start)
     return np.sort(np.sqrt(np.maximum(found, 0.0))) / (2.0 * np.pi)
+
+
+def _surface(mesh: Mesh, shapes: Array) -> dict[str, np.ndarray]:
+    """Return the arrays of `SURFACE` of a mesh whose N nodes move by (3 N, 6) shapes per twist of its interface.
+
+    Triangles are rows of the points, seen from outside against the clock.
+    """
+    found = []
+    for corners, faces in FACES.items():
+        own = [b.nodes[:, face] for b in mesh.blocks if corners_of(b.kind) == corners for face in faces]
+        if own:
+            every = np.vstack(own)
+            _, first, times = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
+            outer = every[first[times == 1]]  # a face of two elements is inside
+            found += [outer[:, [0, i, i + 1]] for i in range(1, every.shape[1] - 1)]
+    kept, numbers = np.unique(np.vstack(found), return_inverse=True)
+    moves = shapes.reshape(-1, 3, 6)[kept]
+    return {"points": mesh.points[kept], "triangles": numbers.reshape(-1, 3).astype("i8"), "shapes": moves}

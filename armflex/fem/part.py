@@ -9,22 +9,38 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.declaration import read_toml
 from armflex.errors import Flag
-from armflex.fem.surface import LAYOUT, surface_path
 from armflex.result import Result, plain
-from armflex.storage.array_file import write_arrays
+from armflex.storage.array_file import Layout, read_arrays, write_arrays
+from armflex.storage.schema import Numbers
 from armflex.storage.whole_file import together, write_whole
 
 FORMAT = "armflex-part-1"
+
+BESIDE = ".surface.safetensors"
+"""Suffix of the surface's file, beside the part's."""
 
 SYMMETRIC = 1e-6
 """Relative skew of a compliance beyond which it is not one that was condensed."""
 
 MOST = 8
 """Interfaces that carry load."""
+
+SURFACE = Layout(
+    "the surface of a part",
+    "armflex-surface-1",
+    {
+        "points": Numbers(("nodes", 3)),
+        "triangles": Numbers(("triangles", 3), "i8", least=0),
+        "shapes": Numbers(("nodes", 3, 6)),
+    },
+    {"sha256": str},
+    anew="run `armflex fem` again",
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +69,7 @@ class Part(Result):
         young_std: Relative standard uncertainty of the compliance, one factor of all of it; 0 where nobody says.
         nodes: Number of the mesh's nodes.
         flags: What is doubtful.
-        surface: Of `surface_of`, which pages draw; None of several loaded interfaces, and of a part that was read.
+        surface: Arrays of `SURFACE`, by twist of the loaded interface, which pages draw; None of several loaded interfaces, and of a part that was read.
     """
 
     mesh: str
@@ -100,9 +116,47 @@ class Part(Result):
         found = np.linalg.inv(self.compliance / np.outer(root, root)) / np.outer(root, root)
         return 0.5 * (found + found.T)
 
+    def seen_from(self, place: pin.SE3) -> Array:
+        """Return the (6 n, 6 n) compliance in other axes and at their origin, of which `place` is the interfaces'."""
+        action = np.kron(np.eye(len(self.loaded)), place.action)
+        found = action @ self.compliance @ action.T
+        return 0.5 * (found + found.T)
+
     def sag(self, gravity: Array) -> Array:
         """Return the (6 n,) motion of the interfaces [m, rad] under the part's weight, gravity (3,) [m/s^2]."""
         return self.compliance @ self.weight @ gravity
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A part as pages draw it.
+
+    Attributes:
+        path: Of its PART.toml.
+        part: The part.
+        place: Of the mesh's axes, put at the loaded interface, in the axes of the flexure.
+    """
+
+    path: Path
+    part: Part
+    place: pin.SE3
+
+    def bent(self, twist: Array) -> tuple[Array, np.ndarray] | None:
+        """Return (V, 3) nodes [m] in the axes of the flexure's outboard side, bent by its twist, and (F, 3) triangles.
+
+        Nothing where the file of the surface is not there, or is that of another mesh.
+
+        Raises:
+            FileError: It is damaged.
+        """
+        if not (file := self.path.with_suffix(BESIDE)).exists():
+            return None
+        about, arrays, _ = read_arrays(file, SURFACE)
+        if about["sha256"] != self.part.sha256 or arrays["triangles"].max(initial=0) >= len(arrays["points"]):
+            return None
+        moved = arrays["points"] - self.part.origin + arrays["shapes"] @ self.place.actInv(pin.Motion(twist)).vector
+        placed = pin.exp6(pin.Motion(twist)).actInv(self.place)
+        return moved @ placed.rotation.T + placed.translation, arrays["triangles"]
 
 
 WORDS = ("mesh", "sha256", "nodes", "fixed", "loaded", "interface", "young_std", "mass", "frequencies_hz")
@@ -131,7 +185,7 @@ def write_part(part: Part, path: Path) -> Path:
             lines.append(f"{name} = {json.dumps(plain(value), ensure_ascii=False)}")
     with together():
         if part.surface is not None:
-            write_arrays(surface_path(path), LAYOUT, part.surface, {"sha256": part.sha256})
+            write_arrays(path.with_suffix(BESIDE), SURFACE, part.surface, {"sha256": part.sha256})
         return write_whole(path, ("\n".join(lines) + "\n").encode())
 
 

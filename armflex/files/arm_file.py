@@ -48,13 +48,12 @@ from armflex.files.linkage_table import read_linkage
 from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import read_spring
 from armflex.laws import read_law
-from armflex.laws.declared import law_name, read_drawing, soft
+from armflex.laws.declared import law_name, soft
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import SOFTEST
-from armflex.laws.joint.meshed import MeshedLaw
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Learning, read_learning
 from armflex.mechanics.loaded import Payload
@@ -340,10 +339,10 @@ def _read_flexure(name: str, table: Declaration, robot: Robot) -> Flexure:
     joint = table.choice("joint", places, problem=f"no joint {{!r}} {where}")
     if table.has("joint_stiffness"):
         table = _by_joint_stiffness(table, places[joint])
-    law, drawing = read_law(table, joint, _ranges(robot)), read_drawing(table)
+    law = read_law(table, joint, _ranges(robot))
     learn = read_learning(table, law_name(table), law, _ranges(robot)) if table.flag("learn") else None
     table.finish()
-    return Flexure(name, joint, law, learn=learn, drawing=drawing)
+    return Flexure(name, joint, law, learn=learn)
 
 
 def _by_joint_stiffness(table: Declaration, joint: Joint) -> Declaration:
@@ -418,12 +417,10 @@ def _check_each(table: Declaration, arm: Arm) -> None:
 
 def _freed(flexure: Flexure, young: float, robot: Robot) -> Flexure:
     """Return a flexure whose factor of a meshed part `[prior] young` frees."""
-    law = flexure.law
-    meshed = law.law if isinstance(law, AtNode) else law
-    if not young or not isinstance(meshed, MeshedLaw) or flexure.learn is not None:
+    if not young or flexure.meshed is None or flexure.learn is not None:
         return flexure
-    meshed = replace(meshed, relative_std=meshed.relative_std or young)
-    law = replace(law, law=meshed) if isinstance(law, AtNode) else meshed
+    law = replace(flexure.meshed, relative_std=flexure.meshed.relative_std or young)
+    law = replace(flexure.law, law=law) if isinstance(flexure.law, AtNode) else law
     return replace(flexure, law=law, learn=Learning("linear", 6, _ranges(robot)))
 
 

@@ -14,15 +14,16 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Flexure
-from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, did_you_mean, listing
-from armflex.fem.part import Part, read_part
-from armflex.fem.surface import Drawing, surface_path
-from armflex.laws.declared import NEAR
+from armflex.fem.part import Drawing
+from armflex.laws.declared import NEAR, read_meshed
 from armflex.laws.joint.meshed import MeshedLaw
 from armflex.robot import Robot
 from armflex.robot.urdf import Inertial, Joint, Link
+
+MOST = 0.999
+"""Share of a link's mass that its end has at most."""
 
 HEAVIER = 0.02
 """Share by which the masses of a link in the robot's file and in its mesh may differ without a flag."""
@@ -44,78 +45,51 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
         inside = [joint.child for joint in robot.chain[:-1]]
         hint = did_you_mean(name, inside)
         raise table.fail("file", f"no link {name!r} between two joints of the chain{hint} (known: {listing(inside)})")
-    path = table.path.parent / table.text("file")
-    part = read_part(path)
-    loaded, *more = part.loaded
-    if more:
-        raise table.fail("file", f"has {1 + len(more)} loaded interfaces ({listing(part.loaded)}), a link one")
-    shift, turn = (table.numbers(key, (3,)) if table.has(key) else np.zeros(3) for key in ("xyz", "rpy"))
+    part, turn = read_meshed(table)
+    mesh = pin.SE3(turn, table.numbers("xyz", (3,)) if table.has("xyz") else np.zeros(3))
     table.finish()
-    mesh, joint = pin.SE3(pin.rpy.rpyToMatrix(turn), shift), ends[0]
-    tip = mesh * part.origin
+    tip, joint = pin.SE3(turn, mesh * part.origin), ends[0]
     length = float(np.linalg.norm(part.origin - part.fixed_origin))
-    if (apart := float(np.linalg.norm(tip - joint.origin))) > NEAR * length:
-        text = f"{loaded!r} is at {np.round(tip, 4).tolist()} of the link, {apart:.3g} m from joint"
+    if (apart := float(np.linalg.norm(tip.translation - joint.origin))) > NEAR * length:
+        text = f"{part.loaded[0]!r} is at {np.round(tip.translation, 4).tolist()} of the link, {apart:.3g} m from joint"
         text += f" {joint.name!r} at {np.round(joint.origin, 4).tolist()}"
         raise table.fail("file", f"{text}: say with xyz and rpy where the mesh is")
-    at_joint = pin.SE3(joint.rotation, joint.origin).inverse() * pin.SE3(mesh.rotation, tip)
-    compliance = at_joint.action @ part.compliance @ at_joint.action.T
-    split, flags = _split(robot, name, part, mesh)
-    inertia, own = None, robot.urdf.links[name].inertial
-    if own is not None and split[0] is not None and split[1] is not None:
-        place, back = pin.SE3(joint.rotation, joint.origin).action, np.linalg.inv(at_joint.action)
-        whole, rest, end = (
-            place.T @ pin.Inertia(one.mass, one.origin, one.turned).matrix() @ place for one in (own, *split) if one
-        )
-        turning, bent = (
-            back.T @ (own.mass / part.mass * one) @ back
-            for one in (np.hstack([part.weight, part.spin]), part.mass_matrix)
-        )
-        inertia = np.block([[whole - rest - end, (turning - end).T], [turning - end, bent - end]])
-    law = MeshedLaw(0.5 * (compliance + compliance.T), part.young_std)
-    drawing = Drawing(surface_path(path), part.sha256, part.origin, at_joint)
-    flexure = Flexure(name, f"{name}:end", law, inertia=inertia, drawing=drawing)
-    return _ended(robot, joint, split, f"{name}:end"), flexure, flags
-
-
-Bodies = tuple[Inertial | None, Inertial | None]
-"""Of a link and of its end."""
-
-
-def _split(robot: Robot, name: str, part: Part, mesh: pin.SE3) -> tuple[Bodies, tuple[Flag, ...]]:
-    """Return the bodies of a link and of its end, both in the link's frame, and what is doubtful about them."""
-    own = robot.urdf.links[name].inertial
-    mass = float(np.trace(part.weight[:3])) / 3.0
+    placed = pin.SE3(joint.rotation, joint.origin)
+    at_joint = placed.actInv(tip)
+    drawing = Drawing(table.path.parent / table.text("file"), part, at_joint)
+    law = MeshedLaw(part.seen_from(at_joint), part.young_std, drawing)
+    own, mass, flags = robot.urdf.links[name].inertial, float(np.trace(part.weight[:3])) / 3.0, []
     if own is None or mass <= 0.0:
         text = f"link {name!r} does not bend under its own weight: its part or its link has no mass"
-        return (own, None), (Flag("weightless", text),)
-    share = min(mass / part.mass, 1.0)
-    flags = ()
+        flags.append(Flag("weightless", text))
+        return _ended(robot, joint, own, None), Flexure(name, f"{name}:end", law), tuple(flags)
     if abs(own.mass - part.mass) > HEAVIER * part.mass:
         text = f"link {name!r} weighs {own.mass:g} kg in {robot.urdf.path.name} and {part.mass:g} kg in its mesh"
-        flags = (Flag("link_mass", f"{text}: the former counts, distributed as the latter"),)
+        flags.append(Flag("link_mass", f"{text}: the former counts, distributed as the latter"))
     moments = part.weight[3:] / mass  # of a body at r the matrix of r x, whose skew part r is read from
-    arm = 0.5 * np.array([moments[2, 1] - moments[1, 2], moments[0, 2] - moments[2, 0], moments[1, 0] - moments[0, 1]])
-    place, end = mesh * (part.origin + arm), share * own.mass
-    rest = own.mass - end
-    com = (own.mass * own.origin - end * place) / rest
+    centre = mesh * (part.origin + 0.5 * pin.unSkew(moments - moments.T))
+    whole = pin.Inertia(own.mass, own.origin, own.turned)
+    end = pin.Inertia(min(mass / part.mass, MOST) * own.mass, centre, np.zeros((3, 3)))
+    rest = pin.Inertia.FromDynamicParameters(whole.toDynamicParameters() - end.toDynamicParameters())
+    sizes, axes = np.linalg.eigh(rest.inertia)
+    rest.inertia = (axes * sizes.clip(0.0)) @ axes.T  # two bodies at these places may already have more than the link
+    # What moves with the root and with the tip beside these two bodies.
+    total, first, second = (placed.actInv(one).matrix() for one in (whole, rest, end))
+    back, share = at_joint.inverse().action, own.mass / part.mass
+    between = share * back.T @ np.hstack([part.weight, part.spin]) @ back - second
+    bent = share * back.T @ part.mass_matrix @ back - second
+    inertia = np.block([[total - first - second, between.T], [between, bent]])
+    bodies = (
+        replace(own, mass=rest.mass, origin=rest.lever, rotation=np.eye(3), inertia=rest.inertia),
+        Inertial(end.mass, placed.actInv(centre), joint.rotation.T, np.zeros((3, 3)), own.place, True),
+    )
+    return _ended(robot, joint, *bodies), Flexure(name, f"{name}:end", law, inertia=inertia), tuple(flags)
 
-    def far(mass: float, lever: Array) -> Array:
-        return mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
 
-    sizes, axes = np.linalg.eigh(own.turned - far(end, place - own.origin) - far(rest, com - own.origin))
-    inertia = (axes * sizes.clip(0.0)) @ axes.T  # two bodies at these places may already have more than the link
-    first = Inertial(rest, com, np.eye(3), inertia, own.place, own.point)
-    return (first, Inertial(end, place, np.eye(3), np.zeros((3, 3)), own.place, True)), flags
-
-
-def _ended(robot: Robot, joint: Joint, bodies: Bodies, name: str) -> Robot:
-    """Return a robot whose link, before a joint that it carries, ends in a link of its own with a body."""
-    urdf, placed = robot.urdf, pin.SE3(joint.rotation, joint.origin)
-    body = bodies[1]
-    if body is not None:
-        body = replace(body, origin=placed.actInv(body.origin), rotation=joint.rotation.T)
-    link = replace(urdf.links[joint.parent], inertial=bodies[0])
+def _ended(robot: Robot, joint: Joint, rest: Inertial | None, end: Inertial | None) -> Robot:
+    """Return a robot whose link, before a joint that it carries, ends in a link of its own; `rest` stays of the link."""
+    urdf, name = robot.urdf, f"{joint.parent}:end"
+    link = replace(urdf.links[joint.parent], inertial=rest)
     fixed = replace(joint, name=name, kind="fixed", child=name, mimic=None, lower=-np.inf, upper=np.inf)
     moved = replace(joint, parent=name, origin=np.zeros(3), rotation=np.eye(3))
     joints = {}
@@ -123,6 +97,6 @@ def _ended(robot: Robot, joint: Joint, bodies: Bodies, name: str) -> Robot:
         if key == joint.name:
             joints[name] = fixed
         joints[key] = moved if key == joint.name else one
-    links = urdf.links | {link.name: link, name: Link(name, body, (), link.place)}
+    links = urdf.links | {link.name: link, name: Link(name, end, (), link.place)}
     chain = tuple(step for one in robot.chain for step in ((fixed, moved) if one.name == joint.name else (one,)))
     return replace(robot, urdf=replace(urdf, links=links, joints=joints), chain=chain)

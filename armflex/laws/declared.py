@@ -13,8 +13,7 @@ import pinocchio as pin
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import Flag, LawError, ModelFileError, UnknownNameError, listing
-from armflex.fem.part import Part, read_part
-from armflex.fem.surface import Drawing, surface_path
+from armflex.fem.part import Drawing, Part, read_part
 from armflex.laws.joint.beam import Beam, MeshedBeam, Section, stiffness
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import read_linear, softness
@@ -42,7 +41,6 @@ class Flexure:
         learn: What of its law `calibrate` finds from measurements of the whole arm, None for nothing.
         inertia: (12, 12) what a link that bends there adds to the mass matrix [kg, kg m, kg m^2], by the motion of its
             root and by its own, beside its two bodies; None for nothing.
-        drawing: The mesh that bends there, as pages draw it; None for none.
     """
 
     name: str
@@ -51,12 +49,17 @@ class Flexure:
     before: bool = False
     learn: Learning | None = None
     inertia: Array | None = None
-    drawing: Drawing | None = None
 
     @property
     def learned(self) -> LearnedLaw | None:
         """Its law, where that is one with parameters that a campaign taught or is to teach."""
         return self.law if isinstance(self.law, LearnedLaw) else None
+
+    @property
+    def meshed(self) -> MeshedLaw | None:
+        """Its law, at its node, where that is a condensed part."""
+        law = self.law.law if isinstance(self.law, AtNode) else self.law
+        return law if isinstance(law, MeshedLaw) else None
 
     @property
     def site(self) -> Site:
@@ -77,7 +80,12 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     """
     model = law_name(table)
     if table.has("file") and (path := table.path.parent / table.text("file")).suffix == ".toml":
-        law = _read_meshed(table, read_part(path))
+        if model != "linear":
+            raise table.fail("model", "a condensed part is a linear law")
+        part, turn = read_meshed(table)
+        node = table.numbers("node", (3,)) if table.has("node") else np.zeros(3)
+        drawing = Drawing(path, part, pin.SE3(turn, node))
+        law = MeshedLaw(part.seen_from(pin.SE3(turn, np.zeros(3))), part.young_std, drawing)
     elif table.has("file"):
         try:
             trained = load_law(path)
@@ -98,30 +106,13 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     return law
 
 
-def read_drawing(table: Declaration) -> Drawing | None:
-    """Return the mesh of a flexure whose `file` is a condensed part."""
-    if not table.has("file") or (path := table.path.parent / table.text("file")).suffix != ".toml":
-        return None
-    part = read_part(path)
-    turn, place = (table.numbers(key, (3,)) if table.has(key) else np.zeros(3) for key in ("rpy", "node"))
-    return Drawing(surface_path(path), part.sha256, part.origin, pin.SE3(pin.rpy.rpyToMatrix(turn), place))
-
-
-def _read_meshed(table: Declaration, part: Part) -> MeshedLaw:
-    """Return the law of a condensed part; `rpy` turns its mesh into the joint's axes."""
-    if law_name(table) != "linear":
-        raise table.fail("model", "a condensed part is a linear law")
-    return MeshedLaw(_turned(table, part)[0], part.young_std)
-
-
-def _turned(table: Declaration, part: Part) -> tuple[Array, Array]:
-    """Return the (6, 6) compliance of a part, and the way (3,) from its held interface, in the axes of `rpy`."""
+def read_meshed(table: Declaration) -> tuple[Part, Array]:
+    """Return the part of one loaded interface that `file` names, and the (3, 3) turn of its mesh by `rpy`."""
+    part = read_part(table.path.parent / table.text("file"))
     if len(part.loaded) > 1:
         text = f"has {len(part.loaded)} loaded interfaces ({listing(part.loaded)}), expected one: condense it onto that"
         raise table.fail("file", text)
-    turn = pin.rpy.rpyToMatrix(table.numbers("rpy", (3,))) if table.has("rpy") else np.eye(3)
-    both = np.kron(np.eye(2), turn)
-    return both @ part.compliance @ both.T, turn @ (part.origin - part.fixed_origin)
+    return part, pin.rpy.rpyToMatrix(table.numbers("rpy", (3,)) if table.has("rpy") else np.zeros(3))
 
 
 def law_name(table: Declaration) -> str:
@@ -186,15 +177,15 @@ def _read_beam(table: Declaration, nodes: Mapping[str, Array]) -> Beam | MeshedB
         raise table.fail("between", f"expected two node names, got {list(ends)}")
     start, end = (_known(table, "between", name, nodes) for name in ends)
     if table.has("file"):
-        compliance, way = _turned(table, read_part(table.path.parent / table.text("file")))
+        part, turn = read_meshed(table)
         table.finish()
+        way = turn @ (part.origin - part.fixed_origin)
         offset = nodes[end] - nodes[start] - way
         if np.linalg.norm(offset) > NEAR * np.linalg.norm(way):
             text = f"is {np.round(way, 4).tolist()} from its held interface to the loaded one"
             text += f", the nodes {np.round(nodes[end] - nodes[start], 4).tolist()}: turn it by rpy"
             raise table.fail("file", text)
-        there = pin.SE3(np.eye(3), -offset).action
-        return MeshedBeam(start, end, there @ compliance @ there.T)
+        return MeshedBeam(start, end, part.seen_from(pin.SE3(turn, -offset)))
     values = {name: table.number(name) for name in ("E", "G", "A", "Iy", "Iz", "J")}
     for name, value in values.items():
         if value <= 0.0:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.fem.part import Drawing
 from armflex.laws.joint.log_compliance import LOOSE
 from armflex.laws.law import Law, Parameter, Ranges, Row, Transform
 
@@ -19,11 +20,13 @@ class MeshedLaw(Law):
     Attributes:
         meshed: (6, 6) compliance as the mesh has it [m/N, rad/Nm and mixed].
         relative_std: Relative standard uncertainty of the factor; 0 for none.
+        drawing: The mesh, as pages draw it; None for none.
         logarithm: Of the factor.
     """
 
     meshed: Array
     relative_std: float = 0.0
+    drawing: Drawing | None = None
     logarithm: float = 0.0
 
     @property

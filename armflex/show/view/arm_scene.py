@@ -556,13 +556,13 @@ def _parts(
     """Yield the meshes of condensed parts, rigid as ghosts and bent as in the row that the legend speaks of."""
     child = {joint.name: joint.child for joint in arm.robot.chain}
     for flexure in arm.flexures:
-        if flexure.drawing is None or flexure.joint is None:
+        if flexure.meshed is None or (drawing := flexure.meshed.drawing) is None or flexure.joint is None:
             continue
         link = child[flexure.joint]
         name = flexure.name if flexure.joint == f"{flexure.name}:end" else f"part:{flexure.name}"  # a link, or a joint
         twist = factor * shown.twists[arm.flexure_names.index(flexure.name)]
         for group, own, placed in (("rigid", np.zeros(6), rigid), ("flexed", twist, flexed)):
-            if (found := flexure.drawing.bent(own)) is None:
+            if (found := drawing.bent(own)) is None:
                 continue
             color, opacity = (GHOST, 0.22) if group == "rigid" else (colors[flexure.name], 1.0)
             corners = found[0][found[1]]

@@ -14,8 +14,7 @@ import armflex
 
 pytest.importorskip("skfem")
 
-from armflex.fem.part import read_part
-from armflex.fem.surface import Drawing, surface_path
+from armflex.fem.part import Drawing, read_part
 
 URDF = """<robot name="jib"><link name="base"/><link name="hook"/>
 <link name="boom"><inertial><origin xyz="1 0 0"/><mass value="314"/>
@@ -29,8 +28,7 @@ def part(folder: Path, kind: str) -> Drawing:
     points, nodes = bar(kind, (4, 1, 1), (2.0, 0.1, 0.2))
     write_bar(folder / "bar.inp", kind, points - [0.0, 0.05, 0.1], nodes)
     fine(run_here(folder, "fem", "bar.inp", "--fixed", "ROOT", "--loaded", "TIP", "-o", "bar.toml"))
-    found = read_part(folder / "bar.toml")
-    return Drawing(surface_path(folder / "bar.toml"), found.sha256, found.origin, pin.SE3.Identity())
+    return Drawing(folder / "bar.toml", read_part(folder / "bar.toml"), pin.SE3.Identity())
 
 
 @pytest.mark.parametrize("kind", ["C3D10", "C3D20"])
