@@ -12,10 +12,11 @@ from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, parse_quantity
 from armflex.errors import InputError, listing
 from armflex.fem.condense import condense
 from armflex.fem.matrices import SUFFIXES, read_matrices
-from armflex.fem.mesh import UNITS, Mesh
+from armflex.fem.mesh import UNITS
 from armflex.fem.part import Part, write_part
 from armflex.fem.read import read_mesh
-from armflex.fem.study import random_loads, study, write_study
+from armflex.fem.study import random_loads, study
+from armflex.measured.table import write_table
 from armflex.storage.whole_file import together
 
 SOLVERS = {"calculix": "CalculiX, with large displacements", "linear": "a linear condensation"}
@@ -49,17 +50,14 @@ def command(
     fixed: str,
     loaded: str,
     unit: str,
-    young: float | None,
-    poisson: float | None,
-    density: float | None,
     young_std: float,
-    size: float | None,
     interface: str,
     table: int | None,
     load: str | None,
     moment: str | None,
     seed: int,
     output: Path,
+    **solid: float | None,
 ) -> None:
     """Condense a mesh to stiffness, mass and weight where it joins its neighbours.
 
@@ -73,29 +71,28 @@ def command(
     if bool(table) != bool(load) or (moment and not table):
         raise InputError("--table N and --load 1kN:5kN belong together, and --moment with both")
     names = tuple(name.strip() for name in loaded.split(",") if name.strip())
+    if table and len(names) != 1:
+        raise InputError(f"a table is of one loaded set, got {listing(names)}")
     doing(f"reading {mesh_path.name}")
-    if mesh_path.suffix.lower() in SUFFIXES:
-        if table or (young, poisson, density, size) != (None,) * 4:
-            raise InputError(f"{mesh_path} has finished matrices: neither material, --size nor --table is for them")
-        mesh = read_matrices(mesh_path, unit)
-    else:
-        mesh = read_mesh(mesh_path, unit, young, poisson, density, size, springs=bool(table))
 
     def tick(what: str, done: int, total: int | None) -> None:
         doing(what + (f", {done} of {total}" if total else ""))
 
-    if table:
-        assert load is not None and isinstance(mesh, Mesh)
-        if len(names) != 1:
-            raise InputError(f"a table is of one loaded set, got {listing(names)}")
-        loads = random_loads(table, _bounds(load, "force"), _bounds(moment, "moment") if moment else None, seed)
-        found = study(mesh, fixed.strip(), names[0], loads, unit, interface, tick)
-        with together():
-            write_study(found, output)
-            said = {"solver": found.solver, "rows": table, "seed": seed, "loads": found.loads, "twists": found.twists}
-            options.conclude(lambda: said, found.flags)
-        say(f"{table} loads, solved by {SOLVERS[found.solver]}. Written to {output}, for armflex train {output}.")
-        return
+    if mesh_path.suffix.lower() in SUFFIXES:
+        if table or any(value is not None for value in solid.values()):
+            raise InputError(f"{mesh_path} has finished matrices: neither material, --size nor --table is for them")
+        mesh = read_matrices(mesh_path, unit)
+    else:
+        mesh = read_mesh(mesh_path, unit, **solid, springs=bool(table))
+        if table:
+            loads = random_loads(table, _bounds(load, "force"), _bounds(moment, "moment"), seed)
+            found = study(mesh, fixed.strip(), names[0], loads, unit, interface, tick)
+            with together():
+                write_table(output, found.columns)
+                said = {"solver": found.solver, "rows": table, "seed": seed, "loads": loads, "twists": found.twists}
+                options.conclude(lambda: said, found.flags)
+            say(f"{table} loads, solved by {SOLVERS[found.solver]}. Written to {output}, for armflex train {output}.")
+            return
     part = condense(mesh, fixed.strip(), names, interface, young_std, tick)
     with together():
         write_part(part, output)
@@ -104,12 +101,15 @@ def command(
     say(f'Written to {output}. In an arm.toml: [flexure.NAME] with joint = "..." and file = "{output.name}".')
 
 
-def _bounds(text: str, kind: str) -> tuple[float, float]:
-    """Return the two quantities of a text such as 1kN:5kN."""
+def _bounds(text: str | None, kind: str) -> tuple[float, float]:
+    """Return the two quantities of a text such as 1kN:5kN, of none zeros."""
+    if text is None:
+        return 0.0, 0.0
     low, colon, high = text.partition(":")
-    if not colon:
-        raise InputError(f"{text!r}: expected the least and the largest {kind}, such as 1kN:5kN")
-    return parse_quantity(low, kind), parse_quantity(high, kind)
+    least, most = (parse_quantity(one, kind) if colon else -1.0 for one in (low, high))
+    if not 0.0 <= least <= most or most == 0.0:
+        raise InputError(f"{text!r}: expected the least and the largest {kind}, such as 1kN:5kN, not both 0")
+    return least, most
 
 
 def print_part(part: Part) -> None:

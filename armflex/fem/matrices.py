@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -139,23 +140,22 @@ def _triangles(files: list[Path], mesh: Mesh) -> tuple[list[Any], np.ndarray]:
 
 def _rows(path: Path, sign: str | None, cells: str) -> Array:
     """Return the finite numbers of a file, in rows of such cells apart by a sign; lines of keywords are left out."""
-    lines = [(line, text) for line, text in enumerate(text_lines(path), 1) if text.strip() and text[0] != "*"]
     count = len(cells.split())
-    try:
-        found = np.loadtxt([text for _, text in lines], ndmin=2, delimiter=sign)
-        if found.shape[1] == count and np.isfinite(found).all():
-            return found
-    except ValueError:  # what numpy says of a row is none of the file
-        pass
 
-    def fits(text: str) -> bool:
-        try:
-            return len(row := np.array(text.split(sign), float)) == count and bool(np.isfinite(row).all())
-        except ValueError:
-            return False
+    def read() -> Iterator[float]:
+        for line, text in enumerate(text_lines(path), 1):
+            if not text.strip() or text[0] == "*":
+                continue
+            try:
+                row = [float(one) for one in text.split(sign)]
+            except ValueError:
+                row = []
+            if len(row) != count or not all(map(isfinite, row)):
+                hint = " (FORMAT=MATRIX INPUT)" * bool(sign)
+                raise MeshError(Place(path, line), f"expected rows `{cells}`{hint}, got {text.strip()[:60]!r}")
+            yield from row
 
-    wrong = next((line for line, text in lines if not fits(text)), 0)
-    raise MeshError(Place(path, wrong), f"expected rows `{cells}`" + " (FORMAT=MATRIX INPUT)" * bool(sign))
+    return np.fromiter(read(), float).reshape(-1, count)
 
 
 def _market(files: list[Path], count: int) -> tuple[list[Any], np.ndarray]:
@@ -186,13 +186,10 @@ def _nodes(path: Path, unit: str) -> Mesh:
     if [cell.strip() for cell in header] != list(COLUMNS):
         draft.fail(f"expected the columns {','.join(COLUMNS)}", 1)
     for line, cells in enumerate(rows, 2):
-        try:
-            number, *place = int(cells[0]), *map(float, cells[1:4])
-        except (ValueError, IndexError):
-            number, place = 0, []
-        if len(place) != 3 or len(cells) != len(COLUMNS) or not np.isfinite(place).all():
-            draft.fail(f"expected a whole number, three finite ones and a set, got {','.join(cells)[:60]!r}", line)
-        draft.node(number, number, place, line)
+        if len(cells) != len(COLUMNS) or not all(cell.strip() for cell in cells[:4]):
+            draft.fail(f"expected {','.join(COLUMNS)}, got {','.join(cells)[:60]!r}", line)
+        (number,) = draft.whole(line, cells[:1])
+        draft.node(number, number, draft.numbers(line, cells[1:4], 3), line)
         if name := cells[4].strip():
             draft.sets.setdefault(name, []).append(number)
     return draft.mesh()

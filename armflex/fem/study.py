@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
-from armflex.errors import ConvergenceError, Flag, InputError, UnsupportedError
+from armflex.errors import ConvergenceError, Flag, UnsupportedError
 from armflex.fem.condense import Tick, condense
 from armflex.fem.matrices import rigid_motion
 from armflex.fem.mesh import UNITS, Mesh, check_size
@@ -44,23 +44,23 @@ class Study:
     solver: str
     flags: tuple[Flag, ...] = ()
 
+    @property
+    def columns(self) -> dict[str, list[float]]:
+        """Columns of a joint_data.csv; forces and shifts alone where no load has a moment."""
+        size = 6 if self.loads[:, 3:].any() else 3
+        units = [*(["_N"] * 3 + ["_Nm"] * 3)[:size], *(["_mm"] * 3 + ["_mrad"] * 3)[:size]]
+        names = [*WRENCH_NAMES[:size], *TWIST_NAMES[:size]]
+        values = np.hstack([self.loads[:, :size], 1e3 * self.twists[:, :size]]).T.tolist()
+        return {name + unit: column for name, unit, column in zip(names, units, values, strict=True)}
 
-def random_loads(count: int, forces: tuple[float, float], moments: tuple[float, float] | None, seed: int) -> Array:
-    """Return (N, 6) loads [N, Nm]: of any direction, of a size between two bounds; no moments where they have none.
 
-    Raises:
-        InputError: A bound is negative, or the lower one above the upper one.
-    """
-    found, rng = np.zeros((count, 6)), np.random.default_rng(seed)
-    for place, bounds in ((slice(0, 3), forces), (slice(3, 6), moments)):
-        if bounds is None:
-            continue
-        if not 0.0 <= bounds[0] <= bounds[1] or bounds[1] == 0.0:
-            raise InputError(f"loads from {bounds[0]:g} to {bounds[1]:g}: expected 0 <= lower <= upper, not both 0")
-        directions = rng.normal(size=(count, 3))
-        sizes = rng.uniform(*bounds, size=(count, 1))
-        found[:, place] = sizes * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    return found
+def random_loads(count: int, forces: tuple[float, float], moments: tuple[float, float], seed: int) -> Array:
+    """Return (N, 6) loads [N, Nm]: of any direction, of a size between two bounds."""
+    rng, found = np.random.default_rng(seed), []
+    for bounds in (forces, moments):
+        directions, sizes = rng.normal(size=(count, 3)), rng.uniform(*bounds, size=(count, 1))
+        found.append(sizes * directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    return np.hstack(found)
 
 
 def study(
@@ -98,12 +98,12 @@ def study(
     check_size(mesh)
     # Instances may have nodes of one number.
     ids = mesh.ids if mesh.beyond else np.arange(1, len(mesh.points) + 1)
-    length, first = UNITS[unit][0], int(ids.max()) + 1_000_001
+    length, first = UNITS[unit][0] if mesh.beyond else 1.0, int(ids.max()) + 1_000_001
     held, carrying = mesh.nodes_of(fixed), mesh.nodes_of(loaded)
     centre = mesh.points[carrying].mean(axis=0)
     body = rigid_motion(mesh.points[carrying] - centre)
     spread = body @ np.linalg.inv(body.T @ body)
-    lines = [*_model(mesh, ids, unit), f"*NSET, NSET={FIXED}", *map(str, ids[held])]
+    lines = [*_model(mesh, ids), f"*NSET, NSET={FIXED}", *map(str, ids[held])]
     lines += [f"*NSET, NSET={LOADED}", *map(str, ids[carrying]), "*BOUNDARY", f"{FIXED}, 1, 3"]
     read = ids[carrying]
     if interface == "rigid":
@@ -148,8 +148,8 @@ def _printed(path: Path) -> dict[int, Array]:
     return found
 
 
-def _model(mesh: Mesh, ids: np.ndarray, unit: str) -> list[str]:
-    """Return the model without its steps: its solids, or where it has more the .inp as it stands."""
+def _model(mesh: Mesh, ids: np.ndarray) -> list[str]:
+    """Return the model without its steps: its solids in SI, or where it has more the .inp as it stands."""
     if mesh.beyond:
         lines = mesh.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         words = [line.strip().upper() for line in lines]
@@ -158,29 +158,15 @@ def _model(mesh: Mesh, ids: np.ndarray, unit: str) -> list[str]:
             text = f"*{keyword} in parts or included files: flatten the model first"
             raise UnsupportedError(f"{mesh.path}:{line}: {text}")
         return lines[: next((i for i, word in enumerate(words) if word.startswith("*STEP")), len(lines))]
-    length, stress, density = UNITS[unit]
-    places = (mesh.points / length).tolist()
-    lines = ["*NODE", *(f"{number}, {x:.12e}, {y:.12e}, {z:.12e}" for number, (x, y, z) in enumerate(places, 1))]
+    places = enumerate(mesh.points.tolist(), 1)
+    lines = ["*NODE", *(f"{number}, {x:.12e}, {y:.12e}, {z:.12e}" for number, (x, y, z) in places)]
     for place, block in enumerate(mesh.blocks):
         lines.append(f"*ELEMENT, TYPE={block.kind}, ELSET=E{place}")
         for row in np.column_stack([10_000_000 * place + 1 + np.arange(len(block.ids)), ids[block.nodes]]).tolist():
             lines.append(",\n".join(str(row[start : start + 12])[1:-1] for start in range(0, len(row), 12)))
         own = block.material
         assert own is not None
-        lines += [f"*MATERIAL, NAME=M{place}", "*ELASTIC", f"{own.young / stress:.12e}, {own.poisson:.12e}"]
-        lines += ["*DENSITY", f"{own.density / density:.12e}"] if own.density else []
+        lines += [f"*MATERIAL, NAME=M{place}", "*ELASTIC", f"{own.young:.12e}, {own.poisson:.12e}"]
+        lines += ["*DENSITY", f"{own.density:.12e}"] if own.density else []
         lines.append(f"*SOLID SECTION, ELSET=E{place}, MATERIAL=M{place}")
     return lines
-
-
-def write_study(found: Study, path: Path) -> Path:
-    """Write a joint_data.csv: forces in N, moments in Nm, shifts in mm, rotations in mrad.
-
-    Forces and shifts alone where no load has a moment.
-    """
-    size = 6 if found.loads[:, 3:].any() else 3
-    names = [f"{name}_{'N' if place < 3 else 'Nm'}" for place, name in enumerate(WRENCH_NAMES[:size])]
-    names += [f"{name}_{'mm' if place < 3 else 'mrad'}" for place, name in enumerate(TWIST_NAMES[:size])]
-    cells = np.hstack([found.loads[:, :size], 1e3 * found.twists[:, :size]])
-    rows = [",".join(f"{value:.15g}" for value in row) for row in cells]
-    return write_whole(path, ("\n".join([",".join(names), *rows]) + "\n").encode())

@@ -24,7 +24,8 @@ import armflex
 from armflex.fem.assembly import assembled
 from armflex.fem.inp import read_inp
 from armflex.fem.mesh import Mesh
-from armflex.fem.study import Study, study, write_study
+from armflex.fem.study import Study, study
+from armflex.measured.table import write_table
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from boom import structures
@@ -212,7 +213,7 @@ def main(folder: Path, names: list[str]) -> None:
             loads = rng.uniform(-1.0, 1.0, (ROWS + NEW, 6)) * RING
         found = solved(name, loads)
         for part, rows in ((name, slice(0, ROWS)), (f"{name}_new", slice(ROWS, None))):
-            write_study(Study(found.loads[rows], found.twists[rows], found.solver), folder / f"{part}.csv")
+            write_table(folder / f"{part}.csv", Study(found.loads[rows], found.twists[rows], found.solver).columns)
         print(name, flush=True)
     if "M1" in names:  # a compliance at each extension, of least squares over loads of the box
         rows = []
