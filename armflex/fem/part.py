@@ -69,7 +69,8 @@ class Part(Result):
         young_std: Relative standard uncertainty of the compliance, one factor of all of it; 0 where nobody says.
         nodes: Number of the mesh's nodes.
         flags: What is doubtful.
-        surface: Arrays of `SURFACE`, by twist of the loaded interface, which pages draw; None of several loaded interfaces, and of a part that was read.
+        surface: Arrays of `SURFACE`, by twist of the loaded interface, which pages draw; None of several loaded
+            interfaces, and of a part that was read.
     """
 
     mesh: str

@@ -87,7 +87,7 @@ def read_link(name: str, table: Declaration, robot: Robot) -> tuple[Robot, Flexu
 
 
 def _ended(robot: Robot, joint: Joint, rest: Inertial | None, end: Inertial | None) -> Robot:
-    """Return a robot whose link, before a joint that it carries, ends in a link of its own; `rest` stays of the link."""
+    """Return a robot whose link, before a joint that it carries, ends in one more link; `rest` stays with it."""
     urdf, name = robot.urdf, f"{joint.parent}:end"
     link = replace(urdf.links[joint.parent], inertial=rest)
     fixed = replace(joint, name=name, kind="fixed", child=name, mimic=None, lower=-np.inf, upper=np.inf)

@@ -10,11 +10,11 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.fem.part import Drawing
 from armflex.laws.joint.log_compliance import LOOSE
-from armflex.laws.law import Law, Parameter, Ranges, Row, Transform
+from armflex.laws.law import Compliance, Parameter, Ranges, Row, Transform
 
 
 @dataclass(frozen=True, eq=False)
-class MeshedLaw(Law):
+class MeshedLaw(Compliance):
     """A constant compliance with one parameter, the logarithm of a factor on all of it.
 
     Attributes:
@@ -36,6 +36,7 @@ class MeshedLaw(Law):
 
     @property
     def values(self) -> Array:
+        """(1,) logarithm of the factor, dimensionless."""
         return np.array([self.logarithm])
 
     def at(self, values: Array) -> MeshedLaw:
@@ -45,11 +46,9 @@ class MeshedLaw(Law):
     def constant(self) -> Array:
         return np.exp(self.logarithm) * self.meshed
 
-    def twist(self, wrench: Array, row: Row) -> Array:
-        return wrench @ self.constant
-
-    def tangent(self, wrench: Array, row: Row) -> Array:
-        return np.broadcast_to(self.constant, (*wrench.shape[:-1], 6, 6))
+    def compliance(self, row: Row) -> Array:
+        """Return the mesh's, times the factor: (6, 6) [m/N, rad/Nm and mixed]."""
+        return self.constant
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the twist: it grows as the factor does."""
