@@ -19,7 +19,7 @@ SOLIDS = {"C3D4": 4, "C3D10": 10, "C3D8": 8, "C3D20": 20, "C3D20R": 20}
 FLAT = {
     **{"CPS3": 3, "CPS4": 4, "CPS6": 6, "CPS8": 8, "T3D2": 2, "T3D3": 3},  # by which gmsh writes faces and edges
     **{"CTRIA3": 3, "CTRIA6": 6, "CQUAD4": 4, "CQUAD8": 8},
-    **{"vertex": 1, "line": 2, "line3": 3, "triangle": 3, "triangle6": 6, "quad": 4, "quad8": 8},
+    **{"vertex": 1, "line": 2, "line3": 3, "triangle": 3, "triangle6": 6, "quad": 4, "quad8": 8, "quad9": 9},
 }
 """Faces and edges of solids, by .inp's, Nastran's and meshio's names -> their nodes: without a section they make sets
 alone."""
@@ -269,13 +269,16 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
         if not -1.0 < own.poisson < 0.5:
             text = f"Poisson's ratio {own.poisson:g} of {named}: expected more than -1, less than 0.5"
             raise mesh.fail(text, block.lines[0])
-        for text, value, (least, most), unit in (
-            ("Young's modulus", own.young, YOUNG, "Pa"),
-            ("density", own.density, DENSITY, "kg/m^3"),
+        for name, text, (least, most), unit in (
+            ("young", "Young's modulus", YOUNG, "Pa"),
+            ("density", "density", DENSITY, "kg/m^3"),
         ):
+            value = getattr(own, name)
             if value is not None and not least <= value <= most:
                 text = f"{text} {value:g} {unit} of {named}, expected {least:g} to {most:g}"
-                raise mesh.fail(f"{text}: is the mesh in mm, N and tonnes (--unit mm)?", block.lines[0])
+                other = "is the mesh in mm, N and tonnes (--unit mm)?"
+                other = f"--{name} is in {unit} whatever the mesh's unit" if name in given else other
+                raise mesh.fail(f"{text}: {other}", block.lines[0])
         blocks.append(replace(block, material=own))
     return replace(mesh, blocks=tuple(blocks), flags=tuple(dict.fromkeys(flags)))
 

@@ -166,12 +166,9 @@ WORDS = ("mesh", "sha256", "nodes", "fixed", "loaded", "interface", "young_std",
 def _shapes(count: int) -> dict[str, tuple[int, ...]]:
     """Return the arrays of a PART.toml with so many loaded interfaces: their shapes."""
     size = 6 * count
-    found = {"fixed_origin": (3,), "origins": (count, 3), "com": (3,), "inertia": (3, 3)}
     return {
-        **found,
-        **dict.fromkeys(("compliance", "mass_matrix"), (size, size)),
-        "weight": (size, 3),
-        "spin": (size, 3),
+        **{"fixed_origin": (3,), "origins": (count, 3), "com": (3,), "inertia": (3, 3)},
+        **{"compliance": (size, size), "mass_matrix": (size, size), "weight": (size, 3), "spin": (size, 3)},
     }
 
 
