@@ -257,8 +257,9 @@ class Certainty:
             there is none.
         directions: (k, P) directions, in the parameters' units, that neither the campaign nor a prior determined, None
             where there are none.
-        misfit: Standard deviation of each coordinate [m] by which readings scattered beyond what they stated: what the
-            arm lacks moves the tip so much.
+        misfit: Standard deviation of each coordinate [m] by which readings scattered beyond what they stated, or poses
+            held out from a trace beyond what its fit states (`held_out.excess`): what the arm lacks, or what was
+            selected wrongly, moves the tip so much.
         design_effect: How many readings informed on the parameters as much as one that is independent of the others
             would; the covariance has it in it. See `held_out.design_effect`.
 

@@ -6,7 +6,7 @@ import click
 
 from armflex.cli import options
 from armflex.cli.terminal import doing, say
-from armflex.mechanics.many_rows import kernel, loop_kernel
+from armflex.mechanics.many_rows import kernel_of_one_row, loop_kernel
 
 
 @click.command(cls=options.Command)
@@ -16,7 +16,7 @@ def command() -> None:
     Small jobs are answered without it.
     """
     doing("compiling")
-    kernel()
+    kernel_of_one_row()
     loop_kernel()
     options.conclude(lambda: {"compiled": True}, ())
     say("The engine is compiled, and its code is kept.")

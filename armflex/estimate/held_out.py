@@ -9,7 +9,7 @@ from itertools import accumulate
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.fit import Fit
+from armflex.estimate.fit import CHANCE, Fit
 from armflex.estimate.outliers import DOUBTED
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View, foremost_rms
@@ -167,9 +167,12 @@ def errors_of(fit: Fit, whitened: Array) -> Array:
     return own * np.where(np.isfinite(sigma), sigma, 0.0)
 
 
-def told_by_others(fit: Fit, folds: np.ndarray) -> list[LinearGaussian]:
-    """Return the information of all other folds' rows on a fit's values, for every fold, from (M,) folds."""
-    own = [squared(fit.regressors[rows]) for rows in _readings_of(fit, folds)]
+def told_by_others(fit: Fit, folds: np.ndarray, noise: float = 1.0) -> list[LinearGaussian]:
+    """Return the information of all other folds' rows on a fit's values, for every fold, from (M,) folds.
+
+    `noise` is the variance of a whitened reading.
+    """
+    own = [squared(fit.regressors[rows]) / noise for rows in _readings_of(fit, folds)]
     return [LinearGaussian(told).with_precision(fit.precision) for told in _of_others(own)]
 
 
@@ -238,6 +241,49 @@ def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
     most = np.log(max(sum(len(error) for *_, error in parts), 2))
     found = minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": SETTLED}).x
     return float(np.exp(found)) if cost(found) < cost(0.0) else 1.0
+
+
+def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effect: float) -> float:
+    """Return by how much rows held out are off beyond their noise and what is known of a fit's values [m].
+
+    What was chosen by looking at a campaign, such as which effects it shows, is not among the values whose covariance
+    a fit knows; rows that were held out from the choice know what is wrong with it. It is the most probable standard
+    deviation m of a shift for the errors e of the foremost numbers in each fold, predicted from the others,
+
+        e ~ N(0, s^2 + J N_k^-1 J' + (S m)^2),
+
+    with s the noise as stated, or as it scatters about the fit where that is less, N_k the information of the other
+    folds and the priors, and S the change of a reading with a shift. 0 where chance would give as much.
+
+    Args:
+        fit: The fit, with what was chosen from all rows.
+        folds: (M,) fold of every row.
+        errors: (M, n) errors of the foremost numbers where all is chosen and fitted without a row's fold [m].
+        judged: (M, d) readings that count.
+        effect: How many readings count as one; see `design_effect`.
+    """
+    from scipy.optimize import minimize_scalar  # not needed to import the package
+
+    spread = np.empty(fit.view.residual.size)
+    noise = effect * max(fit.noise, 1.0) ** 2
+    for known, own in zip(told_by_others(fit, folds, noise), _readings_of(fit, folds), strict=True):
+        spread[own] = ((fit.regressors[own] @ known.root) ** 2).sum(axis=1)
+    where, view = fit.view.foremost, fit.view
+    counted = judged[:, where]
+    weighed = spread.reshape(fit.weights.shape) / fit.weights * view.sigma**2
+    scatter = np.minimum(fit.stated, view.sigma * fit.scatter_by_number)
+    known, shift = (scatter**2 + weighed)[:, where][counted], view.by_shift[:, where][counted] ** 2
+    squares = errors[counted] ** 2
+
+    def cost(logarithm: float) -> float:
+        """Return -2 log likelihood but for a constant."""
+        variance = known + np.exp(2.0 * logarithm) * shift
+        return float((np.log(variance) + squares / variance).sum())
+
+    least = float((np.log(known) + squares / known).sum())
+    middle = 0.5 * np.log(known.mean() / shift.mean())
+    found = minimize_scalar(cost, bounds=(middle - 7.0, middle + 7.0), method="bounded").x
+    return float(np.exp(found)) if least - cost(found) > CHANCE**2 else 0.0
 
 
 def apart_folds(q: Array, count: int) -> np.ndarray:

@@ -144,6 +144,9 @@ def _lacking(certainty: Certainty) -> tuple[Flag, ...]:
     if not certainty.misfit:
         return ()
     size = f"{np.sqrt(3.0) * certainty.misfit * 1e3:.3g} mm"
+    if any(group.kind is ParameterKind.EFFECT for group in certainty.groups):
+        text = f"poses held out from the trace were off by {size} (RMS) beyond noise and fit: sigma has that in it"
+        return (Flag("lacking", text),)
     text = f"the arm lacks something that moved the tip by {size} (RMS) when it was calibrated: sigma has that in it"
     return (Flag("lacking", f"{text}, `trace` looks for it"),)
 

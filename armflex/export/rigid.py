@@ -173,7 +173,7 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     unknown: tuple[str, ...] = ()
     if arm.certainty is not None and arm.certainty.misfit:
         size = f"{np.sqrt(3.0) * arm.certainty.misfit * 1e3:.3g} mm (RMS)"
-        unknown = (f"The arm lacks something that moved the tip by {size} when it was calibrated: see `trace`.",)
+        unknown = (f"The arm lacks something that moved the tip by {size} when it was measured: see `trace`.",)
     drawn = configurations(arm) if over is None else over.q
     loops, opened = _loops_left_out(arm, drawn)
     unknown = (*loops, *unknown)

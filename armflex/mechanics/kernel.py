@@ -1307,6 +1307,12 @@ def compile_everything() -> None:
         rigid_tips(*arm[:2], q, poses[:, 0] if poses.shape[1] else np.zeros((0, 4, 4)))
 
 
+def compile_one() -> None:
+    """Compile the answer to one row at a time, which only a control loop asks for: of a joint beyond its bounds."""
+    with kept_code.compiled_once(solve_one):
+        solve_one(np.zeros(32), np.zeros(5, dtype=np.int64), True, np.ones(1), np.zeros((0, 6)), np.zeros(6))
+
+
 def is_kept() -> bool:
     """Return whether nothing of what `compile_everything` compiles has to be."""
     return kept_code.is_kept(*ENTRIES)

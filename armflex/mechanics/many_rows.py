@@ -64,6 +64,9 @@ _loaded: list[ModuleType] = []
 _loops: list[ModuleType] = []
 """The engine of arms with loops: who has none need not compile it."""
 
+_single: list[ModuleType] = []
+"""The engine whose answer to one row is compiled, too."""
+
 _rows = [0]
 
 
@@ -75,6 +78,16 @@ def kernel() -> ModuleType:
     stderr.
     """
     return _compiled(_loaded, _imported)
+
+
+def kernel_of_one_row() -> ModuleType:
+    """Return the compiled engine with its answer to one row at a time, which a control loop asks for."""
+    compiled = kernel()
+    with _loading:
+        if not _single:
+            compiled.compile_one()
+            _single.append(compiled)
+    return compiled
 
 
 def loop_kernel() -> ModuleType:

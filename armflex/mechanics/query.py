@@ -19,7 +19,7 @@ from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import LoopSolver
-from armflex.mechanics.many_rows import COMPILED, ROUNDS, SETTLED, RowSolver, kernel, turned
+from armflex.mechanics.many_rows import COMPILED, ROUNDS, SETTLED, RowSolver, kernel_of_one_row, turned
 from armflex.mechanics.pinocchio_model import LoadCase, build_model
 from armflex.rows.wrench import Wrench, check_rows
 
@@ -130,7 +130,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
 
     Everything it needs is a local name: to look up attributes takes as long as the mechanics.
     """
-    arm, stack, n, compiled = loaded.arm, loaded.arm.stack, len(loaded.arm.sites), kernel()
+    arm, stack, n, compiled = loaded.arm, loaded.arm.stack, len(loaded.arm.sites), kernel_of_one_row()
     bounds, shape = np.array(arm.bounds), (len(arm.joint_names),)
     solver, middle = RowSolver(loaded, exact, wrenches), bounds.mean(axis=0)
     laws, pushes, bound, chain = RowLaws(stack), solver.pushes, solver.bound, loaded.chain.numbers

@@ -9,7 +9,7 @@ import numpy as np
 
 from armflex.errors import ArmflexError
 from armflex.estimate.fit import THOROUGH
-from armflex.estimate.held_out import held_out, judged_by, pose_folds
+from armflex.estimate.held_out import excess, held_out, judged_by, pose_folds
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import robust_limit
@@ -150,7 +150,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
     following = next_measurement(state, known.credible, ask or Ask())
     wrong, seen = misplaced_centres(state.fitted, state.fit.setup.arm.robot), known.validated
     return Trace(
-        **_errors(state),
+        **_errors(state, seen),
         found=found,
         families=tuple(_family(known, i) for i, one in enumerate(state.known) if one.family),
         unexplained=left,
@@ -172,11 +172,15 @@ def so_far(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
     return Trace(**_errors(here.state), found=(), unexplained=left, places=places, unfinished=True)
 
 
-def _errors(state: State) -> dict:
-    """Return the parts of an account that every state has."""
+def _errors(state: State, seen: Validated | None = None) -> dict:
+    """Return the parts of an account that every state has, once it is `seen` how held-out poses are predicted."""
     fit, calibration = state.fit, state.calibration
     folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
-    arm = with_posteriors(fit.setup.arm, fit, certainty_of(fit))
+    certainty = certainty_of(fit)
+    if seen is not None and fit.view.readings.unit in ("m", "px"):
+        chosen = excess(fit, folds, seen.errors, judged, certainty.design_effect)
+        certainty = replace(certainty, misfit=max(certainty.misfit, chosen))
+    arm = with_posteriors(fit.setup.arm, fit, certainty)
     # A random twist stays behind, because nobody can foresee it.
     effects = (*calibration.arm.effects, *state.fitted)
     return {

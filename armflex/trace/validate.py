@@ -54,8 +54,8 @@ class Folds:
         self.readings = state.fit.view.readings.where(judged_by(state.calibrated, state.fit))
         self.judged = self.readings.foremost_count > 0
 
-    def squares(self, models: Sequence[Model]) -> Array:
-        """Return the (M,) squared errors of every row [m^2], predicted from the other folds with a model for each."""
+    def errors(self, models: Sequence[Model]) -> Array:
+        """Return the (M, n) errors of what is read foremost, predicted from the other folds with a model for each."""
         screen, fit = self.here.screen, self.here.state.fit
         projection, left = screen.projection, np.empty(len(screen.projection.data))
         for part, learned, fitted, model in zip(self.parts, self.learned, self.fitted, models, strict=True):
@@ -65,7 +65,11 @@ class Folds:
             data = projection.data - screen.columns(places) @ amplitudes
             values = fitted.solve(projection.shared[learned].T @ data[learned])
             left[~learned] = (data - projection.regressors @ values)[~learned]
-        return self.readings.row_squares(errors_of(fit, screen.quiet * left))
+        return errors_of(fit, screen.quiet * left)
+
+    def squares(self, models: Sequence[Model]) -> Array:
+        """Return the (M,) squared errors of every row [m^2], predicted from the other folds with a model for each."""
+        return self.readings.row_squares(self.errors(models))
 
     def rms(self, squares: Array) -> float:
         """Return the RMS of (M,) squared errors over the rows that are judged [m]."""
@@ -80,11 +84,13 @@ class Validated:
         compared: Errors on poses held out.
         names: For every hypothesis found, the share of folds that lead to its law and place.
         proofs: For every hypothesis, errors without it and with it.
+        errors: (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m].
     """
 
     compared: Compared
     names: tuple[float, ...]
     proofs: tuple[Proof, ...]
+    errors: Array
 
 
 def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Sequence[float], null: float) -> Validated:
@@ -99,7 +105,7 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
     """
     folds = Folds(here, numbers, charges)
     anew, count = [climbed(part) for part in folds.parts], len(folds.parts)
-    whole, chosen, fit = folds.squares([own] * count), folds.squares(anew), here.state.fit
+    whole, chosen, fit = folds.squares([own] * count), folds.errors(anew), here.state.fit
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
     calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fit)
     poses = pose_folds(here.state.groups)
@@ -112,8 +118,9 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
         names.append(sum(led) / count)
         without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
         proofs.append(_proof(here, folds, i, without, whole, null))
-    compared = Compared(before, folds.rms(chosen), max(folds.rms(whole), exact))
-    return Validated(compared, tuple(names), tuple(proofs))
+    after = folds.rms(folds.readings.row_squares(chosen))
+    compared = Compared(before, after, max(folds.rms(whole), exact))
+    return Validated(compared, tuple(names), tuple(proofs), chosen)
 
 
 def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:

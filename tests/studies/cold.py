@@ -1,6 +1,6 @@
 """How many of many new processes stand still: whatever uses threads, so many of each, some started at once.
 
-    PYTHONPATH=tests python tests/studies/cold.py [-n 50] [--together 4] [--seconds 120]
+    PYTHONPATH=tests python tests/studies/cold.py [-n 50] [--together 4] [--seconds 600]
 
 Run it after a change to what is imported or compiled, or when: that two threads wait for each other for ever is seldom.
 """
@@ -14,16 +14,16 @@ from pathlib import Path
 
 from support.cold import COLD, cold_processes
 
-from armflex.mechanics.many_rows import kernel
+from armflex.mechanics.many_rows import kernel_of_one_row
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-n", type=int, default=50, help="processes of each kind")
     parser.add_argument("--together", type=int, default=4, help="processes started at once")
-    parser.add_argument("--seconds", type=float, default=120.0, help="after which one stands still")
+    parser.add_argument("--seconds", type=float, default=600.0, help="after which one stands still")
     asked = parser.parse_args()
-    kernel()  # compiled and kept: what is counted is what stands still, and not what compiles
+    kernel_of_one_row()  # compiled and kept: what is counted is what stands still, and not what compiles
     ended = {name: Counter[str]() for name in COLD}
     with tempfile.TemporaryDirectory() as folder:
         names = [name for _ in range(asked.n) for name in COLD]
