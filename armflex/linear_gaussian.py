@@ -124,8 +124,8 @@ class LinearGaussian:
             from scipy.linalg import eigh  # not needed to import the package
 
             size, axes = eigh(scaled, driver="ev")
-        told = size > ROUNDING
-        return size[told], self._with_alone(axes[:, told]), self._with_alone(axes[:, ~told])
+        determined = size > ROUNDING
+        return size[determined], self._with_alone(axes[:, determined]), self._with_alone(axes[:, ~determined])
 
     def _with_alone(self, axes: Array) -> Array:
         """Return (P, k) scaled axes of all parameters from those of all but the ones that are eliminated."""

@@ -239,8 +239,8 @@ def beyond_priors(pulls: Mapping[str, float]) -> Iterator[Flag]:
     """
     far = sorted((label for label, pull in pulls.items() if pull > ABSURD), key=lambda label: -pulls[label])
     if far:
-        told = ", ".join(f"{label} by {pulls[label]:.0f} prior standard deviations" for label in far[:3])
-        text = f"{len(far)} value{'s are' if len(far) > 1 else ' is'} absurdly far from what was declared ({told})"
+        worst = ", ".join(f"{label} by {pulls[label]:.0f} prior standard deviations" for label in far[:3])
+        text = f"{len(far)} value{'s are' if len(far) > 1 else ' is'} absurdly far from what was declared ({worst})"
         text += ": units, conventions and priors are more likely wrong than the arm is"
         yield Flag("beyond_priors", text, far[0], pulls[far[0]])
 

@@ -46,7 +46,7 @@ def main(folder: str = "") -> tuple[float, float]:
     # As `armflex export arm.toml --to urscript --traj holes.csv --compensate -o drill.script`
     script = programs.urscript(arm, file, compensate=True, name="drill")
     (place / "drill.script").write_text(script.text)
-    print(*script.told, sep="\n")
+    print(*script.notes, sep="\n")
     print(script.text.splitlines()[7])
 
     moves = re.findall(r"movej\(\[(.*?)\]", script.text)

@@ -1,6 +1,6 @@
 """The public scoreboard: campaigns that were published, each calibrated, traced and predicted by parts it has not seen.
 
-    python tests/public.py DIR [--parts 3] [--only NAME] [--cut among] [--rows N] [--calibrated] [--json FILE]
+    python tests/public.py DIR [--parts 3] [--only NAME] [--cut among|rest] [--rows N] [--calibrated] [--json FILE]
 
 Every campaign in DIR and below is found by its arm.toml, each `.csv` with joint positions beside it is one; published
 repositories of other layouts are converted first, into a temporary folder: serial_robots_datasets, ipa-robot-accuracy
@@ -18,7 +18,7 @@ campaign, their error by the arm traced on all of it is listed as well. Rows tha
 `sigma` of `predict` and the noise of the reading together; that is as stated, or as the readings scatter about the fit
 where it is less. *chi2* is the mean square of that ratio. 95 % and 1 are what a true statement gives. `--calibrated`
 leaves `trace` out, which takes seconds instead of minutes; `--rows N` takes N readings spread evenly over a longer
-campaign.
+campaign, and with `--cut rest` predicts all others from these.
 """
 
 from __future__ import annotations
@@ -196,8 +196,8 @@ def score(arm_file: Path, table: Path, parts: int, cuts: tuple[str, ...], calibr
     """
     arm = armflex.load_arm(arm_file)
     measurements = read_measurements(table, arm)
-    rows = np.flatnonzero(measurements.measured)
-    rows = rows[np.unique(np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int))]
+    every = np.flatnonzero(measurements.measured)
+    rows = every[np.unique(np.linspace(0, len(every) - 1, min(most, len(every))).astype(int))]
     fitted = armflex.calibrate if calibrated else armflex.trace
     begun = time.process_time()
     whole = fitted(arm, measurements, rows)
@@ -216,6 +216,8 @@ def score(arm_file: Path, table: Path, parts: int, cuts: tuple[str, ...], calibr
             found, own = fitted(arm, measurements, rows[part != number], anyway=True), part == number
             errors[:, own], stds[:, own] = (one[:, rows[own]] for one in errors_of(found, measurements))
         told[name] = figures(errors, stds)
+    if "rest" in cuts and len(rows) < len(every):
+        told["rest"] = figures(*(one[:, np.setdiff1d(every, rows)] for one in errors_of(whole, measurements)))
     if (table.parent / "test.csv").exists():
         test = read_measurements(table.parent / "test.csv", arm)
         told["test"] = figures(*(one[:, test.measured] for one in errors_of(whole, test)))
@@ -227,7 +229,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", help="folder of campaigns and published repositories")
     parser.add_argument("--parts", type=int, default=3, help="parts that the poses are cut in (3)")
     parser.add_argument("--only", default="", help="campaigns whose name holds this")
-    parser.add_argument("--cut", choices=("among", "apart"), help="one of the two ways of cutting (both)")
+    parser.add_argument("--cut", choices=("among", "apart", "rest"), help="one way of cutting (among and apart)")
     parser.add_argument("--calibrated", action="store_true", help="without tracing")
     parser.add_argument("--rows", type=int, default=10**6, help="readings of a longer campaign that are used (all)")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
@@ -251,7 +253,7 @@ def main() -> None:
             except ArmflexError as error:
                 print(f"{name:28s} {error}", flush=True)
                 continue
-            line = "".join(f"        {said(told[cut])}" for cut in cuts)
+            line = "".join(f"        {said(told[cut])}" for cut in cuts if cut in told)
             print(f"{name:28s} {told['rows']:5d} {line}  {told['cpu_s']:5.1f}", flush=True)
             if "causes" in told:
                 causes = ", ".join(told["causes"]) or "none"

@@ -79,7 +79,7 @@ def command(
         fitted = {name: law for name, law in learned_laws(found.arm).items() if law.posterior is not None}
         axes = learned_axes(found.fit, fitted, samples) if fitted else ()
     with together():
-        options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.told} for axis in axes]})
+        options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.determined} for axis in axes]})
         write_calibrated(arm_path, found, output)
         if report_path is not None:
             from armflex.show.report import write_report  # draws
@@ -179,7 +179,7 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
     """Print a line for every axis that the readings inform on, and name the others."""
     rows = []
     for axis in axes:
-        if axis.told:
+        if axis.determined:
             unit, factor = ("µm", 1e6) if axis.axis.startswith("d") else ("mrad", 1e3)
             sizes = [number(size * factor, 3) for size in (axis.declared, axis.learned, axis.correction, axis.std)]
             sampled = [] if axis.sampled is None else [number(axis.sampled * factor, 3)]
@@ -195,7 +195,7 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
         *(["sampled"] if samples else []),
     ]
     print_table("Laws learned: RMS over the observed loads", columns, rows)
-    left = ", ".join(f"{axis.flexure} {axis.axis}" for axis in axes if not axis.told)
+    left = ", ".join(f"{axis.flexure} {axis.axis}" for axis in axes if not axis.determined)
     if left:
         say(f"Hardly observable in these readings, kept near the declared values: {left}.")
     if samples is not None:

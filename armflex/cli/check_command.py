@@ -57,11 +57,11 @@ def command(
         report = check(arm, trajectory, tolerance, angle, progress=tick, against=against, **how)
         swing = None if within is None else settle(arm, trajectory, within, how["covariates"])
     moved = against is not None or trajectory.is_moved
-    told = record(report, "ok tolerance_m angle_rad samples load_factor via_points path_worst relative_sigma_m")
-    told |= {"against": str(desired_path or trajectory_path)} if moved else {}
+    said = record(report, "ok tolerance_m angle_rad samples load_factor via_points path_worst relative_sigma_m")
+    said |= {"against": str(desired_path or trajectory_path)} if moved else {}
     flags = report.flags if swing is None else (*report.flags, *swing.flags)
-    told |= {} if swing is None else record(swing, settle_within_m="within_m", settling="via_points")
-    options.conclude(lambda: told, flags, arm)
+    said |= {} if swing is None else record(swing, settle_within_m="within_m", settling="via_points")
+    options.conclude(lambda: said, flags, arm)
     meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
     say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
     print_check(report, "off by" if moved else "moves")

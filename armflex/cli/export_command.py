@@ -108,7 +108,7 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     if output is None:
         say(*(found.page or found.text).splitlines())
     show_flags(found.flags)
-    for line in found.told:
+    for line in found.notes:
         complain(line) if output is None else say(line)
     if output is not None:
         say(f"Written to {output}.")

@@ -17,7 +17,7 @@ import click
 import numpy as np
 
 from armflex.arm import Arm, warn
-from armflex.cli.terminal import print_table, say, show_flags, telling
+from armflex.cli.terminal import print_table, say, show_flags, showing_stages
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
@@ -146,7 +146,7 @@ class Command(click.Command):
         context.meta[__name__] = context.params.pop("json_path")
         each = [(one, path) for one, some in paths.items() for path in (some if isinstance(some, tuple) else (some,))]
         self._check_kinds([(_file(one), path) for one, path in each if path is not None and _file(one) in FILES])
-        with telling("reading"):
+        with showing_stages("reading"):
             return super().invoke(context)
 
     def _check_kinds(self, given: Sequence[tuple[str, Path]]) -> None:

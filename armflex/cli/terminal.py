@@ -119,10 +119,10 @@ def no_via_points(shown: str) -> str:
 
 
 @contextmanager
-def telling(title: str = "") -> Iterator[None]:
+def showing_stages(title: str = "") -> Iterator[None]:
     """Say on stderr what is being done, with the seconds passed: a live line in a terminal, in a pipe one now and then.
 
-    What is done is `title` until `tell`, `doing` or `progress` say another. A thread writes, so that whoever computes
+    What is done is `title` until `show_stage`, `doing` or `progress` say another. A thread writes: what computes
     need not look at the clock. What the package logs meanwhile is a line of its own.
     """
     over, live = threading.Event(), sys.stderr.isatty()
@@ -159,7 +159,7 @@ class _Lines(logging.Handler):
         complain(record.getMessage())
 
 
-def tell(text: str) -> None:
+def show_stage(text: str) -> None:
     """Print what is done from now on on stderr, with the seconds passed."""
     doing(text)
     complain(_timed(text))

@@ -12,7 +12,7 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.calibrate_command import campaigns_json, outlier_json, print_campaigns, scaled
-from armflex.cli.terminal import doing, number, print_table, say, show_flags, tell, warn
+from armflex.cli.terminal import doing, number, print_table, say, show_flags, show_stage, warn
 from armflex.conventions import SHOWN
 from armflex.errors import InputError, enough_memory, listing
 from armflex.files.arm_file import accepted_effects
@@ -82,12 +82,12 @@ def command(
         with enough_memory(f"{len(measurements)} rows"):
 
             def account(found: Trace) -> None:
-                tell("writing what was accepted so far" if found.unfinished else "writing")
+                show_stage("writing what was accepted so far" if found.unfinished else "writing")
                 if not found.unfinished:
                     finished.append(found)
                 outputs.write(found)
 
-            trace(arm, measurements, None, tell, keep, account, doing, anyway, ask or 0, covariates, accepted)
+            trace(arm, measurements, None, show_stage, keep, account, doing, anyway, ask or 0, covariates, accepted)
     finally:  # also where it could not be written
         for found in finished:
             print_trace(found)
@@ -232,7 +232,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         "rms": dict(zip(("declared", *stages), (found.declared_rms, found.calibrated_rms, found.rms), strict=True)),
         "held_out_rms": dict(zip(stages, found.held_out, strict=True)),
     }
-    told = {
+    said = {
         "format": "armflex-trace-1",
         **({} if found.nothing is None else record(found, "nothing")),
         **({"unfinished": True} if found.unfinished else {}),
@@ -279,7 +279,7 @@ def as_json(found: Trace) -> dict[str, Any]:
             for one in found.withdrawn
         ],
     }
-    return plain(told)
+    return plain(said)
 
 
 def _effect_json(found: Found) -> dict[str, Any]:

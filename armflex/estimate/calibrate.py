@@ -398,8 +398,8 @@ def _worse(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
 def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tuple[np.ndarray, tuple[Flag, ...]]:
     """Return the rows that an arm can be fitted to, and flags about them; raise where it cannot, see `calibrate`."""
     asked = np.flatnonzero(measurements.measured) if rows is None else row_numbers(rows, len(measurements))
-    untold = without_direction([effect for effect in arm.effects if effect.derived], measurements)[asked]
-    used = asked[~untold]
+    unclear = without_direction([effect for effect in arm.effects if effect.derived], measurements)[asked]
+    used = asked[~unclear]
     if len(used) < FEWEST_ROWS:
         raise InputError(f"{len(used)} measured rows, expected {FEWEST_ROWS} or more")
     placing = [Act.FRAME, Act.SCALE, *([Act.GRAVITY] if arm.measurement.gravity_in == "measurement" else [])]
@@ -411,8 +411,8 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
             f"{text} (such are {others}); leave them out of the arm, and calibrate that without them first"
         )
     flags = derived_directions(arm, measurements, used)
-    if untold.any():
-        text = f"{untold.sum()} rows are excluded: the direction of a joint is not known before it first moves"
+    if unclear.any():
+        text = f"{unclear.sum()} rows are excluded: the direction of a joint is not known before it first moves"
         flags = (*flags, Flag("direction_unknown", text))
     return used, flags
 

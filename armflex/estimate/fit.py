@@ -152,7 +152,7 @@ class Fit:
         return whitened_residual(self.view, self.weights)
 
     @cached_property
-    def told(self) -> Array:
+    def information(self) -> Array:
         """(P, P) information of the readings alone on the values, in their units: products of the columns."""
         return squared(self.regressors)
 
@@ -251,13 +251,13 @@ class Fit:
     def posterior(self) -> LinearGaussian:
         """What is known of the values; readings that scatter more than was stated count that much less."""
         noise = self.noise
-        told = LinearGaussian(self.told / noise**2)
-        return told.with_precision(self.precision) if noise > 1.0 else self._as_stated
+        information = LinearGaussian(self.information / noise**2)
+        return information.with_precision(self.precision) if noise > 1.0 else self._as_stated
 
     @cached_property
     def _as_stated(self) -> LinearGaussian:
         """What is known if the readings scatter as was stated."""
-        return LinearGaussian(self.told).with_precision(self.precision)
+        return LinearGaussian(self.information).with_precision(self.precision)
 
     @property
     def rms(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
+from typing import Any, cast
 
 import numpy as np
 
@@ -25,6 +26,9 @@ PARTS = 4
 
 SETTLED = 0.02
 """Tolerance: of the logarithm of a design effect, to which it is found."""
+
+WIDE = 7.0
+"""Tolerance: of the logarithm of an excess over the noise, within which it is sought to either side."""
 
 EXACT = 1e-9
 """Tolerance: share of the stated noise below which readings scatter by rounding."""
@@ -83,11 +87,11 @@ def held_out(
         judged: (M, d) readings that count, see `judged_by`; when not given all, in the rows that this fit believes.
     """
     data, rows = fit.residual + fit.regressors @ fit.values, _readings_of(fit, folds)
-    left, told = np.empty(len(data)), told_by_others(fit, folds)
+    left, known = np.empty(len(data)), known_of_others(fit, folds)
     scores = _of_others([fit.regressors[own].T @ data[own] for own in rows])
     for number, own in enumerate(rows):
         regressors = fit.regressors[own]
-        error = data[own] - regressors @ told[number].solve(scores[number])
+        error = data[own] - regressors @ known[number].solve(scores[number])
         if refitted is not None and len(refitted[number]):
             some = refitted[number]
             follow = regressors[:, some]
@@ -167,13 +171,13 @@ def errors_of(fit: Fit, whitened: Array) -> Array:
     return own * np.where(np.isfinite(sigma), sigma, 0.0)
 
 
-def told_by_others(fit: Fit, folds: np.ndarray, noise: float = 1.0) -> list[LinearGaussian]:
+def known_of_others(fit: Fit, folds: np.ndarray, noise: float = 1.0) -> list[LinearGaussian]:
     """Return the information of all other folds' rows on a fit's values, for every fold, from (M,) folds.
 
     `noise` is the variance of a whitened reading.
     """
     own = [squared(fit.regressors[rows]) / noise for rows in _readings_of(fit, folds)]
-    return [LinearGaussian(told).with_precision(fit.precision) for told in _of_others(own)]
+    return [LinearGaussian(one).with_precision(fit.precision) for one in _of_others(own)]
 
 
 def _readings_of(fit: Fit, folds: np.ndarray) -> list[np.ndarray]:
@@ -213,12 +217,12 @@ def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
     if len(np.unique(view.driven.pose_number[view.rows])) < FOLDS or not len(fit.values):
         return 1.0
     folds = apart_folds(view.driven.q[view.rows], PARTS)
-    data, counted, told, parts = fit.residual + fit.regressors @ fit.values, near(view), told_by_others(fit, folds), []
+    data, counted, parts = fit.residual + fit.regressors @ fit.values, near(view), []
     counted[:, view.foremost.stop :] = False
     scale = 1.0 / (np.maximum(fit.scatter_by_number, EXACT) * np.sqrt(fit.weights)).ravel()
     rows = _readings_of(fit, folds)
     scores = _of_others([fit.regressors[own].T @ np.column_stack([data[own], others[own]]) for own in rows])
-    for known, own, score in zip(told, rows, scores, strict=True):
+    for known, own, score in zip(known_of_others(fit, folds), rows, scores, strict=True):
         own = own[counted.ravel()[own]]
         own = own[~depend_on(fit.regressors[own][:, None], known.null_space)[:, 0]]
         error = scale[own] * (data[own] - fit.regressors[own] @ known.solve(score[:, 0]))
@@ -266,7 +270,7 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
 
     spread = np.empty(fit.view.residual.size)
     noise = effect * max(fit.noise, 1.0) ** 2
-    for known, own in zip(told_by_others(fit, folds, noise), _readings_of(fit, folds), strict=True):
+    for known, own in zip(known_of_others(fit, folds, noise), _readings_of(fit, folds), strict=True):
         spread[own] = ((fit.regressors[own] @ known.root) ** 2).sum(axis=1)
     where, view = fit.view.foremost, fit.view
     counted = judged[:, where]
@@ -282,7 +286,8 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
 
     least = float((np.log(known) + squares / known).sum())
     middle = 0.5 * np.log(known.mean() / shift.mean())
-    found = minimize_scalar(cost, bounds=(middle - 7.0, middle + 7.0), method="bounded").x
+    around = (middle - WIDE, middle + WIDE)
+    found = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": SETTLED})).x
     return float(np.exp(found)) if least - cost(found) > CHANCE**2 else 0.0
 
 

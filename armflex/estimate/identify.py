@@ -119,11 +119,11 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     """Return every parameter of a fit with what is known about it."""
     std, names = fit.posterior.std, [which.label for which in fit.parameters]
     determined = std < UNDETERMINED * fit.prior
-    known = LinearGaussian(fit.told).with_precision(fit.precision)  # others take over within their priors
+    known = LinearGaussian(fit.information).with_precision(fit.precision)  # others take over within their priors
     combined = [bool(determined[i]) and _only_combined(fit, i) for i in range(len(names))]
     asked = [combined[i] or not determined[i] for i in range(len(names))]
-    partners = [partners_of(fit.told, known, i, names) if asked[i] else () for i in range(len(names))]
-    moves = fit.prior * np.sqrt(np.diag(fit.told) / fit.view.count)
+    partners = [partners_of(fit.information, known, i, names) if asked[i] else () for i in range(len(names))]
+    moves = fit.prior * np.sqrt(np.diag(fit.information) / fit.view.count)
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
     parts = zip(fit.parameters, *numbers, partners, combined, moves.tolist(), strict=True)
     return tuple(FittedParameter(*found) for found in parts)
@@ -139,7 +139,7 @@ def _only_combined(fit: Fit, index: int) -> bool:
         return False
     loose = fit.precision / LOOSER**2
     loose[index] = fit.precision[index]
-    left = LinearGaussian(fit.told / noise**2).with_precision(loose)
+    left = LinearGaussian(fit.information / noise**2).with_precision(loose)
     return float(left.std[index]) >= UNDETERMINED * own
 
 

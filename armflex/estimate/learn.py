@@ -176,7 +176,7 @@ class LearnedAxis:
     sampled: float | None = None
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         """Whether the readings say anything about it; else its prior holds it."""
         return self.std < TOLD * self.before
 

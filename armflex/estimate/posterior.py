@@ -14,7 +14,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import design_effect
-from armflex.estimate.view import View, look, untold_shifts
+from armflex.estimate.view import View, look, unclear_shifts
 from armflex.laws.effects.in_arm import excess
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import FRAMES, Certainty, ParameterKind, fitted_group
@@ -50,7 +50,7 @@ def certainty_of(fit: Fit) -> Certainty:
     columns = (columns * (np.sqrt(fit.weights) / fit.view.sigma)[:, :, None]).reshape(fit.view.residual.size, -1)
     effect = design_effect(fit, columns, kept.covariance)
     noise = effect * max(fit.noise, 1.0) ** 2
-    known = LinearGaussian(fit.told / noise).with_precision(fit.precision)
+    known = LinearGaussian(fit.information / noise).with_precision(fit.precision)
     follows = np.vstack([np.eye(len(kept.parameters)), -known.covariance @ (fit.regressors.T @ columns) / noise])
     covariance = follows @ kept.covariance @ follows.T
     covariance[len(kept.parameters) :, len(kept.parameters) :] += known.covariance
@@ -123,7 +123,7 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
         along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] @ turn.T
         covariance += along[:, :, None] * along[:, None]
     covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
-    shifts = np.concatenate([untold_shifts(view.setup, rows, tip), _extrapolated(view)]) @ turn.T
+    shifts = np.concatenate([unclear_shifts(view.setup, rows, tip), _extrapolated(view)]) @ turn.T
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
     diagonal = np.arange(6)

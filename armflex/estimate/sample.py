@@ -87,13 +87,13 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
     others = found.regressors.copy()
     others[:, places] = 0.0
 
-    # The (P, k) directions that are told, each a standard deviation of Laplace's posterior long.
+    # The (P, k) directions that are determined, each a standard deviation of Laplace's posterior long.
     covariance = found.posterior.covariance
     scale = np.sqrt(np.diag(covariance))
     unit = np.where(scale > 0.0, scale, 1.0)
     size, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
-    told = size > ROUNDING * size[-1]
-    directions = unit[:, None] * axes[:, told] * np.sqrt(size[told])
+    determined = size > ROUNDING * size[-1]
+    directions = unit[:, None] * axes[:, determined] * np.sqrt(size[determined])
 
     def density(steps: Array) -> tuple[float, Array]:
         """Return the log posterior density, but for a constant, (k,) steps from the fit, and its gradient."""
@@ -111,7 +111,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
 
     walks: list[Walk] = []
     for one in np.random.SeedSequence(seed).spawn(CHAINS):
-        walks.append(no_u_turn(density, np.zeros(told.sum()), np.eye(told.sum()), draws, TUNE, one))
+        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, TUNE, one))
         if progress:
             progress(len(walks), CHAINS)
     chains = (found.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]

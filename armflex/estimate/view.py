@@ -396,16 +396,16 @@ def gravity_in(setup: Setup, sessions: Sequence[str]) -> Array | None:
     return None if turns is None else turns @ setup.arm.robot.gravity
 
 
-def untold_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
+def unclear_shifts(setup: Setup, rows: Rows, readings: Readings) -> Array:
     """Return (K, N, d) by how much readings are off halfway where nothing says from which side a joint came [m, rad].
 
     One for each direction that effects derive from the order of the rows (`Effect.derived`), zero where the rows say so
     it: the joint came from either side, so it is the standard deviation of what is read, too.
     """
     effects = setup.arm.effects
-    untold = {name: unknown for name, effect, unknown in directions(effects, rows) if name in effect.derived}
-    shifts = np.zeros((len(untold), len(rows), readings.size))
-    for shift, (name, unknown) in zip(shifts, untold.items(), strict=True):
+    unclear = {name: unknown for name, effect, unknown in directions(effects, rows) if name in effect.derived}
+    shifts = np.zeros((len(unclear), len(rows), readings.size))
+    for shift, (name, unknown) in zip(shifts, unclear.items(), strict=True):
         some, sides = np.flatnonzero(unknown), []
         joint = rows.joint_names.index(name.removeprefix(APPROACH))
         for side in (-1.0, 1.0) if len(some) else ():

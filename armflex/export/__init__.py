@@ -1,6 +1,6 @@
 """The arm as other programs read it: each format is a module with a function `export(arm, **options) -> Exported`.
 
-A format refuses by name what it cannot carry, or says in `Exported.told` what that amounts to.
+A format refuses by name what it cannot carry, or says in `Exported.notes` what that amounts to.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ class Exported:
 
     Attributes:
         text: The whole file.
-        told: Lines for who exports, such as what the format cannot carry, in mm.
+        notes: Lines for who exports, such as what the format cannot carry, in mm.
         numbers: The same for programs: what `--json` gets beside the format's name, SI.
         flags: What is doubtful about it.
         page: What a screen shows instead of the file, '' where that is the file.
     """
 
     text: str
-    told: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     numbers: Mapping[str, Any] = field(default_factory=dict)
     flags: tuple[Flag, ...] = ()
     page: str = ""

@@ -76,14 +76,14 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     }
     text = text.replace("/*@head*/", _head(arm, tables, stack)).replace("/*@constants*/", _constants(arm, tables))
     text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
-    told = [f"{arm!r} as C, payloads {', '.join(tables.payloads)}"]
+    notes = [f"{arm!r} as C, payloads {', '.join(tables.payloads)}"]
     if tables.covariates:
-        told.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
+        notes.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
     for payload in tables.unproven:
-        told.append(f"payload {payload!r}: no bound proves that the arm cannot buckle; every answer is probed")
+        notes.append(f"payload {payload!r}: no bound proves that the arm cannot buckle; every answer is probed")
     outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE)]
     if outside:
-        told.append(f"of the instrument, and so not in it: {', '.join(outside)}")
+        notes.append(f"of the instrument, and so not in it: {', '.join(outside)}")
     numbers = {
         "name": name,
         "joint_names": list(arm.joint_names),
@@ -91,7 +91,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "covariates": list(tables.covariates),
         "stack_bytes": stack,
     }
-    return Exported(text, tuple(told), numbers)
+    return Exported(text, tuple(notes), numbers)
 
 
 def check_name(name: str) -> None:

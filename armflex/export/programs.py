@@ -90,12 +90,12 @@ def _krl_move(row: int, at: Mapping[str, str], time: float | None, blend: float)
 
 
 def _krl_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
-    told = (f"A KRL file must have the name of its program: {name}.src.",)
+    notes = (f"A KRL file must have the name of its program: {name}.src.",)
     lost = [f"{times} times between rows"] * bool(times) + [f"{blends} blends"] * bool(blends)
     if not lost:
-        return told
+        return notes
     text = f"KRL's PTP takes percents of its own maxima: {' and '.join(lost)} of the path are not in the program."
-    return (*told, text)
+    return (*notes, text)
 
 
 def _rapid_move(row: int, at: Mapping[str, str], time: float | None, blend: float) -> str:
@@ -138,9 +138,9 @@ def _ls_finish(lines: list[str]) -> list[str]:
 
 
 def _ls_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
-    told = ("Most FANUC controllers count J3 from the level, a URDF counts it from link 2: J3 is as this arm has it.",)
+    notes = ("Most FANUC controllers count J3 from the level, a URDF counts it from link 2: J3 is as this arm has it.",)
     return (
-        (*told, f"TP has blends in per cent: {blends} blends of the path are not in the program.") if blends else told
+        (*notes, f"TP has blends in per cent: {blends} blends of the path are not in the program.") if blends else notes
     )
 
 
@@ -151,9 +151,9 @@ def _val3_move(row: int, at: Mapping[str, str], time: float | None, blend: float
 
 
 def _val3_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
-    told = (f"VAL3 wants the file to be named as the program is: {name}.pgx.",)
+    notes = (f"VAL3 wants the file to be named as the program is: {name}.pgx.",)
     text = f"VAL3's movej takes per cent of its own maxima: {times} times between rows are not in the program."
-    return (*told, text) if times else told
+    return (*notes, text) if times else notes
 
 
 MOST_MS = 32.0
@@ -263,7 +263,7 @@ def program(
         UnsupportedError: The arm has not what the controller has; said by name, with how many.
         InputError: The name is none of the language, or `axes` are not all joints' and all the language's.
     """
-    path, told, flags, head = path_of(arm, traj, **asked)
+    path, notes, flags, head = path_of(arm, traj, **asked)
     if not NAME.fullmatch(name) or name.lower() in WORDS.split():
         expected = "expected a letter, then up to 23 letters, digits and _, no word of a language"
         raise InputError(f"--name {name!r}: {expected}")
@@ -286,7 +286,7 @@ def program(
         places += [language.place(i, at)] if language.place else []
     lost = language.lost(name, len(path) - 1, sum(map(bool, blends)))
     ended = language.finish([*lines, language.closing[0], *places, *language.closing[1:], ""])
-    return Exported("\n".join(ended), (*told, *lost), flags=flags)
+    return Exported("\n".join(ended), (*notes, *lost), flags=flags)
 
 
 urscript, krl, rapid, ls, val3 = (partial(program, language) for language in LANGUAGES.values())
@@ -298,7 +298,7 @@ def jointtrajectory(arm: Arm, traj: Path, **asked: Any) -> Exported:
     Velocities and accelerations are there where the path has them; the message has no place for blends, which is said.
     Arguments and errors are those of `path_of`.
     """
-    path, told, flags, head = path_of(arm, traj, **asked)
+    path, notes, flags, head = path_of(arm, traj, **asked)
     names = ", ".join(json.dumps(joint, ensure_ascii=False) for joint in arm.joint_names)
     lines = [f"# {line}" for line in head]
     lines += ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: [{names}]", "points:"]
@@ -310,8 +310,8 @@ def jointtrajectory(arm: Arm, traj: Path, **asked: Any) -> Exported:
         seconds, left = divmod(round(float(time - path.time[0]) * 1e9), 10**9)
         lines.append(f"  time_from_start: {{sec: {seconds}, nanosec: {left}}}{_via(path, i, '#')}")
     if any(_blends(path)):
-        told += ("A JointTrajectory has no place for blends: the path's are left out.",)
-    return Exported("\n".join([*lines, ""]), told, flags=flags)
+        notes += ("A JointTrajectory has no place for blends: the path's are left out.",)
+    return Exported("\n".join([*lines, ""]), notes, flags=flags)
 
 
 def path_of(
@@ -346,11 +346,11 @@ def path_of(
         if covariates or unnamed != UNLOADED or table_path is not None:
             given = "--covariates" if covariates else "--payload, --force and --force-table"
             raise InputError(f"{given} need --compensate: without it nothing depends on them")
-        told = "The path is written as it is; --compensate has the loaded tip where the rigid one would be."
+        notes = "The path is written as it is; --compensate has the loaded tip where the rigid one would be."
         if path.is_moved:
-            told = "The path is written as it is: off its target_ columns, as a path is that was compensated."
+            notes = "The path is written as it is: off its target_ columns, as a path is that was compensated."
         what = "Off its target_ columns, as compensated before" if path.is_moved else "Not compensated"
-        return path, (told,), (), _head(path, what, arm_file)
+        return path, (notes,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     found = compensated(arm, path, covariates=covariates)
     before, (after, sigma) = float(max(np.linalg.norm(row.before[:3]) for row in found.rows)), found.remains_m
@@ -361,8 +361,8 @@ def path_of(
         left += f" (± {sigma * 1e3:.2g} mm in the base frame, with where the base stands)"
     text = f"Compensated: {left} remain in the rows"
     between = found.between_m or 0.0
-    told, head = (f"{text}, {between * 1e3:.2g} mm halfway between.",), _head(path, "Compensated", arm_file)
-    return found.trajectory, told, (*flags, *found.flags), head
+    notes, head = (f"{text}, {between * 1e3:.2g} mm halfway between.",), _head(path, "Compensated", arm_file)
+    return found.trajectory, notes, (*flags, *found.flags), head
 
 
 def _head(path: Trajectory, what: str, arm_file: str) -> tuple[str, ...]:

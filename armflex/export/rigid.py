@@ -178,8 +178,8 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     loops, opened = _loops_left_out(arm, drawn)
     unknown = (*loops, *unknown)
     if not arm.flexures and not arm.effects:
-        told = ("No flexure and no effect is declared: this file leaves out nothing.", *unknown)
-        return told, {"left_out": [], "without": [], **opened}
+        notes = ("No flexure and no effect is declared: this file leaves out nothing.", *unknown)
+        return notes, {"left_out": [], "without": [], **opened}
     aside: list[Effect] = []
     if over is None:
         aside = [effect for effect in arm.effects if needs_columns(arm, effect)]

@@ -101,15 +101,15 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     splits = [choose(frame) for frame in joint_frames(replace(arm, corrections=Corrections()), zeros=False)[1:-1]]
     values = numbers(Setup(arm, arm.instrument or Instrument()), splits)
     std, warnings = uncertainties(arm, splits, values)
-    told, lost = left_out(whole, rows)
+    notes, lost = left_out(whole, rows)
     chain = [joint.name for joint in arm.robot.swept]
     parallel = [chain[i : i + 2] for i, split in enumerate(splits) if split.hayati]
     if parallel and (most := without_beta(whole, splits)) > RESOLUTION:
         pairs = listing(" and ".join(pair) for pair in parallel)
         text = f"{pairs}: axes are nearly parallel, so their rows have Hayati's beta and common normals that fit it"
-        told += (f"{text}; a controller without beta is off by up to {most * 1e3:.3g} mm at the tip",)
+        notes += (f"{text}; a controller without beta is off by up to {most * 1e3:.3g} mm at the tip",)
         lost |= {"without_beta_m": most}
-    return Exported(_table(values, std), (*warnings, *told), lost, page=_page(arm, values, std))
+    return Exported(_table(values, std), (*warnings, *notes), lost, page=_page(arm, values, std))
 
 
 def numbers(setup: Setup, splits: Sequence[Split]) -> dict[Key, float]:

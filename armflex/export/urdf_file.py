@@ -69,21 +69,21 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
             own.attrib.update({key: repr(factor * float(value)) for key, value in own.attrib.items()})
         if new:
             own.attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
-    told, numbers = left_out(whole, rows)
+    notes, numbers = left_out(whole, rows)
     if whole.robot.tool_joint is not None:
-        told += (
+        notes += (
             f"The tool is a link of the file, {whole.robot.tip!r}: an arm.toml of it names that tip, and no tool.",
         )
     if any(link.between for link in whole.robot.urdf.links.values()):
-        told += ("Links without mass stand between joints of one body: an arm.toml of it has allow_massless = true.",)
+        notes += ("Links without mass stand between joints of one body: an arm.toml of it has allow_massless = true.",)
     meshes = [mesh.get("filename") or "" for mesh in root.iter("mesh")]
     beside = [name for name in meshes if "://" not in name and not Path(name).is_absolute()]
     if beside:
-        told += (
+        notes += (
             f"{len(beside)} meshes are named from the folder of {arm.robot.urdf.path.name}, such as {beside[0]!r}.",
         )
     text = etree.tostring(root.getroottree(), encoding="utf-8", xml_declaration=True).decode()
-    return Exported(text + "\n", told, numbers)
+    return Exported(text + "\n", notes, numbers)
 
 
 def _as_xml(urdf: Urdf) -> etree._Element:
@@ -112,8 +112,8 @@ def _as_xml(urdf: Urdf) -> etree._Element:
             finite = {name: repr(float(value)) for name, value in known.items() if np.isfinite(value)}
             etree.SubElement(element, "limit", {"effort": "0", "velocity": "0"} | finite)
         if joint.mimic is not None:
-            told = zip(("joint", "multiplier", "offset"), joint.mimic, strict=True)
-            etree.SubElement(element, "mimic", {key: str(value) for key, value in told})
+            attributes = zip(("joint", "multiplier", "offset"), joint.mimic, strict=True)
+            etree.SubElement(element, "mimic", {key: str(value) for key, value in attributes})
     return root
 
 

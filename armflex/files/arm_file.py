@@ -178,10 +178,10 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         bent.append(flexure)
         flags = (*flags, *more)
     locked = root.table["robot"].get("locked", {})
-    for kind, told in robot.urdf.declared.items():  # of an MJCF; what stands in the arm.toml comes first
+    for kind, declared in robot.urdf.declared.items():  # of an MJCF; what stands in the arm.toml comes first
         own = root.table.get(kind, [] if kind == "loop" else {})
-        if told:
-            root.table[kind] = [*own, *told] if kind == "loop" else {**told, **own}
+        if declared:
+            root.table[kind] = [*own, *declared] if kind == "loop" else {**declared, **own}
     robot, tied = read_linkage(root, robot, tuple(locked))
     payloads = {name: _read_payload(name, table) for name, table in root.subs("payload").items()}
     tables, presets = root.subs("flexure"), root.subs("preset")
@@ -438,8 +438,8 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
             axis, wanted = TWIST_NAMES[same[int(others.argmax())]], np.round(drive[same], 3).tolist()
             nearest = drive_axis(joint)
             text = f"gives about {axis} alone, but the axis of its joint {joint.name!r} is {nearest} ({wanted})"
-            told = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
-            yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {told}")
+            remark = f"meant to be {nearest}? joint_stiffness is about the joint's own axis"
+            yield Flag("not_the_drive", f"flexure {own[0].name!r} {text}: {remark}")
     # A joint_stiffness in another unit shows by how far the arm's own weight would turn the joint.
     places = [joint.name for joint in robot.chain]
     for flexure in flexures:

@@ -98,9 +98,9 @@ class Measurements(Rows, Result):
         columns |= {f"q_{name}": self.q[:, i] for i, name in enumerate(self.joint_names)}
         columns |= {} if "time" in self.derived else {"time": self.time}
         columns |= {} if self.hold is None else {"hold": self.hold}
-        told = last_motion(self.q)
+        moved = last_motion(self.q)
         for i, name in enumerate(f"{APPROACH}{joint}" for joint in self.joint_names):
-            if name not in self.derived or (self.approach[:, i] != told[:, i]).any():
+            if name not in self.derived or (self.approach[:, i] != moved[:, i]).any():
                 columns[name] = self.approach[:, i]
         columns |= force_columns(self.wrenches, len(self))
         for kind in self.readings.kinds:

@@ -137,12 +137,12 @@ def _imported() -> ModuleType:
     from armflex.mechanics import kernel as compiled
 
     class Said(event.Listener):
-        told = False
+        announced = False
 
         def on_start(self, event: event.Event) -> None:
             dispatcher = (event.data or {}).get("dispatcher")
-            if not self.told and getattr(dispatcher, "__module__", "").startswith("armflex.mechanics"):
-                self.told = True
+            if not self.announced and getattr(dispatcher, "__module__", "").startswith("armflex.mechanics"):
+                self.announced = True
                 logging.getLogger(__name__).warning(COMPILING)
 
         def on_end(self, event: event.Event) -> None:

@@ -108,8 +108,8 @@ class Question:
         Raises:
             ArmflexError: The arm holds none of them.
         """
-        told = before.told
-        assert told is not None
+        measured = before.measured
+        assert measured is not None
         causes = list({id(one): one for pair in pairs for one in pair if one.effect is not None}.values())
         effects = [one.effect for one in causes if one.effect is not None]
         reach = _reach(before, effects, settable)
@@ -117,15 +117,15 @@ class Question:
         numbers, blocks = numbers_of(before.setup.arm.effects), dict[int, CandidateBlock]()
         for one, effect in zip(causes, effects, strict=True):
             number = 1 if one.ordinal == NOWHERE else numbers[one.ordinal]
-            prior = amplitude_prior(effect, (), told.view, told.view.context)
+            prior = amplitude_prior(effect, (), measured.view, measured.view.context)
             blocks[id(one)] = CandidateBlock(effect, (), offer.view.context, one.ordinal, prior, number=number)
         model = model_of(before, offer, list(blocks.values()))
         foreign = np.concatenate(
             [np.zeros(0, int), *(model.place(blocks[id(one)]) for one in causes if one.ordinal == NOWHERE)]
         )
-        kinds, truths = told.view.readings.kinds, []
+        kinds, truths = measured.view.readings.kinds, []
         noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
-        left = told.view.whitened * told.weights / noise**2
+        left = measured.view.whitened * measured.weights / noise**2
         for one, other in pairs:
             own, block = np.zeros(len(model.scale)), blocks[id(one)]
             place = model.place(block)
@@ -137,7 +137,7 @@ class Question:
                 score, some = np.zeros(len(own)), np.append(np.setdiff1d(others, rival), place)
                 # The products of its whitened columns with what the campaign's fit leaves.
                 score[place] = (
-                    np.tensordot(answers([block], told.view), left, axes=([0, 1], [0, 1])) * model.scale[place]
+                    np.tensordot(answers([block], measured.view), left, axes=([0, 1], [0, 1])) * model.scale[place]
                 )
                 own[place] = model.known.conditional(some).solve(score[some])[-len(place) :]
             truths.append(Truth(own, others, float(own @ own)))
@@ -166,9 +166,9 @@ class Question:
             chosen = exchanged(self.goal, known, near, range(count), 1)
             width *= 0.5
         rows = here.rows.some(chosen)
-        told = self.before.told
-        assert told is not None
-        q, span = told.campaign.q[-1], np.maximum(self.reach.upper - self.reach.lower, STILL)
+        measured = self.before.measured
+        assert measured is not None
+        q, span = measured.campaign.q[-1], np.maximum(self.reach.upper - self.reach.lower, STILL)
         short = driving_order(rows.q, rows.payload, q, span)
         orders = [np.array(short), *(rng.permutation(count) for _ in range(ORDERS))]
         if not self.depends_on_order:
@@ -185,11 +185,11 @@ class Question:
         names = tuple(f"{stem} {i + 1}" for i in range(len(best)))
         approach = last_motion(np.vstack([q, rows.q[best]]))[1:]
         kept = replace(rows.some(best), pose=names, approach=approach, session=(stem,) * count)
-        given = told.campaign.derived
+        given = measured.campaign.derived
         named = tuple(name for name in self.reach.arm.joint_names if f"{APPROACH}{name}" not in given)
         stated = self.reach.sigma / self.before.noises.get("", 1.0)  # however far readings scatter
         reach = replace(self.reach, approached=named, sigma=stated)
-        return Asked(kept, reach, dict(told.campaign.units), stem, -self.goal.value(known), -float(values.max()))
+        return Asked(kept, reach, dict(measured.campaign.units), stem, -self.goal.value(known), -float(values.max()))
 
     @property
     def depends_on_order(self) -> bool:
@@ -199,15 +199,15 @@ class Question:
 
     def _values(self, rows: Rows, orders: Sequence[np.ndarray]) -> Array:
         """Return the goal after (n,) rows in each of some orders, the campaign's last row before them."""
-        told = self.before.told
-        assert told is not None
+        measured = self.before.measured
+        assert measured is not None
         count = len(rows)
         way = rows.some(np.concatenate([[order[0], *order] for order in orders]))
         q = way.q.reshape(len(orders), count + 1, -1).copy()
-        q[:, 0] = told.campaign.q[-1]
+        q[:, 0] = measured.campaign.q[-1]
         approach = np.concatenate([last_motion(one) for one in q])
         names = tuple(f"{number}" for number in range(len(orders)) for _ in range(count + 1))
-        time = told.campaign.time[-1] + APART * np.tile(np.arange(1.0, count + 2), len(orders))
+        time = measured.campaign.time[-1] + APART * np.tile(np.arange(1.0, count + 2), len(orders))
         way = replace(way, q=q.reshape(len(way), -1), approach=approach, campaign=names, time=time)
         view = look(self.before.setup, way, readings=self.reach.unread(way))
         seen = answers(self.model.blocks, view) * self.model.scale
@@ -219,8 +219,8 @@ class Question:
 
         Each is read in some rows of the campaign. What is open of an instrument itself is found from the same readings.
         """
-        assert self.before.told is not None
-        view, known, truth = self.before.told.view, self.model.known, self.goal.truths[number]
+        assert self.before.measured is not None
+        view, known, truth = self.before.measured.view, self.model.known, self.goal.truths[number]
         some = view.some(np.unique(np.linspace(0, len(view.rows) - 1, READ).astype(int)))
         declared, read = view.arm.sensors, view.readings.names
         sensors = {one.name: one for word in SPLITTING for one in unlike(view.arm, word, read)}
@@ -272,8 +272,8 @@ class Asked:
 
 def _reach(before: Before, effects: Sequence[Effect], settable: Mapping[str, Sequence[float]]) -> Reach:
     """Return what can be asked of the arm so that what effects depend on is known."""
-    assert before.told is not None
-    campaign, arm = before.told.campaign, before.setup.arm
+    assert before.measured is not None
+    campaign, arm = before.measured.campaign, before.setup.arm
     known = campaign.known
     needed = {name for one in (*arm.effects, *effects) for name in one.location.covariates}
     needed = {name for name in needed if not name.startswith(("q_", APPROACH)) and name != MASS}

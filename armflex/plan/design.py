@@ -72,8 +72,8 @@ class DsOptimal:
         seen = rows @ covariance
         whole = _spread(seen, rows)
         own = seen[:, :, self.places]
-        told = own @ np.linalg.inv(covariance[np.ix_(self.places, self.places)]) @ np.swapaxes(own, -1, -2)
-        fall = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole - told)[1]
+        explained = own @ np.linalg.inv(covariance[np.ix_(self.places, self.places)]) @ np.swapaxes(own, -1, -2)
+        fall = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(whole - explained)[1]
         return 0.5 * fall / len(self.places)
 
 
@@ -237,7 +237,7 @@ def path(goal: Goal, known: LinearGaussian, rows: Array) -> Array:
 def shows(law: EffectLaw, place: str, levels: Collection[str]) -> str:
     """Return what shows a law at a place of the arm otherwise, '' where nothing is known.
 
-    `levels` are the places at which a level informs, see `armflex.plan.instruments.levels_tell`.
+    `levels` are the places at which a level informs, see `armflex.plan.instruments.informing_levels`.
     """
     return law.level if law.level and place in levels else law.instead
 
@@ -250,12 +250,12 @@ def instead(own: Effect, hypothesis: Effect, levels: Collection[str] = ()) -> st
     """
     both, places = (hypothesis, own), (hypothesis.location, own.location)
     one_motion = len({(place.site, place.axis) for place in places}) == 1 and places[0].axis is not None
-    told = dict.fromkeys(
+    determined = dict.fromkeys(
         shows(one.law, one.location.place, levels) for one in both if not (one_motion and one.law.watched)
     )
-    told.pop("", None)
-    if told or not one_motion:
-        return ", or ".join(told) or "measure a second target between the places in question"
+    determined.pop("", None)
+    if determined or not one_motion:
+        return ", or ".join(determined) or "measure a second target between the places in question"
     if own.law.loaded != hypothesis.law.loaded:
         return "carry other payloads in the same poses"
     return "correct either of them, because they move the arm alike"

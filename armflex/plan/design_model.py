@@ -46,7 +46,7 @@ ANYWHERE, ANYHOW = 100.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class Measured:
     """The information of a campaign.
 
     Attributes:
@@ -68,30 +68,30 @@ class Before:
 
     Attributes:
         setup: Arm and instrument, calibrated where there is something to do it with.
-        told: The information of a campaign, None where nothing was measured.
+        measured: The information of a campaign, None where nothing was measured.
         noises: By instrument, '' the one at the tip, the standard deviation of what it reads over the stated one, 1 or
             more; one that is not in it reads as well as it states.
         flags: Flags about the campaign.
     """
 
     setup: Setup
-    told: Told | None = None
+    measured: Measured | None = None
     noises: Mapping[str, float] = field(default_factory=dict)
     flags: tuple[Flag, ...] = ()
 
     @property
     def campaign(self) -> Measurements | None:
         """What was measured, None where nothing was."""
-        return None if self.told is None else self.told.campaign
+        return None if self.measured is None else self.measured.campaign
 
     @property
     def sigmas(self) -> dict[str, Array]:
         """By instrument (n,) a usual standard deviation of the numbers that it read, in their units, as it scatters."""
-        if self.told is None:
+        if self.measured is None:
             return {}
         found: dict[str, Array] = {}
-        for kind in self.told.campaign.readings.kinds:
-            sigma = kind.sigma[self.told.campaign.measured]
+        for kind in self.measured.campaign.readings.kinds:
+            sigma = kind.sigma[self.measured.campaign.measured]
             read = np.isfinite(sigma)
             if read.any() and (kind.name or isinstance(kind, Position)):  # of a corner in no picture as of the others
                 usual = np.where(read.any(axis=0), sigma, np.median(sigma[read]))
@@ -101,9 +101,9 @@ class Before:
 
     def seen_by(self, setup: Setup) -> Before:
         """Return the same as another arm or instrument has it."""
-        if self.told is None:
+        if self.measured is None:
             return replace(self, setup=setup)
-        return replace(self, setup=setup, told=replace(self.told, view=look(setup, self.told.campaign)))
+        return replace(self, setup=setup, measured=replace(self.measured, view=look(setup, self.measured.campaign)))
 
 
 def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Before:
@@ -121,8 +121,8 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
     assert found.arm.certainty is not None
     weights[fitted.view.rows] = fitted.weights / found.arm.certainty.design_effect  # readings that repeat one another
-    told = Told(after, look(fitted.setup, after), weights, fitted)
-    return Before(fitted.setup, told, noises_of(fitted), found.flags)
+    measured = Measured(after, look(fitted.setup, after), weights, fitted)
+    return Before(fitted.setup, measured, noises_of(fitted), found.flags)
 
 
 def noises_of(found: Fit) -> dict[str, float]:
@@ -218,7 +218,7 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
     Raises:
         InputError: The covariance of a calibrated arm is of other parameters, or of some of the laws that are learned.
     """
-    setup, known = before.setup, before.told
+    setup, known = before.setup, before.measured
     arm, laws = setup.arm, learned_laws(setup.arm)
     if known is None and arm.certainty is not None:
         return _stored(setup, arm.certainty, offer, candidates)
@@ -237,12 +237,14 @@ def model_of(before: Before, offer: Offer, candidates: Sequence[CandidateBlock])
             blocks.append(EffectBlock(effect, free, offer.view.context, ordinal, prior, number=number))
     blocks += candidates
     scale = _finite(blocks)
-    told = LinearGaussian(np.eye(len(scale)))
+    information = LinearGaussian(np.eye(len(scale)))
     if known is not None:
         kinds = known.view.readings.kinds
         noise = np.concatenate([np.full(kind.dimension, before.noises.get(kind.name, 1.0)) for kind in kinds])
-        told = told.with_rows(answers(blocks, known.view) * scale * (np.sqrt(known.weights) / noise)[:, :, None])
-    return Model(tuple(blocks), scale, told, scale)
+        information = information.with_rows(
+            answers(blocks, known.view) * scale * (np.sqrt(known.weights) / noise)[:, :, None]
+        )
+    return Model(tuple(blocks), scale, information, scale)
 
 
 def _law_blocks(laws: Mapping[str, LearnedLaw]) -> list[Block]:

@@ -141,13 +141,13 @@ def _usual(inner: Inner, effect: Effect, context: Context) -> float:
 
 def refitted(candidate: CandidateBlock, before: Before) -> Fit | None:
     """Return the campaign's fit with a candidate added, None where there is no campaign or the arm has it already."""
-    told, arm = before.told, before.setup.arm
-    if told is None or candidate.ordinal != NOWHERE:
+    measured, arm = before.measured, before.setup.arm
+    if measured is None or candidate.ordinal != NOWHERE:
         return None
-    prior, known = amplitude_prior(candidate.effect, (), told.view, told.view.context), told.fit
-    block = EffectBlock(candidate.effect, (), told.view.context, len(arm.effects), prior)
+    prior, known = amplitude_prior(candidate.effect, (), measured.view, measured.view.context), measured.fit
+    block = EffectBlock(candidate.effect, (), measured.view.context, len(arm.effects), prior)
     start = np.concatenate([known.values, np.zeros(len(prior))])
-    return fit(known.declared, (*known.blocks, block), told.campaign, known.view.rows, start, effort=ROUGH)
+    return fit(known.declared, (*known.blocks, block), measured.campaign, known.view.rows, start, effort=ROUGH)
 
 
 def hypothesis_of(candidate: CandidateBlock, fitted: Fit | None, offer: Offer) -> Hypothesis:

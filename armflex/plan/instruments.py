@@ -108,7 +108,7 @@ def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
     return tuple(sensor(joint.child, joint.child, point) for joint in arm.robot.moving)
 
 
-def levels_tell(arm: Arm, read: Collection[str]) -> frozenset[str]:
+def informing_levels(arm: Arm, read: Collection[str]) -> frozenset[str]:
     """Return the places (joints, 'base') whose rotation a level shows, and on whose link none is read yet.
 
     About an axis that stays parallel to gravity nothing tilts: that of a joint which is so at zero, while all joints
@@ -119,14 +119,14 @@ def levels_tell(arm: Arm, read: Collection[str]) -> frozenset[str]:
         read: Names of its sensors that are read.
     """
     up = arm.robot.gravity / max(float(np.linalg.norm(arm.robot.gravity)), 1e-300)
-    turn, upright, told = np.eye(3), True, {BASE} if up.any() else set[str]()
+    turn, upright, informed = np.eye(3), True, {BASE} if up.any() else set[str]()
     for joint in arm.robot.chain:
         turn = turn @ joint.rotation
         if joint in arm.robot.moving and joint.kind != "prismatic" and up.any():
             upright = upright and float(np.linalg.norm(np.cross(turn @ joint.axis, up))) < UPRIGHT
-            told |= set() if upright else {joint.name}
+            informed |= set() if upright else {joint.name}
     on = _moved_by(arm)
-    return frozenset(told - {on.get(one.link) for one in _those(arm, read) if issubclass(one.kind, LEVELS)})
+    return frozenset(informed - {on.get(one.link) for one in _those(arm, read) if issubclass(one.kind, LEVELS)})
 
 
 def unlike(arm: Arm, word: str, read: Collection[str]) -> tuple[Sensor, ...]:

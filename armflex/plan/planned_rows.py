@@ -22,7 +22,7 @@ from armflex.parameters import FRAMES, ParameterKind, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead, shows
 from armflex.plan.design_model import CandidateBlock, Model
 from armflex.plan.hypotheses import Hypothesis
-from armflex.plan.instruments import Mounted, levels_tell
+from armflex.plan.instruments import Mounted, informing_levels
 from armflex.plan.offer import Offer, Reach
 from armflex.result import Result
 from armflex.rows import Rows
@@ -62,7 +62,7 @@ def blind_spots(model: Model, rows: Array, tip: Array, levels: Collection[str]) 
     """Return the parameters that stay as uncertain as [prior] has them though all of (N, d, P) rows were measured.
 
     Only those of the arm: neither where the instrument stands nor what is in question. `tip` is the (N, 3, P) change
-    of the tip's position [m] in those rows; `levels` are where a level would help, see `levels_tell`.
+    of the tip's position [m] in those rows; `levels` are where a level would help, see `informing_levels`.
     """
     seen = np.tensordot(rows, rows, axes=([0, 1], [0, 1]))
     whole = model.known.with_rows(rows)
@@ -169,7 +169,7 @@ class Plan(Result):
     @cached_property
     def advice(self) -> tuple[str, ...]:
         """What no tip reading determines, and what would: a line for all that the same measurement would determine."""
-        told, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
+        notes, words = list(_between(self)), in_dh_words(self.reach.arm.robot)
         for how in dict.fromkeys(one.instead for one in self.blind):
             alike = [one for one in self.blind if one.instead == how]
             names, more = (
@@ -180,12 +180,12 @@ class Plan(Result):
             most = max(one.moves for one in alike) * 1e3
             weight = f"under weight alone each moves the tip by {most:.1g} mm at most; where it matters"
             read = "No tip reading" if "" in self.reach.read else "None of these readings"
-            told.append(f"{read} determines {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
+            notes.append(f"{read} determines {names}; {weight if how == UNLOADED else 'instead'}, {how}.")
         unread = [name for name in self.reach.arm.sensors if name not in self.reach.read]
         if unread and self.blind:
             also = ",".join([*(name or "tracker" for name in self.reach.read), *unread])
-            told.append(f"Not read in these rows: {', '.join(unread)}; --instruments {also} plans with all declared.")
-        return tuple(told)
+            notes.append(f"Not read in these rows: {', '.join(unread)}; --instruments {also} plans with all declared.")
+        return tuple(notes)
 
 
 def _between(plan: Plan) -> Iterator[str]:
@@ -195,7 +195,7 @@ def _between(plan: Plan) -> Iterator[str]:
         return
     places = [plan.model.place(one.candidate) for one in plan.hypotheses]
     named = [f"{one.candidate.effect.title}{numbered(one.candidate.number)}" for one in plan.hypotheses]
-    levels = levels_tell(plan.reach.arm, plan.reach.read)
+    levels = informing_levels(plan.reach.arm, plan.reach.read)
     readings = "No tip reading" if "" in plan.reach.read else "None of these readings"
     for pair in combinations(range(len(places)), 2):
         # Of each effect as the true one, the other in its stead.

@@ -25,7 +25,7 @@ from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exch
 from armflex.plan.design_model import Before, Model, answers, known_before, learning, model_of, noises_of
 from armflex.plan.drive import driven
 from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
-from armflex.plan.instruments import TRACKER, Mounted, choose, levels_tell, offered
+from armflex.plan.instruments import TRACKER, Mounted, choose, informing_levels, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
 from armflex.plan.planned_rows import TOLD, UNKNOWN, Plan, blind_spots
 from armflex.readings import Position, unread
@@ -133,7 +133,7 @@ def plan(
     before, offer = learning(before, offer)
     candidates = [candidate_of(effect, reach.arm, offer) for effect in effects]
     refits = [refitted(candidate, before) for candidate in candidates]
-    fits = [before.told.fit, *filter(None, refits)] if before.told else []
+    fits = [before.measured.fit, *filter(None, refits)] if before.measured else []
     best = min(fits, key=lambda one: max(one.noise * max(one.factors, default=1.0), 1.0), default=None)
     if best is not None and best is not fits[0]:  # one of them is what makes readings scatter
         before = replace(before, noises=noises_of(best))
@@ -167,9 +167,9 @@ def plan(
         width *= NARROWER
         tick(number + 2, ROUNDS + 1)
     best = np.array(chosen)[greedy(goal, known, near[chosen], rows)]
-    told = near[best]
+    informing = near[best]
 
-    reached = path(goal, known, told)
+    reached = path(goal, known, informing)
     start = np.clip(np.zeros(len(reach.lower)), reach.lower, reach.upper)
     stops, order, way = driven(here.rows.some(best), reach, start if before.campaign is None else before.campaign.q[-1])
     rng, most = np.random.default_rng(seed), min(FURTHER * rows, len(every))
@@ -179,15 +179,15 @@ def plan(
         reach=reach,
         goal=goal,
         model=model,
-        known=known.with_rows(told),
+        known=known.with_rows(informing),
         worth=np.diff(reached)[order],
         reached=reached,
         random=np.array([path(goal, known, every[some]) for some in draws]),
         everything=goal.value(known.with_rows(every)),
         hypotheses=hypotheses,
-        blind=blind_spots(model, every, _tip_rows(before, model, offer), levels_tell(reach.arm, reach.read)),
+        blind=blind_spots(model, every, _tip_rows(before, model, offer), informing_levels(reach.arm, reach.read)),
         offered=offer,
-        uncertainty=_uncertainties(model, _tip_rows(before, model, offer), every, told, seed),
+        uncertainty=_uncertainties(model, _tip_rows(before, model, offer), every, informing, seed),
         mounts=mounts,
         way=way,
         flags=flags,
@@ -319,8 +319,8 @@ def _goal(
             truths.append(Truth(own, np.setdiff1d(np.arange(len(own)), np.concatenate(gone)), float(own @ own)))
         # One law may hold the other as a special case: then rows are for the case that the wider one is true.
         whole = model.known.with_rows(every)
-        tellable = [truth for truth in truths if TOptimal((truth,)).value(whole) >= TOLD**2]
-        return TOptimal(tuple(tellable or truths))
+        distinguished = [truth for truth in truths if TOptimal((truth,)).value(whole) >= TOLD**2]
+        return TOptimal(tuple(distinguished or truths))
     if along is None:
         return DsOptimal(np.flatnonzero(model.moving))
     # The (P, P) mean over the trajectory of what parameters do to its readings, squared [m^2].

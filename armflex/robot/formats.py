@@ -199,9 +199,9 @@ def _with_meshes_or_without(mujoco: Any, path: Path) -> tuple[Any, list[Flag]]:
             text = f"{path}: its meshes are left out, as no mass follows from them ({' '.join(str(error).split())})"
             return spec.compile(), [Flag("visual", text)]
     except ValueError as error:
-        told = " ".join(str(error).split())
-        line = re.search(r"line (\d+)", told)
-        raise UrdfError(Place(path, int(line[1]) if line else 0), f"MuJoCo cannot read it: {told}") from None
+        message = " ".join(str(error).split())
+        line = re.search(r"line (\d+)", message)
+        raise UrdfError(Place(path, int(line[1]) if line else 0), f"MuJoCo cannot read it: {message}") from None
 
 
 def _joined(mujoco: Any, model: Any, bodies: list[str]) -> dict[int, dict[str, Any]]:

@@ -82,8 +82,8 @@ class Tree:
         """
         if not self.links:
             raise UrdfError(Place(self.path), f"{name!r} has no links")
-        told = {"translated": True, "gravity": self.gravity, "declared": self.declared}
-        return Urdf(name, self.path, self.links, self.joints, tuple(self.flags), **told)
+        shared = {"translated": True, "gravity": self.gravity, "declared": self.declared}
+        return Urdf(name, self.path, self.links, self.joints, tuple(self.flags), **shared)
 
 
 def rotation_of(quaternion: Array) -> Array:

@@ -33,13 +33,13 @@ class PieceForm(Generic[Piece]):
 
     Attributes:
         layout: What the file holds.
-        told: Returns what is said of a piece, and its arrays.
+        described: Returns what is said of a piece, and its arrays.
         made: Returns the piece again from what is said of it, its name under `piece`, and its arrays; raises
             `ValueError` where there is no such one.
     """
 
     layout: Layout
-    told: Callable[[Piece], tuple[Mapping[str, Any], Mapping[str, np.ndarray]]]
+    described: Callable[[Piece], tuple[Mapping[str, Any], Mapping[str, np.ndarray]]]
     made: Callable[[About, Arrays], Piece]
 
 
@@ -72,7 +72,7 @@ class Store(Generic[Piece]):
 
     def write(self, name: str, piece: Piece) -> None:
         """Write a piece."""
-        about, arrays = self.form.told(piece)
+        about, arrays = self.form.described(piece)
         write_arrays(self.path(name), self._layout, arrays, {**about, "work": self.work, "piece": name})
 
     def resumed(

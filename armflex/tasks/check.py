@@ -360,13 +360,13 @@ class _Judge:
         given = {name: values[some] for name, values in points.asked["covariates"].items()}
         own = None if laws is None else laws[some]
         carried, pulled = [points.payload[i] for i in some.tolist()], wrenches_in(points.wrenches, some)
-        told, flags = tip_covariance(self.arm, points.q[some], carried, given, own, pulled)
+        fitted, flags = tip_covariance(self.arm, points.q[some], carried, given, own, pulled)
         for flag in (*flags, *((AT_REST,) if points.v is not None or points.a is not None else ())):
             self.flags.setdefault(flag.code, flag)
-        if told is None:
+        if fitted is None:
             return laws
         total = np.full((len(fine), 6, 6), np.nan) if laws is None else laws.copy()
-        total[some] = told
+        total[some] = fitted
         return total
 
     def judge(self, found: DeflectionBatch, covariance: Array | None, points: Points, reason: np.ndarray) -> _Samples:

@@ -14,7 +14,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
-from armflex.estimate.view import gravity_in, look, untold_shifts
+from armflex.estimate.view import gravity_in, look, unclear_shifts
 from armflex.laws.effects.in_arm import (
     check_approaches,
     check_covariates,
@@ -212,7 +212,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     `certain` is the arm `without_declared_uncertainty`; the rows are `_in_one_base`.
     """
     every = np.arange(len(rows))
-    derived_directions(arm, rows, every)  # raises where one is needed that is not told
+    derived_directions(arm, rows, every)  # raises where one is needed that is not known
     instrument = arm.instrument or Instrument()
     gravity = gravity_in(Setup(arm, instrument), rows.session)
     with naming(Place(rows.places[0].file, 1) if rows.places else "rows"):
@@ -235,9 +235,9 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     readings = Readings(len(rows), tuple(wanted))
     tip = readings.foremost
     fitted, about = fitted_variance(arm, rows, readings)
-    untold = (untold_shifts(Setup(arm, instrument), rows, readings) ** 2).sum(axis=0)
+    unclear = (unclear_shifts(Setup(arm, instrument), rows, readings) ** 2).sum(axis=0)
     # What directions leave open is stated beside what a law or a fit has: alone it would be read as all of it.
-    variance = None if fitted is None and found.covariance is None else untold
+    variance = None if fitted is None and found.covariance is None else unclear
     if variance is not None and fitted is not None:
         variance = fitted + variance
     if variance is not None and found.covariance is not None:
@@ -292,7 +292,7 @@ class _Flags:
 
     def __init__(self, arm: Arm) -> None:
         self._arm, self.rows = arm, 0
-        self._untold: dict[str, int] = {}
+        self._unclear: dict[str, int] = {}
         self._sessions: set[str] = set()
         self._first: dict[str, Flag] = {}
         self._worst: dict[tuple[str, str], tuple[int, int, Flag]] = {}
@@ -301,8 +301,8 @@ class _Flags:
     def add(self, predicted: Prediction, found: DeflectionBatch, fitted: tuple[Flag, ...]) -> None:
         """Add what is doubtful about the next rows."""
         arm, rows = self._arm, predicted.rows
-        untold = {name: int(unknown.sum()) for name, _, unknown in directions(arm.effects, rows)}
-        self._untold |= {name: self._untold.get(name, 0) + count for name, count in untold.items()}
+        unclear = {name: int(unknown.sum()) for name, _, unknown in directions(arm.effects, rows)}
+        self._unclear |= {name: self._unclear.get(name, 0) + count for name, count in unclear.items()}
         known = {*arm.instrument.sessions, *arm.instrument.targets} if arm.instrument else ()
         if known:
             self._sessions |= set(rows.session) - set(known)
@@ -329,7 +329,7 @@ class _Flags:
             names = ", ".join(sorted(name or "rows without a session" for name in self._sessions))
             text = f"{names}: not among the calibrated sessions, so taken without a shift of their own"
             about["new_session"] = Flag("new_session", text)
-        derived = [derived_direction(name, untold) for name, untold in self._untold.items()]
+        derived = [derived_direction(name, unclear) for name, unclear in self._unclear.items()]
         worst = []
         for rows, number, flag in self._worst.values():
             more = f" (the worst of {rows} rows)" if rows > 1 else ""

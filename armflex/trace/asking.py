@@ -22,8 +22,8 @@ from armflex.laws.effects.location import link_of
 from armflex.measured.measurements import Measurements
 from armflex.plan.asking import OFFERED, Asked, Cause, Pair, Question
 from armflex.plan.design import instead
-from armflex.plan.design_model import Before, Told, noises_of
-from armflex.plan.instruments import levels_tell
+from armflex.plan.design_model import Before, Measured, noises_of
+from armflex.plan.instruments import informing_levels
 from armflex.robot.robot import Robot
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import CREDIBLE, Credible
@@ -121,7 +121,7 @@ def _elsewhere(question: Question, number: int) -> str:
     """Return in words what distinguishes a pair that no row does."""
     one, other = question.pairs[number]
     assert one.effect is not None
-    readings = question.before.told.view.readings if question.before.told else None
+    readings = question.before.measured.view.readings if question.before.measured else None
     names = [] if readings is None else readings.names
     alike = f"More rows like those recorded do not distinguish {one.effect.title} from "
     alike += other.effect.title if other.effect else "nothing"
@@ -130,7 +130,7 @@ def _elsewhere(question: Question, number: int) -> str:
         return f"{alike}; {splitting}, read in 20 of them, would."
     if other.effect is None:
         return f"{alike}."
-    levels = levels_tell(question.before.setup.arm, names)
+    levels = informing_levels(question.before.setup.arm, names)
     return f"{alike}; instead, {instead(one.effect, other.effect, levels)}."
 
 
@@ -171,7 +171,7 @@ def _before(state: State) -> Before:
     left = fit.view.readings.row_squares(view.whitened[fit.view.rows] * np.sqrt(fit.weights))
     scatter = float(np.sqrt(left.sum() / max(fit.view.count, 1)))
     noises = {name: max(noise, scatter if state.random is not None else 1.0) for name, noise in noises_of(fit).items()}
-    return Before(setup, Told(campaign, view, weights, fit), noises)
+    return Before(setup, Measured(campaign, view, weights, fit), noises)
 
 
 def misplaced_centres(effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from armflex.conventions import Array
 from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
-from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, pose_folds, told_by_others
+from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, known_of_others, pose_folds
 from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
@@ -202,7 +202,7 @@ def sessions_held_out(
 def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
     """Return (M,) whether the rows of other folds than a row's own still show some parameters."""
     values, able = fit.values[some], np.zeros(len(folds), bool)
-    for number, left in enumerate(told_by_others(fit, folds)):
+    for number, left in enumerate(known_of_others(fit, folds)):
         told = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
         known = left.covariance[np.ix_(some[told], some[told])]
         able[folds == number] = told.any() and from_zero(values[told], known) > 1.0

@@ -128,9 +128,9 @@ def as_row(reading: Reading, arm: Arm) -> Measurements:
     q, sigma = arm.check_position(reading.q)[0], spread_of(reading)
     given = {**reading.covariates, "time": reading.time or 0.0}
     # What the reading does not state and no order of rows stands in for.
-    untold = [name for joint in arm.joint_names if (name := f"{APPROACH}{joint}") not in reading.covariates]
-    untold += ["time"] if reading.time is None else []
-    row = Rows.of(arm.joint_names, q[None], (reading.payload,), given, ("pose",), reading.session, tuple(untold))
+    unknown = [name for joint in arm.joint_names if (name := f"{APPROACH}{joint}") not in reading.covariates]
+    unknown += ["time"] if reading.time is None else []
+    row = Rows.of(arm.joint_names, q[None], (reading.payload,), given, ("pose",), reading.session, tuple(unknown))
     kinds: list[Kind] = []
     if reading.position is not None:
         position = finite_array(reading.position, "position", (Position.dimension,))[None]

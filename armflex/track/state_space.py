@@ -15,7 +15,7 @@ from armflex.estimate.block import Block, learned_laws, parameters_of, with_laws
 from armflex.estimate.blocks import blocks_of, declared_blocks, sensor_block
 from armflex.estimate.fit import realise
 from armflex.estimate.posterior import OTHER_PARAMETERS
-from armflex.estimate.view import look, untold_shifts
+from armflex.estimate.view import look, unclear_shifts
 from armflex.laws.effects.in_arm import derived_directions
 from armflex.parameters import FRAME, OF_SESSION, TARGET, ArmParameter, Certainty, Group, ParameterKind, of_law
 from armflex.readings.instrument import Instrument
@@ -181,11 +181,11 @@ def model_of(arm: Arm) -> Model:
         arm = replace(arm, sensors=sensors)
         setup = replace(setup, arm=arm)
     if arm.certainty is not None:
-        told = replace(arm.certainty, misfit=0.0)
-        kinds = [parameter.group.kind for parameter in told.parameters]
+        certainty = replace(arm.certainty, misfit=0.0)
+        kinds = [parameter.group.kind for parameter in certainty.parameters]
         others = (ParameterKind.EFFECT, *OF_SESSION, *gone)
-        kept = told.part([i for i, kind in enumerate(kinds) if kind not in others])
-        aside = told.part([i for i, kind in enumerate(kinds) if kind is ParameterKind.EFFECT])
+        kept = certainty.part([i for i, kind in enumerate(kinds) if kind not in others])
+        aside = certainty.part([i for i, kind in enumerate(kinds) if kind is ParameterKind.EFFECT])
     else:
         if arm.instrument is not None:
             raise InputError("the arm's file holds no covariance of what was fitted: calibrate it again")
@@ -264,7 +264,7 @@ class Sight:
             site, axis, size = self.unexplained
             along = size * view.to_twist(site)[0, :, TWIST_NAMES.index(axis)]
             noise += np.outer(along, along)
-        shifts = untold_shifts(self.setup, row, row.readings)[:, 0]
+        shifts = unclear_shifts(self.setup, row, row.readings)[:, 0]
         noise += shifts.T @ shifts
         factor = np.linalg.cholesky(noise)
         whitened = np.ascontiguousarray(np.linalg.solve(factor, jacobian))

@@ -276,8 +276,8 @@ class Tracker:
         moved = last_motion(np.array([q if state.q is None else state.q, q]))[1]
         approach = np.where(moved == 0.0, np.zeros(len(q)) if state.approach is None else state.approach, moved)
         known = {f"{APPROACH}{name}": side for name, side in zip(names, approach.tolist(), strict=True) if side}
-        told = {name: known[name] for name in self._derived if name in known}
-        return replace(reading, covariates={**told, **reading.covariates}), (q.tolist(), approach.tolist())
+        remembered = {name: known[name] for name in self._derived if name in known}
+        return replace(reading, covariates={**remembered, **reading.covariates}), (q.tolist(), approach.tolist())
 
     def _clock_at(self, reading: Reading) -> float:
         """Return the time that drift depends on, at a reading."""

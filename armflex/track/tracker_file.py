@@ -148,18 +148,18 @@ def write_state(state: State, about: Mapping[str, Any], path: Path) -> Path:
     numbers = ("q", "position", "sigma", "rotation", "sigma_r", "time")  # found good; what was given may be of any kind
     readings = []
     for reading in watch.readings:
-        told = {name: getattr(reading, name) for name in READING if name not in ("sensors", "wrenches")}
-        told |= {name: np.asarray(told[name], dtype=float).tolist() for name in numbers if told[name] is not None}
-        told["covariates"] = {name: float(value) for name, value in reading.covariates.items()}
-        told["sensors"] = {
+        saved = {name: getattr(reading, name) for name in READING if name not in ("sensors", "wrenches")}
+        saved |= {name: np.asarray(saved[name], dtype=float).tolist() for name in numbers if saved[name] is not None}
+        saved["covariates"] = {name: float(value) for name, value in reading.covariates.items()}
+        saved["sensors"] = {
             name: np.atleast_1d(np.asarray(read, dtype=float)).tolist() for name, read in reading.sensors.items()
         }
-        told["wrenches"] = []
+        saved["wrenches"] = []
         for one in reading.wrenches:
             at = {joint: float(value) for joint, value in one.positions.items()} if isinstance(one, Branch) else None
             load = {"frame": one.frame, "axes": one.axes, "force": one.force.tolist(), "moment": one.moment.tolist()}
-            told["wrenches"].append(load | {"positions": at})
-        readings.append(told)
+            saved["wrenches"].append(load | {"positions": at})
+        readings.append(saved)
     said = {
         "about": dict(about),
         "plain": {name: getattr(state, name) for name in PLAIN},
@@ -186,20 +186,20 @@ def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
     if said["changes"]:
         known = {parameter.label: parameter for parameter in model_of(arm).parameters}
     changes = []
-    for i, told in enumerate(said["changes"]):
-        for label in told["labels"]:
+    for i, saved in enumerate(said["changes"]):
+        for label in saved["labels"]:
             if label not in known:
                 raise UnknownNameError("parameter", label, known)
-        parameters = tuple(known[label] for label in told["labels"])
+        parameters = tuple(known[label] for label in saved["labels"])
         size, std = arrays[f"change {i} size"], arrays[f"change {i} std"]
-        own = {name: value for name, value in told.items() if name not in ("name", "labels")}
+        own = {name: value for name, value in saved.items() if name not in ("name", "labels")}
         changes.append(Change(parameters, **own, size=size, std=std))
     now, *before = (Estimate(arrays[f"{name} values"], arrays[f"{name} root"]) for name in ESTIMATES)
-    first, later = (Anchor(estimate, *told) for estimate, told in zip(before, said["anchors"], strict=True))
+    first, later = (Anchor(estimate, *saved) for estimate, saved in zip(before, said["anchors"], strict=True))
     count = len(said["watch"]["weights"])
     readings = [
-        Reading(**told | {"wrenches": tuple(_read(one, arm.robot) for one in told["wrenches"])})
-        for told in said["readings"]
+        Reading(**saved | {"wrenches": tuple(_read(one, arm.robot) for one in saved["wrenches"])})
+        for saved in said["readings"]
     ]
     window = [Seen(arrays[f"window {i} residual"], arrays[f"window {i} columns"]) for i in range(count)]
     watch = Watch(first, later, window, **said["watch"], readings=readings)
@@ -209,12 +209,12 @@ def read_state(path: Path, arm: Arm) -> tuple[State, dict[str, Any]]:
     return state, about
 
 
-def _read(told: Mapping[str, Any], robot: Robot) -> Wrench:
+def _read(saved: Mapping[str, Any], robot: Robot) -> Wrench:
     """Return a load that was written."""
-    given = (told["frame"], np.array(told["force"]), np.array(told["moment"]), told["axes"])
-    if told["positions"] is None:
+    given = (saved["frame"], np.array(saved["force"]), np.array(saved["moment"]), saved["axes"])
+    if saved["positions"] is None:
         return Wrench(*given)
-    return Branch(*given, robot=robot, positions={name: np.array(at) for name, at in told["positions"].items()})
+    return Branch(*given, robot=robot, positions={name: np.array(at) for name, at in saved["positions"].items()})
 
 
 def _problem(state: State) -> str | None:

@@ -99,13 +99,13 @@ class Change(Result):
 
     def __repr__(self) -> str:
         """One line: what changed, how sure that is, and by how much; compliances in percent."""
-        told = []
+        parts = []
         for parameter, size, std in zip(self.parameters, self.size, self.std, strict=True):
             unit = ""
             if parameter.group.kind is ParameterKind.COMPLIANCE:
                 size, std, unit = 100.0 * np.expm1(size), 100.0 * np.exp(size) * std, " %"
-            told.append(f"{parameter.name or ''} {size:+.3g} ± {std:.2g}{unit}".strip())
-        return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {', '.join(told)}>"
+            parts.append(f"{parameter.name or ''} {size:+.3g} ± {std:.2g}{unit}".strip())
+        return f"<Change: {self.name} since reading {self.since}, {self.probability:.3%} sure: {', '.join(parts)}>"
 
 
 @dataclass(frozen=True, eq=False)

@@ -310,7 +310,9 @@ KEYS: dict[str, dict[str, Key]] = {
         "campaigns": Key("names of campaigns that were fitted together; their frames are among those of sessions"),
         "sensors": Key("fitted parameters of the instruments other than the tracker, by instrument", "each its own"),
         "law": Key("learned laws, by flexure"),
-        "misfit_m": Key("scatter of the readings beyond their stated noise", "m"),
+        "misfit_m": Key(
+            "scatter of the readings beyond their stated noise, or of poses held out from a trace beyond its fit", "m"
+        ),
         "design_effect": Key("readings that carry as much information as one independent reading would", "1"),
         "unexplained": Key("where something without a recorded cause acts"),
         "parameters": Key("names of the fitted parameters, in the order of the covariance"),

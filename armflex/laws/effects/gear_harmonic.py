@@ -28,7 +28,7 @@ def _orders(location: Location, context: Context) -> Iterable[float]:
     return [number for number in numbers.tolist() if told_from_aliases(position, number)]
 
 
-def _told(effect: Effect, context: Context, arm: Manipulator) -> bool:
+def _determined(effect: Effect, context: Context, arm: Manipulator) -> bool:
     return told_from_aliases(context.row.position(effect.location.place), effect.inner[0])
 
 
@@ -47,5 +47,5 @@ GEAR_HARMONIC = TwistLaw(
         )
     ),
     inner=(Inner("k", "1", _orders),),
-    possible=_told,
+    possible=_determined,
 )

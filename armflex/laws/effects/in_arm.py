@@ -274,8 +274,8 @@ def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple
             not found in rows like these; see `Effect.derived`.
     """
     flags: dict[str, Flag] = {}
-    for name, asker, untold in directions(arm.effects, rows):
-        unknown = asked[untold[asked]]
+    for name, asker, unclear in directions(arm.effects, rows):
+        unknown = asked[unclear[asked]]
         if len(unknown) and name not in asker.derived:
             with naming(rows.places[unknown[0]] if rows.places else f"row {unknown[0]}"):
                 raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived)), asker.name)
@@ -283,18 +283,18 @@ def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple
     return tuple(flags.values())
 
 
-def derived_direction(name: str, untold: int) -> Flag:
+def derived_direction(name: str, unclear: int) -> Flag:
     """Return the flag about a direction that no column gives and some rows leave open."""
     text = f"{name} is not given: taken from how the rows before moved the joint"
-    if untold:
-        rows = "row does not determine it, and is" if untold == 1 else "rows do not determine it, and are"
-        text += f"; {untold} {rows} taken as halfway"
+    if unclear:
+        rows = "row does not determine it, and is" if unclear == 1 else "rows do not determine it, and are"
+        text += f"; {unclear} {rows} taken as halfway"
     return Flag("approach_derived", text)
 
 
 def without_direction(effects: Iterable[Effect], rows: Rows) -> np.ndarray:
     """Return (N,) rows in which no row before says a direction that an effect depends on: it counts as none."""
-    return np.any([np.zeros(len(rows), dtype=bool), *(untold for _, _, untold in directions(effects, rows))], axis=0)
+    return np.any([np.zeros(len(rows), dtype=bool), *(unclear for _, _, unclear in directions(effects, rows))], axis=0)
 
 
 def directions(effects: Iterable[Effect], rows: Rows) -> Iterator[tuple[str, Effect, np.ndarray]]:

@@ -136,8 +136,8 @@ class LinearLaw(Law):
 
     def certain(self) -> LinearLaw:
         fit = self.fit
-        told = None if fit is None else replace(fit, row_covariance=np.zeros_like(fit.row_covariance))
-        return replace(self, relative_std=0.0, fit=told)
+        known = None if fit is None else replace(fit, row_covariance=np.zeros_like(fit.row_covariance))
+        return replace(self, relative_std=0.0, fit=known)
 
     def freed(self, row: Row) -> tuple[int, ...]:
         """Return the axes that give, of a fitted compliance, too: it is one all the same."""

@@ -121,8 +121,8 @@ class LogCompliance(Compliance):
         change = _divided(size) * (vectors.T @ np.tensordot(step, self._units, axes=1) @ vectors)
         grown, turned = np.linalg.eigh(change / np.outer(half, half))
         factor = (vectors * half) @ turned
-        told, axes = np.linalg.eigh(factor * np.maximum(1.0 + grown, LEAST) @ factor.T)
-        logarithm = (axes * np.log(told)) @ axes.T
+        values, axes = np.linalg.eigh(factor * np.maximum(1.0 + grown, LEAST) @ factor.T)
+        logarithm = (axes * np.log(values)) @ axes.T
         places = {axis: place for place, axis in enumerate(self.axes)}
         return self.at(np.array([logarithm[places[i], places[j]] for i, j in self._entries]))
 

@@ -214,6 +214,6 @@ def _hidden(trace: Trace) -> Table:
             continue  # hidden by itself
         place = site_words(one.site)
         partner = "" if one.partner is None else one.partner.label
-        told = f"{place} ({called_in.get(partner, (partner,))[0]})" if partner else place
-        rows.setdefault(one.effect, ([], []))[one.partner is None].append(told)
+        named = f"{place} ({called_in.get(partner, (partner,))[0]})" if partner else place
+        rows.setdefault(one.effect, ([], []))[one.partner is None].append(named)
     return tuple((words(law).title, "; ".join(taken), ", ".join(still)) for law, (taken, still) in rows.items())

@@ -224,8 +224,10 @@ def account(found: Calibration) -> SimpleNamespace:
     placed = bool(view.readings.of(Position))
     left = view.residual[:, view.foremost][used] if placed else np.zeros((len(rows), 0))
     moved = sorted(found.findings, key=lambda one: -abs(one.pull))
-    told = [one for one in found.parameters if one.determined and np.isfinite(one.prior) and one.kind not in FRAMES]
-    most = moved or sorted(told, key=lambda one: -abs(one.pull))[: ON_COVER - 4]
+    determined = [
+        one for one in found.parameters if one.determined and np.isfinite(one.prior) and one.kind not in FRAMES
+    ]
+    most = moved or sorted(determined, key=lambda one: -abs(one.pull))[: ON_COVER - 4]
     rms = (millimetres(one.rms, unit=view.readings.unit) for one in (before, now))
     title = view.readings.error_title
     what = "poses held out" if several else "the poses fitted"

@@ -192,8 +192,8 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
     middle, rng = data.loads.mean(axis=0), np.random.default_rng(0)
     left = (data.deflections - predicted(law, data.loads)) / data.factors
     std = stated_std(law, data.loads) / data.factors
-    told = bool(np.isfinite(std).all()) and bool(std.any())
-    draws = [law.draw(rng) for _ in range(DRAWS)] if told else []
+    uncertain = bool(np.isfinite(std).all()) and bool(std.any())
+    draws = [law.draw(rng) for _ in range(DRAWS)] if uncertain else []
     with picture(path, 11.0, 2.3 * size + 2.6, dpi=110.0) as figure:
         parts: Any = figure.subfigures(2, 1, height_ratios=[2.3 * size, 2.6])
         upper, lower = parts
@@ -209,7 +209,7 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
             loads[:, component] = np.linspace(data.loads[:, component].min(), data.loads[:, component].max(), 61)
             x, load = _thousands(loads[:, component], component)
             at, y = _thousands(data.loads[:, component], component)[0], predicted(law, loads)[:, column] / factor
-            if told:
+            if uncertain:
                 half = NORMAL_95 * stated_std(law, loads)[:, column] / factor
                 shown.fill_between(x, y - half, y + half, color="C0", alpha=0.2, lw=0, label="95 % band")
                 for i, one in enumerate(draws[:CURVES]):
@@ -220,7 +220,7 @@ def draw_training(result: TrainResult, data: JointData, path: str | Path) -> Pat
             shown.plot(at, points, ".", color="0.2", ms=4, label="rows, other loads taken off")
             shown.set(xlabel=f"{WRENCH_NAMES[component]} [{load}]", ylabel=f"{name} [{unit}]")
             rows = np.arange(1, len(data) + 1)
-            if told:
+            if uncertain:
                 half = NORMAL_95 * std[:, column]
                 rest.errorbar(rows, np.zeros(len(rows)), half, fmt="none", ecolor="C0", alpha=0.4)
             rest.axhline(0.0, color="0.6", lw=0.8)

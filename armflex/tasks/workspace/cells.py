@@ -276,7 +276,7 @@ def form_of(joints: int, payloads: int) -> PieceForm[Answer]:
     about, sizes = {"flags": list[Flag]}, {"joints": (joints,)}
     layout = Layout("a chunk of a workspace map", "armflex-map-chunk-4", ARRAYS, about, sizes)
 
-    def told(answer: Answer) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    def described(answer: Answer) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         arrays = {one.name: getattr(answer.tally, one.name) for one in fields(Tally)}
         return {"flags": [asdict(flag) for flag in answer.flags]}, arrays
 
@@ -292,4 +292,4 @@ def form_of(joints: int, payloads: int) -> PieceForm[Answer]:
             raise ValueError("a mean is above the largest")
         return Answer(tally, tuple(about["flags"]))
 
-    return PieceForm(layout, told, made)
+    return PieceForm(layout, described, made)

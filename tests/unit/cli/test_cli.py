@@ -467,9 +467,9 @@ def test_a_joint_that_cannot_be_at_zero_stands_in_the_middle_and_that_is_said(ar
 def test_a_pipe_gets_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
     monkeypatch.setattr(terminal, "EVERY", 0.2)
     monkeypatch.setattr(terminal, "REDRAWN", 0.05)
-    with terminal.telling("reading"):
+    with terminal.showing_stages("reading"):
         time.sleep(0.4)
-        terminal.tell("searching")
+        terminal.show_stage("searching")
         for number in range(2000):
             terminal.doing(Doing("searching", "screening candidates", number, 2000))
         time.sleep(0.5)
@@ -488,8 +488,8 @@ def test_a_terminal_gets_a_live_line(monkeypatch: pytest.MonkeyPatch, capsys: py
     monkeypatch.setattr(terminal, "REDRAWN", 0.02)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("COLUMNS", "60")
-    with terminal.telling():
-        terminal.tell("searching")
+    with terminal.showing_stages():
+        terminal.show_stage("searching")
         terminal.doing(Doing("searching", "refining " + 100 * "x", 1, 2))
         time.sleep(0.3)
         logging.getLogger("armflex.mechanics").warning("a word")

@@ -11,7 +11,7 @@ from support.plant import Rows, apply
 
 from armflex import Arm, Measurements, calibrate, load_arm, predict, read_measurements
 from armflex.estimate.calibrate import write_calibrated
-from armflex.estimate.held_out import apart_folds
+from armflex.estimate.held_out import apart_folds, excess, held_out
 from armflex.tasks.predict import Prediction
 
 WITHIN = 1.959964
@@ -54,6 +54,17 @@ def test_rows_held_out_are_within_what_is_stated_of_an_arm_that_lacks_something(
                 assert found.arm.certainty is not None and found.arm.certainty.misfit > 2e-4
     for cut in (among, apart):
         assert 0.90 < (np.abs(np.concatenate(cut)) < WITHIN).mean() < 0.98
+
+
+@pytest.mark.parametrize("size", [0.0, 3e-4])
+def test_what_is_off_on_rows_held_out_beyond_noise_and_fit_is_found(size: float, tmp_path: Path) -> None:
+    """Errors are drawn as they would be with everything chosen without a row's fold, and wrong by so much."""
+    arm, rows = campaign(tmp_path / "one", 5, lacking=0.0)
+    found, rng = calibrate(arm, rows).fit, np.random.default_rng(5)
+    folds, judged = np.arange(len(found.view.rows)) % 5, np.isfinite(found.view.sigma)
+    exact = np.sqrt(held_out(found, folds).squares[:, None] / 3.0)  # of the parameters and the noise, by its size alone
+    errors = exact * rng.choice([-1.0, 1.0], (len(folds), 3)) + rng.normal(0.0, size, (len(folds), 3))
+    assert excess(found, folds, errors, judged, 1.0) == pytest.approx(size, rel=0.15)
 
 
 def test_of_an_arm_that_lacks_nothing_readings_are_independent(tmp_path: Path) -> None:

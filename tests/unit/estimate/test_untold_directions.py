@@ -10,7 +10,7 @@ import pytest
 from support.effect_arms import plain
 
 from armflex.arm import Setup
-from armflex.estimate.view import untold_shifts
+from armflex.estimate.view import unclear_shifts
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.readings import Orientation, Position, unread
 from armflex.readings.instrument import Instrument
@@ -33,7 +33,7 @@ def test_an_orientation_is_off_by_the_turn_between_both_sides_whichever_way_it_s
     stands = pin.exp3(turned * np.array([0.6, 0.0, 0.8])) @ level.T  # the target is seen turned by so much
     instrument = Instrument(pin.SE3(stands, np.array([1.0, 2.0, 0.5])))
     rows = Rows.of(arm.joint_names, Q, ("none",), {"time": 0.0}, derived=("approach_J2",))
-    ((shift,),) = untold_shifts(Setup(arm, instrument), rows, unread(1, Position, Orientation))
+    ((shift,),) = unclear_shifts(Setup(arm, instrument), rows, unread(1, Position, Orientation))
     np.testing.assert_allclose(shift[3:], stands @ half, atol=1e-4 * GAP)
     moved = 0.5 * (ends[1].translation - ends[0].translation)
     np.testing.assert_allclose(shift[:3], stands @ moved, atol=1e-4 * GAP)

@@ -63,7 +63,7 @@ def test_the_urdf_has_the_tip_where_its_joints_stand_as_in_the_closed_loops(arm:
             at[joint.idx_q] = known[model.names[joint.id]]
         pin.framesForwardKinematics(model, data, at)
         np.testing.assert_allclose(data.oMf[model.getFrameId("tool", pin.BODY)].homogeneous, wanted, atol=1e-9)
-    told = " ".join(exported.told)
+    told = " ".join(exported.notes)
     for name in (*arm.robot.linkage.closures, *(one.name for one in arm.robot.swept if one.name in known)):
         assert name in told or name in arm.joint_names
     assert ("lift by 4 mm" in told) == ("lift" in arm.joint_names)

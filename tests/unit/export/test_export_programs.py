@@ -106,9 +106,9 @@ def test_times_and_blends_are_those_of_the_path(tmp_path: Path) -> None:
         (0.75, None),
     ]
     taught = programs.ls(arm, file)
-    assert [time for _, time in ls_moves(taught.text)] == [None, 0.5, 0.75] and "1 blends" in taught.told[-1]
+    assert [time for _, time in ls_moves(taught.text)] == [None, 0.5, 0.75] and "1 blends" in taught.notes[-1]
     staubli = programs.val3(arm, file)
-    assert [blend for _, blend in val3_moves(staubli.text)] == [10.0, None, None] and "2 times" in staubli.told[-1]
+    assert [blend for _, blend in val3_moves(staubli.text)] == [10.0, None, None] and "2 times" in staubli.notes[-1]
     points = message(programs.jointtrajectory(arm, file).text)["points"]
     assert [point["time_from_start"] for point in points] == [
         {"sec": 0, "nanosec": 0},
@@ -116,9 +116,9 @@ def test_times_and_blends_are_those_of_the_path(tmp_path: Path) -> None:
         {"sec": 1, "nanosec": 250_000_000},
     ]
     assert all(point["velocities"] == [] and point["accelerations"] == [] for point in points)
-    said = programs.krl(arm, file).told[-1]
+    said = programs.krl(arm, file).notes[-1]
     assert "2 times between rows and 1 blends" in said
-    assert "blends" in programs.jointtrajectory(arm, file).told[-1]
+    assert "blends" in programs.jointtrajectory(arm, file).notes[-1]
     plain = path_file(tmp_path, NAMES, q)
     assert "r=" not in programs.urscript(arm, plain).text and "fine" in programs.rapid(arm, plain).text
 
@@ -139,7 +139,7 @@ def test_a_compensated_path_is_that_of_compensate(language: str, tmp_path: Path)
     found = getattr(programs, language)(arm, file, compensate=True)
     read = positions_of(language, found.text, arm)
     np.testing.assert_allclose(read, wanted.q, rtol=0.0, atol=2e-11)
-    assert np.abs(read - read_trajectory(file, arm).q).max() > 1e-3 and "8 mm" in found.told[0]
+    assert np.abs(read - read_trajectory(file, arm).q).max() > 1e-3 and "8 mm" in found.notes[0]
 
 
 def test_a_path_that_cannot_be_compensated_within_the_limits_leaves_no_file(tmp_path: Path) -> None:
@@ -259,7 +259,7 @@ def test_the_head_says_what_was_written_from_what(language: str, mark: str, tmp_
     ready = read_trajectory(file, bundled("heavy_six"))
     write_trajectory(compensate(bundled("heavy_six"), ready).trajectory, tmp_path / "ready.csv")
     before = getattr(programs, language)(bundled("heavy_six"), tmp_path / "ready.csv", arm_file="my/arm.toml")
-    assert "off its target_ columns, as a path is that was compensated" in before.told[0]
+    assert "off its target_ columns, as a path is that was compensated" in before.notes[0]
     said = (
         (write(), "Not compensated"),
         (write(compensate=True), "Compensated"),
@@ -274,11 +274,11 @@ def test_the_head_says_what_was_written_from_what(language: str, mark: str, tmp_
 @pytest.mark.parametrize("language", ["urscript", "rapid"])
 def test_stops_at_rows_are_told(language: str, tmp_path: Path) -> None:
     arm, write, q = bundled("heavy_six"), getattr(programs, language), np.zeros((4, 6))
-    (told,) = [line for line in write(arm, path_file(tmp_path, NAMES, q)).told if "stops" in line]
+    (told,) = [line for line in write(arm, path_file(tmp_path, NAMES, q)).notes if "stops" in line]
     assert "stops at 4 of 4 rows" in told and "`blend`" in told
-    some = write(arm, path_file(tmp_path, NAMES, q, blend_mm=[5.0, 0.0, 5.0, 0.0])).told
+    some = write(arm, path_file(tmp_path, NAMES, q, blend_mm=[5.0, 0.0, 5.0, 0.0])).notes
     assert any("stops at 2 of 4 rows" in line for line in some)
-    assert not any("stops" in line for line in write(arm, path_file(tmp_path, NAMES, q, blend_mm=[5.0] * 4)).told)
+    assert not any("stops" in line for line in write(arm, path_file(tmp_path, NAMES, q, blend_mm=[5.0] * 4)).notes)
 
 
 def test_warnings_about_the_path_are_called_so(tmp_path: Path) -> None:

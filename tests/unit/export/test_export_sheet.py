@@ -92,7 +92,7 @@ def test_a_table_that_an_arm_was_made_from_comes_back(tmp_path: Path) -> None:
 
 def test_nearly_parallel_axes_have_hayatis_parameter_and_what_it_is_worth() -> None:
     arm = bundled("heavy_six")
-    assert not any("Hayati" in line for line in export(arm).told)
+    assert not any("Hayati" in line for line in export(arm).notes)
     tilt = np.array([0.0, 0.0, 0.0, 1e-3, 0.0, 2e-3])  # of J3's axis, y
     tilted = replace(arm, corrections=Corrections({}, {"J3": tilt}))
     found = export(tilted)
@@ -100,7 +100,7 @@ def test_nearly_parallel_axes_have_hayatis_parameter_and_what_it_is_worth() -> N
     turned = {name: sheet.value["dh_standard", "J2", name] for name in ("alpha", "beta")}
     assert np.hypot(*turned.values()) == pytest.approx(np.hypot(1e-3, 2e-3), rel=1e-3) and turned["beta"] != 0.0
     assert all(abs(sheet.value["dh_standard", f"J{i}", "d"]) < 1.2 for i in range(1, 7))
-    said = next(line for line in found.told if "Hayati" in line)
+    said = next(line for line in found.notes if "Hayati" in line)
     assert "J2 and J3" in said and f"{found.numbers['without_beta_m'] * 1e3:.3g} mm" in said
     q = positions(arm, 300)
     lost = [np.linalg.norm((sheet.tip(row, FORMS[0]) - sheet.tip(row, FORMS[0], beta=False))[:3, 3]) for row in q]
@@ -165,13 +165,13 @@ def test_what_nothing_determines_is_infinitely_uncertain() -> None:
     sheet = Sheet(found.text)
     assert sheet.std["joint_offset", "J1", "offset"] == np.inf
     assert sheet.std["joint_offset", "J2", "offset"] == pytest.approx(1e-4)
-    assert "joint_offset J1" in found.told[0] and "undetermined" in found.page
+    assert "joint_offset J1" in found.notes[0] and "undetermined" in found.page
 
 
 def test_an_arm_that_was_not_fitted_has_declared_uncertainties_alone() -> None:
     found = export(bundled("heavy_six"))
     sheet = Sheet(found.text)
-    assert "Nothing was fitted" in found.told[0]
+    assert "Nothing was fitted" in found.notes[0]
     assert {key[0] for key, std in sheet.std.items() if std is not None} == {"stiffness"}
 
 

@@ -121,7 +121,7 @@ def test_effects_that_depend_on_nothing_are_in_the_file_and_others_are_told(tmp_
     q = positions(arm, 6)
     stiff = replace(arm, flexures=(), effects=constant)
     np.testing.assert_allclose(by_pinocchio(export(arm).text, arm, q), stiff.deflection(q).pose, rtol=0.0, atol=1e-9)
-    told = " ".join(export(arm).told)
+    told = " ".join(export(arm).notes)
     assert "encoder scale at yaw" in told and "encoder offset" not in told and "link geometry" not in told
 
 
@@ -139,7 +139,7 @@ def test_what_is_left_out_is_what_the_weight_does(tmp_path: Path) -> None:
     assert one["most"] == pytest.approx(2.0 * np.sin(0.5 * angle), rel=1e-9) and one["rms"] == pytest.approx(
         one["most"]
     )
-    assert one["rows"] == 2 and f"{one['most'] * 1e3:.3g} mm" in found.told[1]
+    assert one["rows"] == 2 and f"{one['most'] * 1e3:.3g} mm" in found.notes[1]
     upright = {**export(arm).numbers["left_out"][0]}
     assert upright["rows"] == 128 and 0.5 * one["most"] < upright["most"] <= 1.01 * one["most"]
 
@@ -147,7 +147,7 @@ def test_what_is_left_out_is_what_the_weight_does(tmp_path: Path) -> None:
 def test_effects_that_need_columns_are_named_where_only_limits_are_known(tmp_path: Path) -> None:
     plain = three_joints(tmp_path, [np.diag([0.0, 0.0, 0.0, 1e-6, 1e-6, 1e-6])] * 3)
     arm = replace(plain, effects=(effect("backlash", Location("pitch", "ry", ("approach_pitch",)), 4e-3),))
-    told = export(arm).told
+    told = export(arm).notes
     assert "--over" in told[-1] and "backlash at pitch" in told[-1]
     rows = tmp_path / "rows.csv"
     write_columns(rows, {"q_yaw": [0.0] * 2, "q_pitch": [0.1] * 2, "q_roll": [0.0] * 2, "approach_pitch": [1, -1]})
@@ -185,9 +185,9 @@ def test_meshes_beside_the_old_file_are_told(tmp_path: Path) -> None:
     mesh = '<visual><geometry><mesh filename="{}"/></geometry></visual></link>'
     parts = [part.replace("</link>", mesh.format("parts/a.stl")) if "column" in part else part for part in CROOKED]
     parts = [part.replace("</link>", mesh.format("package://p/b.stl")) if '"fore"' in part else part for part in parts]
-    told = export(arm_of(tmp_path, parts, "tool", {})).told
+    told = export(arm_of(tmp_path, parts, "tool", {})).notes
     assert "1 meshes are named from the folder of robot.urdf, such as 'parts/a.stl'" in told[-1]
-    assert not any("meshes" in line for line in export(bundled("heavy_six")).told)
+    assert not any("meshes" in line for line in export(bundled("heavy_six")).notes)
 
 
 ANGLE = st.floats(-3.2, 3.2)

@@ -228,7 +228,7 @@ def test_exports_have_the_tool(tmp_path: Path) -> None:
     pin.framesForwardKinematics(model, data, np.array(Q))
     tip = data.oMf[model.getFrameId("tcp", pin.BODY)].homogeneous
     np.testing.assert_allclose(tip, arm.rigid_pose(Q).homogeneous, rtol=0, atol=1e-12)
-    assert "'tcp'" in " ".join(found.told)
+    assert "'tcp'" in " ".join(found.notes)
     rows = [Sheet(export_sheet(one).text).value for one in (arm, with_link(tmp_path))]
     assert rows[0] == rows[1] and np.linalg.norm([rows[0]["tool", "", axis] for axis in "xyz"]) > 0.5
 

@@ -470,7 +470,7 @@ def test_sampled_bands_are_laplace_bands_where_laws_are_nearly_straight(tmp_path
     samples = sample_laws(found.fit, 120, seed=3)
     view, names = found.fit.view, found.arm.flexure_names
     for axis in learned_axes(found.fit, {f.name: f.law for f in found.arm.flexures if f.learn}, samples):
-        if axis.told:
+        if axis.determined:
             assert axis.sampled == pytest.approx(axis.std, rel=0.35)
     loads = view.line.flexure_wrenches[:5, names.index(six.joints[0])]
     lower, upper = samples.band(six.joints[0], loads, view.line.row.some(np.arange(5)))

@@ -30,7 +30,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.plan.design import DsOptimal, Goal, IOptimal, TOptimal, Truth, exchanged, greedy, instead, path, shows
 from armflex.plan.drive import driving_order, motion
 from armflex.plan.hypotheses import named_effect, spelled
-from armflex.plan.instruments import levels_tell, unlike
+from armflex.plan.instruments import informing_levels, unlike
 from armflex.plan.picture import draw_plan
 from armflex.plan.planned_rows import Plan
 from armflex.rows import Rows
@@ -280,17 +280,17 @@ def test_what_the_instrument_hides_is_said(six: Arm, found: Plan) -> None:
 def test_a_level_is_advised_where_it_tells_and_none_is_yet(six: Arm, tmp_path: Path) -> None:
     """It sees no turn about an axis that stays upright, and no second one on a link says more than the first."""
     offset = CATALOGUE["encoder_offset"]
-    assert levels_tell(six, ()) == {"base", "J2", "J3", "J4", "J5", "J6"}
+    assert informing_levels(six, ()) == {"base", "J2", "J3", "J4", "J5", "J6"}
     hung = replace(six, robot=replace(six.robot, gravity=np.array([9.81, 0.0, 0.0])))
-    assert levels_tell(hung, ()) == {"base", *six.joint_names}
-    assert "inclinometer" in shows(offset, "J1", levels_tell(hung, ()))
-    assert "base frame" in shows(offset, "J1", levels_tell(six, ()))
-    sliding = levels_tell(quietly(BOOM), ())
+    assert informing_levels(hung, ()) == {"base", *six.joint_names}
+    assert "inclinometer" in shows(offset, "J1", informing_levels(hung, ()))
+    assert "base frame" in shows(offset, "J1", informing_levels(six, ()))
+    sliding = informing_levels(quietly(BOOM), ())
     assert "M1" not in sliding and "A1" not in sliding and "A2" in sliding
     for text in (LEVEL, ACCELERATION.replace("link2", "link3"), LEVEL.replace("link3", "tool")):
         arm = load_arm(heavy(tmp_path, text))
         joint = "J6" if "tool" in text else "J3"
-        assert levels_tell(six, ()) - levels_tell(arm, arm.sensors) == {joint}
+        assert informing_levels(six, ()) - informing_levels(arm, arm.sensors) == {joint}
         missing = {one.link for one in unlike(six, "level", ())} - {
             one.link for one in unlike(arm, "level", arm.sensors)
         }
@@ -302,7 +302,7 @@ def test_a_level_is_advised_where_it_tells_and_none_is_yet(six: Arm, tmp_path: P
 
 def test_two_causes_of_one_motion_are_told_by_no_reading_of_it(six: Arm) -> None:
     """An encoder beside the joint's, or a level, sees what turns it, not why."""
-    levels = levels_tell(six, ())
+    levels = informing_levels(six, ())
     scale, cables, other = (
         named_effect(text, six, ()) for text in ("encoder_scale:J2", "dress_pack:J2", "encoder_scale:J3")
     )

@@ -80,7 +80,7 @@ def test_a_robot_of_mjcf_bends_and_is_exported(tmp_path: Path) -> None:
     tip = data.oMf[model.getFrameId("tcp", pin.BODY)]
     np.testing.assert_allclose(tip.homogeneous, arm.rigid_pose(q).homogeneous, rtol=0, atol=1e-12)
     assert sum(inertia.mass for inertia in model.inertias) == pytest.approx(76.0)
-    assert "allow_massless" in " ".join(export(arm).told)
+    assert "allow_massless" in " ".join(export(arm).notes)
     again = load_robot(write(tmp_path, text, "again.urdf"), "tcp", allow_massless=True)
     assert again.joint_names == arm.joint_names
 

@@ -12,7 +12,7 @@ from armflex import Arm, load_arm
 from armflex.estimate import robust
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.calibrate import calibrate
-from armflex.estimate.held_out import told_by_others
+from armflex.estimate.held_out import known_of_others
 from armflex.estimate.placement import first_guess
 from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian
@@ -83,7 +83,7 @@ def test_columns_in_pieces_are_those_of_all_rows(
 def test_what_all_other_folds_tell_is_what_a_fit_without_a_fold_knows(arm: Arm, campaign: Measurements) -> None:
     fit = calibrate(arm, campaign).fit
     folds = np.arange(len(fit.view.rows)) % 3
-    for number, told in enumerate(told_by_others(fit, folds)):
+    for number, told in enumerate(known_of_others(fit, folds)):
         others = np.repeat(folds != number, 3)
         expected = LinearGaussian.of(fit.regressors[others], fit.precision)
         assert np.allclose(told.information, expected.information, rtol=1e-9, atol=1e-6)
