@@ -163,8 +163,9 @@ def _of_mechanism(
     if not case.moves and loop_kernel_pays(1):
         solver = solver_of(loaded, case.wrenches)
         if found := solver.one(row):
-            rest, moved = solver.in_model(case.q, found), found.displacement[0].copy()
-            return Equilibrium(loaded, case, *rest, "fixed_point", (), displacement=moved)
+            return Equilibrium(
+                loaded, case, *solver.in_model(found), "fixed_point", (), displacement=found.displacement[0]
+            )
     if mechanics.laws.changing:
         mechanics.laws.know(row)
     rest = mechanics.rest(case, row)

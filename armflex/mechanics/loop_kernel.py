@@ -34,7 +34,7 @@ from armflex.conventions import Array
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.chain import FLEXURE, RIGID, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, SLOWEST, SMALL, STEPS
-from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, called
+from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, called, inner
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import ALIGNED, ASSEMBLED, CLOSED, LONGEST, MOST, ROUNDED
 from armflex.mechanics.spring import SHORTEST
@@ -47,8 +47,8 @@ AXIS, FIXED, ROD, GEAR, COIL, GAS = range(6)
 NEAR_SINGULAR = 1e-8
 """Squared share of the closures' singular values below which `Mechanism` looks at them."""
 
-NEGATIVE = 1e-12
-"""Share of the largest compliance by which one may be negative."""
+ROUNDING = 1e-12
+"""Share of the largest compliance below which one is symmetric, and nowhere negative."""
 
 ENDS = 1e-28
 """Squared length of the step to come, were it to shrink as the last one did."""
@@ -70,6 +70,9 @@ class Tree(NamedTuple):
         joins: (T, 6) kind, elements of both ends (of a gear the joints), rows from and to, number of the length in q.
         rows: (m, 6) what each row closes of its closure's slots.
         flexures: (n,) element of each, or minus 1 and minus the number of its closure.
+        neutral: (nq_model,) Pinocchio's configuration with everything at zero.
+        places: Where Pinocchio has them: of drives and of passive joints in a configuration; of passive joints, of
+            flexures, which have six there, and of elements in a velocity, -1 where an element is no joint.
     """
 
     elements: Array
@@ -80,26 +83,28 @@ class Tree(NamedTuple):
     joins: np.ndarray
     rows: Array
     flexures: np.ndarray
+    neutral: Array
+    places: np.ndarray
 
 
 class Here(NamedTuple):
     """Where a mechanism is, and what it is worked out with.
 
-    turn, origin, axes: of every element, and the spatial twist per motion of its joint. own: of a flexure's twists.
-    gaps, ways: (m) and (T, 6, 6) of the closures, of springs the first row. by_free, by_flex: (m, p), (m, n, 6) change
-    of the gaps. loads: (k, 6) on all that an element carries. law, twists, load: (n, 6). torque: (k,).
+    turn, origin, axes: of every element, and the spatial twist per motion of its joint. gaps, ways: (m) and (T, 6, 6) of
+    the closures, of springs the first row. by_free: (m, p) change of the gaps. loads: (k, 6) on all that an element
+    carries. twists, load: (n, 6). torque: (k,). roots: (n, 6, 6) with R R' = C in the first columns, of which the
+    coordinates y of laws from `starts` on are the factors: their spatial twists are `screws`, (6 n, 6), and `by_law`,
+    (m, 6 n), is how they change the gaps. spare, turns, blocks: to work in, since memory takes longer to get than a
+    joint to place.
     """
 
     turn: Array
     origin: Array
     axes: Array
-    own: Array
     gaps: Array
     ways: Array
     by_free: Array
-    by_flex: Array
     loads: Array
-    law: Array
     twists: Array
     load: Array
     torque: Array
@@ -109,7 +114,14 @@ class Here(NamedTuple):
     order: np.ndarray
     right: Array
     roots: Array
-    ranks: np.ndarray
+    starts: np.ndarray
+    screws: Array
+    by_law: Array
+    y: Array
+    step: Array
+    spare: Array
+    turns: Array
+    blocks: Array
 
 
 @called
@@ -119,13 +131,10 @@ def _memory(tree, free):
         np.empty((k, 3, 3)),
         np.empty((k, 3)),
         np.zeros((k, 6)),
-        np.empty((n, 6, 6)),
         np.empty(m),
         np.zeros((t, 6, 6)),
         np.zeros((m, free)),
-        np.zeros((m, n, 6)),
         np.empty((k, 6)),
-        np.zeros((n, 6)),
         np.zeros((n, 6)),
         np.zeros((n, 6)),
         np.zeros(k),
@@ -135,47 +144,76 @@ def _memory(tree, free):
         np.empty(m + free, dtype=np.int64),
         np.empty(m + free),
         np.zeros((n, 6, 6)),
-        np.zeros(n, dtype=np.int64),
+        np.zeros(n + 1, dtype=np.int64),
+        np.zeros((6 * n, 6)),
+        np.zeros((m, 6 * n)),
+        np.zeros(6 * n),
+        np.empty(6 * n),
+        np.zeros((12, 12)),
+        np.empty((6, 3, 3)),
+        np.empty((3, 6, 6)),
     )
 
 
 @called
 def _place(tree, q, free, flexed, here):
-    """Fill `turn`, `origin`, `axes` and `own`; flexures are at rest unless it is `flexed`."""
+    """Fill `turn`, `origin`, `axes` and `screws`; flexures are at rest unless it is `flexed`."""
     elements, kinds, turn, origin = tree.elements, tree.kinds, here.turn, here.origin
-    frame, moved, before, at, driven = np.empty(12), np.zeros(6), np.empty((3, 3)), np.empty(3), len(q)
+    frame, before, at, driven = here.spare[0], here.turns[0], here.spare[1], len(q)
     for i in range(3):
         origin[0, i] = 0.0
         for j in range(3):
             turn[0, i, j] = 1.0 if i == j else 0.0
     for k in range(1, len(tree.parents)):
         kind, own, back = kinds[0, k] & 3, kinds[1, k], tree.parents[k]
-        moves = kind in (TURNS, SLIDES)
-        if not moves and not (kind == FLEXURE and flexed):
+        if kind == RIGID or (kind == FLEXURE and not flexed):
             _compose(turn[back], origin[back], elements[k], turn[k], origin[k])
-        else:
-            _compose(turn[back], origin[back], elements[k], before, at)
-            if kind == FLEXURE:
-                _exponential(here.twists[own], frame)
-            else:
-                value = q[own] if own < driven else free[own - driven]
-                for i in range(3):
-                    along = value * elements[k, 12 + i]
-                    moved[i], moved[3 + i] = (along, 0.0) if kind == SLIDES else (0.0, along)
-                _exponential(moved, frame)
-            _compose(before, at, frame, turn[k], origin[k])
-        if moves:
-            axis, o, spatial = elements[k], origin[k], here.axes[k]
-            x = turn[k, 0, 0] * axis[12] + turn[k, 0, 1] * axis[13] + turn[k, 0, 2] * axis[14]
-            y = turn[k, 1, 0] * axis[12] + turn[k, 1, 1] * axis[13] + turn[k, 1, 2] * axis[14]
-            z = turn[k, 2, 0] * axis[12] + turn[k, 2, 1] * axis[13] + turn[k, 2, 2] * axis[14]
-            if kind == TURNS:
-                spatial[0], spatial[1], spatial[2] = o[1] * z - o[2] * y, o[2] * x - o[0] * z, o[0] * y - o[1] * x
-                spatial[3], spatial[4], spatial[5] = x, y, z
-            else:
-                spatial[0], spatial[1], spatial[2] = x, y, z
         elif kind == FLEXURE:
-            _action(turn[k], origin[k], here.own[own])
+            _compose(turn[back], origin[back], elements[k], before, at)
+            _exponential(here.twists[own], frame)
+            _compose(before, at, frame, turn[k], origin[k])
+        if kind == FLEXURE:
+            for c in range(here.starts[own], here.starts[own + 1]):
+                _screw(turn[k], origin[k], here.roots[own, :, c - here.starts[own]], here.screws[c])
+        elif kind != RIGID:
+            value, axis = q[own] if own < driven else free[own - driven], elements[k, 12:15]
+            _compose(turn[back], origin[back], elements[k], before, at)
+            o, spatial = origin[k], here.axes[k]
+            x = before[0, 0] * axis[0] + before[0, 1] * axis[1] + before[0, 2] * axis[2]
+            y = before[1, 0] * axis[0] + before[1, 1] * axis[1] + before[1, 2] * axis[2]
+            z = before[2, 0] * axis[0] + before[2, 1] * axis[1] + before[2, 2] * axis[2]
+            if kind == SLIDES:
+                o[0], o[1], o[2] = at[0] + value * x, at[1] + value * y, at[2] + value * z
+                turn[k] = before
+                spatial[0], spatial[1], spatial[2] = x, y, z
+                continue
+            sine, less = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2
+            for j in range(3):  # of every column b by Rodrigues: b + sine axis x b + less axis x (axis x b)
+                b0, b1, b2 = before[0, j], before[1, j], before[2, j]
+                c0, c1, c2 = y * b2 - z * b1, z * b0 - x * b2, x * b1 - y * b0
+                turn[k, 0, j] = b0 + sine * c0 + less * (y * c2 - z * c1)
+                turn[k, 1, j] = b1 + sine * c1 + less * (z * c0 - x * c2)
+                turn[k, 2, j] = b2 + sine * c2 + less * (x * c1 - y * c0)
+            o[0], o[1], o[2] = at[0], at[1], at[2]
+            spatial[0], spatial[1], spatial[2] = o[1] * z - o[2] * y, o[2] * x - o[0] * z, o[0] * y - o[1] * x
+            spatial[3], spatial[4], spatial[5] = x, y, z
+
+
+@called
+def _screw(turn, origin, twist, found):
+    """Fill the spatial twist of a twist in the axes of a frame."""
+    for i in range(3):
+        found[i] = turn[i, 0] * twist[0] + turn[i, 1] * twist[1] + turn[i, 2] * twist[2]
+        found[3 + i] = turn[i, 0] * twist[3] + turn[i, 1] * twist[4] + turn[i, 2] * twist[5]
+    found[0] += origin[1] * found[5] - origin[2] * found[4]
+    found[1] += origin[2] * found[3] - origin[0] * found[5]
+    found[2] += origin[0] * found[4] - origin[1] * found[3]
+
+
+@inner
+def _tie(tree, t):
+    joins = tree.joins
+    return joins[t, 0], joins[t, 1], joins[t, 2], joins[t, 3], joins[t, 4], joins[t, 5]
 
 
 @called
@@ -195,10 +233,13 @@ def _cross(a, b, found):
 
 @called
 def _join(tree, q, free, here):
-    """Fill `gaps`, `ways`, and the lengths and directions of rods; return whether all of these have one."""
-    one, two, gap, way, slots = np.empty(3), np.empty(3), np.empty(6), np.empty((6, 6)), np.empty((6, 6))
+    """Fill `gaps`, with what pins and cylinders give, `ways`, and lengths and directions of rods.
+
+    Returns whether all rods have one.
+    """
+    one, two, gap, way, slots = here.spare[2], here.spare[3], here.spare[4], here.blocks[0], here.blocks[1]
     for t in range(len(tree.joins)):
-        kind, e1, e2, start, end, number = tree.joins[t]
+        kind, e1, e2, start, end, number = _tie(tree, t)
         tie = tree.ties[t]
         if kind == GEAR:
             own, master = _position(tree, q, free, e1), _position(tree, q, free, e2)
@@ -226,6 +267,12 @@ def _join(tree, q, free, here):
                 for b in range(6):
                     value += tree.rows[r, b] * way[b, a]
                 here.ways[t, r - start, a] = value
+    for i in range(len(tree.flexures)):
+        if tree.flexures[i] < 0:
+            t = -1 - tree.flexures[i]
+            for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+                for a in range(6):
+                    here.gaps[r] -= tree.rows[r, a] * here.twists[i, a]
     return True
 
 
@@ -242,7 +289,7 @@ def _pin(tree, here, t, one, two, gap, way, turning):
     `turning` has the axes in its rows, then the change of the angles by a turn in those axes.
     """
     tie, first, second = tree.ties[t], here.turn[tree.joins[t, 1]], here.turn[tree.joins[t, 2]]
-    axes, other, turned = turning[:3, :3], np.empty((3, 3)), np.empty((3, 3))
+    axes, other, turned = turning[:3, :3], here.turns[1], here.turns[2]
     for i in range(3):
         for j in range(3):
             axes[j, i] = first[i, 0] * tie[9 + j] + first[i, 1] * tie[12 + j] + first[i, 2] * tie[15 + j]
@@ -253,7 +300,10 @@ def _pin(tree, here, t, one, two, gap, way, turning):
             gap[i] += axes[i, j] * (two[j] - one[j])
             turned[i, j] = axes[i, 0] * other[0, j] + axes[i, 1] * other[1, j] + axes[i, 2] * other[2, j]
     change = turning[3:, 3:]
-    if tree.joins[t, 0] == FIXED:
+    if tree.joins[t, 4] - tree.joins[t, 3] == 3:  # a spherical bearing has no angles
+        change[:] = 0.0
+        gap[3:6] = 0.0
+    elif tree.joins[t, 0] == FIXED:
         _logarithm(turned, gap[3:])
         x, y, z = gap[3], gap[4], gap[5]
         s = x * x + y * y + z * z
@@ -265,7 +315,7 @@ def _pin(tree, here, t, one, two, gap, way, turning):
         change[1, 0], change[1, 1], change[1, 2] = c * x * y - 0.5 * z, 1.0 + c * (y * y - s), c * y * z + 0.5 * x
         change[2, 0], change[2, 1], change[2, 2] = c * x * z + 0.5 * y, c * y * z - 0.5 * x, 1.0 + c * (z * z - s)
     else:
-        axis, there = tie[6:9], np.empty(3)
+        axis, there = tie[6:9], here.spare[5]
         for i in range(3):
             there[i] = turned[i, 0] * axis[0] + turned[i, 1] * axis[1] + turned[i, 2] * axis[2]
         _cross(axis, there, gap[3:])
@@ -292,40 +342,50 @@ def _logarithm(turn, found):
 
 
 @called
-def _reach(tree, q, here, flexed):
-    """Fill `by_free`, and where it is `flexed` `by_flex`."""
+def _reach(tree, q, here):
+    """Fill `by_free`."""
     kinds, driven = tree.kinds, len(q)
-    for i in range(len(tree.flexures)):
-        if tree.flexures[i] < 0:
-            t = -1 - tree.flexures[i]
-            for r in range(tree.joins[t, 3], tree.joins[t, 4]):
-                for a in range(6):
-                    here.by_flex[r, i, a] = -tree.rows[r, a]
     for t in range(len(tree.joins)):
-        kind, e1, e2, start, end, _ = tree.joins[t]
-        for r in range(start, end):
-            if kind == GEAR:
-                own, master = kinds[1, e1] - driven, kinds[1, e2] - driven
-                here.by_free[r, own] = 1.0
-                if master >= 0:
-                    here.by_free[r, master] = -tree.ties[t, 27]
-                continue
-            way = here.ways[t, r - start]
-            for k in range(1, len(tree.parents)):
-                sign, kind_of, own = tree.carried[t, k], kinds[0, k] & 3, kinds[1, k]
-                if sign == 0.0:
-                    continue
-                if kind_of == FLEXURE and flexed:
+        kind, e1, e2, start, end, _ = _tie(tree, t)
+        if kind == GEAR:
+            own, master = kinds[1, e1] - driven, kinds[1, e2] - driven
+            here.by_free[start, own] = 1.0
+            if master >= 0:
+                here.by_free[start, master] = -tree.ties[t, 27]
+            continue
+        for k in range(1, len(tree.parents)):
+            sign, own = tree.carried[t, k], kinds[1, k] - driven
+            if sign != 0.0 and own >= 0 and kinds[0, k] & 3 != FLEXURE:
+                _open(here, t, start, end, sign, here.axes[k], here.by_free[:, own])
+
+
+@called
+def _open(here, t, start, end, sign, twist, found):
+    """Fill by how much a spatial twist of what an end of a tie is carried by opens its rows."""
+    for r in range(start, end):
+        value = 0.0
+        for b in range(6):
+            value += here.ways[t, r - start, b] * twist[b]
+        found[r] = sign * value
+
+
+@called
+def _bend(tree, here, roots, screws):
+    """Fill `by_law` for coordinates that are factors of (n, 6, 6) roots and have (W, 6) spatial twists."""
+    starts, found = here.starts, here.by_law
+    found[:, : starts[-1]] = 0.0
+    for i in range(len(tree.flexures)):
+        k = tree.flexures[i]
+        for c in range(starts[i], starts[i + 1]):
+            if k < 0:
+                for r in range(tree.joins[-1 - k, 3], tree.joins[-1 - k, 4]):
                     for a in range(6):
-                        value = 0.0
-                        for b in range(6):
-                            value += way[b] * here.own[own, b, a]
-                        here.by_flex[r, own, a] = sign * value
-                elif kind_of != FLEXURE and own >= driven:
-                    value = 0.0
-                    for b in range(6):
-                        value += way[b] * here.axes[k, b]
-                    here.by_free[r, own - driven] = sign * value
+                        found[r, c] -= tree.rows[r, a] * roots[i, a, c - starts[i]]
+                continue
+            for t in range(len(tree.joins)):
+                if tree.carried[t, k] != 0.0:
+                    _, _, _, start, end, _ = _tie(tree, t)
+                    _open(here, t, start, end, tree.carried[t, k], screws[c], found[:, c])
 
 
 @called
@@ -337,7 +397,7 @@ def _close(tree, q, free, here):
         _place(tree, q, free, False, here)
         if not _join(tree, q, free, here):
             return False
-        _reach(tree, q, here, False)
+        _reach(tree, q, here)
         for a in range(p):
             step[a] = 0.0
             for r in range(m):
@@ -416,29 +476,23 @@ def _least(factor, n):
 
 
 @called
-def _idle(here, compliance, idle):
+def _idle(here, idle):
     """Fill the (m, m) projector on what nothing answers to, unless that of the row before holds; see `Mechanism`.
 
     Returns whether the gaps are closed there.
     """
     m, p = here.by_free.shape
-    reached, column, total = np.zeros((m, m)), np.empty(m), 0.0
-    worst = 0.0
-    for j in range(p + 6 * len(here.ranks)):
-        i, c = divmod(j - p, 6)
-        if j >= p and c >= here.ranks[i]:
-            continue
-        for r in range(m):
-            if j < p:
-                column[r] = here.by_free[r, j]
-            else:
-                value = 0.0
-                for a in range(6):
-                    value += here.by_flex[r, i, a] * here.roots[i, a, c]
-                column[r] = value
+    reached, column, total, worst = np.zeros((m, m)), np.empty(m), 0.0, 0.0
+    for j in range(p + here.starts[-1]):
         size = 0.0
-        for a in range(6 if j >= p else 0):
-            size += here.roots[i, a, c] ** 2
+        for r in range(m):
+            column[r] = here.by_free[r, j] if j < p else here.by_law[r, j - p]
+        if j >= p:  # by the size of its twist
+            i = 0
+            while here.starts[i + 1] <= j - p:
+                i += 1
+            for a in range(6):
+                size += here.roots[i, a, j - p - here.starts[i]] ** 2
         scale = 1.0 / math.sqrt(size) if j >= p else 1.0
         for r in range(m):
             column[r] *= scale
@@ -449,9 +503,10 @@ def _idle(here, compliance, idle):
             worst = max(worst, abs(left))
             for s in range(r + 1):
                 reached[r, s] += column[r] * column[s]
-                reached[s, r] = reached[r, s]
     for r in range(m):
         total += reached[r, r]
+        for s in range(r):
+            reached[s, r] = reached[r, s]
     trial = reached + total * idle
     if not (_factored(trial, m) and _least(trial, m) > 10.0 * ALIGNED**2 * total and worst <= 1e-13 * math.sqrt(total)):
         sizes, left = np.linalg.eigh(reached)
@@ -471,39 +526,44 @@ def _idle(here, compliance, idle):
 
 
 @called
-def _root(compliance, roots, ranks):
-    """Fill (n, 6, 6) matrices R with R R' = C in their first columns, by pivoted Cholesky, and how many there are.
+def _root(compliance, roots, others, starts):
+    """Fill (n, 6, 6) matrices R and S with R S' = C in their first columns, and where those of each begin in a row.
 
-    Returns the largest diagonal number, and minus 1 where the even part of one is negative somewhere.
+    Returns the largest number, and whether all R are S: whether all are symmetric, and nowhere negative.
     """
-    left, largest = np.empty((6, 6)), 0.0
-    for i in range(len(compliance)):
-        for a in range(6):
-            largest = max(largest, compliance[i, a, a])
+    left, largest, even = np.empty((6, 6)), 0.0, True
     for i in range(len(compliance)):
         for a in range(6):
             for b in range(6):
-                left[a, b] = 0.5 * (compliance[i, a, b] + compliance[i, b, a])
-        ranks[i] = 0
-        roots[i] = 0.0
+                largest = max(largest, abs(compliance[i, a, b]))
+    for i in range(len(compliance)):
+        starts[i + 1], skewed = starts[i], False
+        for a in range(6):
+            for b in range(6):
+                left[a, b] = compliance[i, a, b]
+                skewed = skewed or abs(compliance[i, a, b] - compliance[i, b, a]) > ROUNDING * largest
         for c in range(6):
-            best = 0
+            row = 0
             for a in range(6):
-                best = a if left[a, a] > left[best, best] else best
-            if not left[best, best] > 1e-14 * largest:
+                row = a if left[a, a] > left[row, row] else row
+            column = row
+            for a in range(6 if skewed or not left[row, row] > 1e-14 * largest else 0):
+                for b in range(6):
+                    if abs(left[a, b]) > (1.0 + ROUNDING) * abs(left[row, column]):
+                        row, column = a, b
+            size, straight = left[row, column], row == column and left[row, column] > 0.0
+            if not abs(size) > (1e-14 if straight else ROUNDING) * largest:
                 break
-            size = math.sqrt(left[best, best])
+            even = even and straight
+            factor = 1.0 / math.sqrt(abs(size))
             for a in range(6):
-                roots[i, a, c] = left[a, best] / size
+                roots[i, a, c] = factor * left[a, column]
+                others[i, a, c] = math.copysign(factor, size) * left[row, a]
             for a in range(6):
                 for b in range(6):
-                    left[a, b] -= roots[i, a, c] * roots[i, b, c]
-            ranks[i] = c + 1
-        for a in range(6):
-            for b in range(6):
-                if not abs(left[a, b]) <= NEGATIVE * largest:
-                    return -1.0
-    return largest
+                    left[a, b] -= roots[i, a, c] * others[i, b, c]
+            starts[i + 1] += 1
+    return largest, even
 
 
 @called
@@ -553,41 +613,30 @@ def _solve(matrix, order, right):
 
 
 @called
-def _assemble(tree, here, compliance, idle, scale):
+def _assemble(here, idle, scale):
     """Fill and factor `matrix`, rows of torques and forces times `scale`; return whether it is regular."""
     m, p = here.by_free.shape
-    matrix, given = here.matrix, np.empty(6)
+    matrix, bends, total = here.matrix, here.by_law, here.starts[-1]
     for r in range(m):
-        for s in range(m):
-            matrix[r, s] = -idle[r, s] / scale
+        for s in range(r + 1):
+            value = idle[r, s]
+            for c in range(total):
+                value += bends[r, c] * bends[s, c]
+            matrix[r, s] = matrix[s, r] = -value / scale
         for a in range(p):
             matrix[r, m + a] = matrix[m + a, r] = here.by_free[r, a]
     for a in range(p):
         for b in range(p):
             matrix[m + a, m + b] = 0.0
-    for i in range(len(compliance)):
-        for r in range(m):
-            own = here.by_flex[r, i]
-            for a in range(6):
-                given[a] = 0.0
-                for b in range(6):
-                    given[a] += compliance[i, a, b] * own[b]
-            for s in range(r + 1):
-                other, value = here.by_flex[s, i], 0.0
-                for a in range(6):
-                    value += given[a] * other[a]
-                matrix[r, s] -= value / scale
-                if s < r:
-                    matrix[s, r] = matrix[r, s]
     return _factor(matrix, here.order)
 
 
 @called
 def _weigh(tree, here, links, wrenches):
-    """From where it is and `forces`, fill `loads`, `load` and `torque`."""
+    """From where it is and `forces`, fill `loads` and `torque`."""
     elements, loads, count, forces = tree.elements, here.loads, len(tree.parents), here.forces
     gx, gy, gz = elements[count, 12], elements[count, 13], elements[count, 14]
-    point, push, wrench = np.empty(3), np.empty(6), np.empty(6)
+    point, push, wrench = here.spare[2], here.spare[3], here.spare[4]
     for k in range(count):
         mass, load = elements[k, 15], loads[k]
         _point(here, k, elements[k, 16:19], point)
@@ -604,7 +653,7 @@ def _weigh(tree, here, links, wrenches):
             loads[k, i] += push[i]
             loads[k, 3 + i] += push[3 + i] + wrench[3 + i]
     for t in range(len(tree.joins)):
-        kind, e1, e2, start, end, _ = tree.joins[t]
+        kind, e1, e2, start, end, _ = _tie(tree, t)
         if kind == GEAR:
             here.torque[e1] += forces[start]
             here.torque[e2] -= tree.ties[t, 27] * forces[start]
@@ -617,23 +666,27 @@ def _weigh(tree, here, links, wrenches):
             loads[e1, a] += wrench[a]
             loads[e2, a] -= wrench[a]
     for k in range(count - 1, 0, -1):
-        kind = tree.kinds[0, k] & 3
         for a in range(6):
             loads[tree.parents[k], a] += loads[k, a]
             here.torque[k] -= here.axes[k, a] * loads[k, a]
-        if kind == FLEXURE:
-            own, load = here.own[tree.kinds[1, k]], here.load[tree.kinds[1, k]]
-            for a in range(6):
-                load[a] = 0.0
-                for b in range(6):
-                    load[a] += own[b, a] * loads[k, b]
+
+
+@called
+def _bear(tree, here):
+    """Fill `load`: what flexures bear, in their axes."""
+    screw = np.empty((6, 6))
     for i in range(len(tree.flexures)):
-        if tree.flexures[i] < 0:
-            t = -1 - tree.flexures[i]
+        k, load = tree.flexures[i], here.load[i]
+        load[:] = 0.0
+        if k >= 0:
+            _action(here.turn[k], here.origin[k], screw)
             for a in range(6):
-                here.load[i, a] = 0.0
-                for r in range(tree.joins[t, 3], tree.joins[t, 4]):
-                    here.load[i, a] += forces[r] * tree.rows[r, a]
+                for b in range(6):
+                    load[a] += screw[b, a] * here.loads[k, b]
+            continue
+        for r in range(tree.joins[-1 - k, 3], tree.joins[-1 - k, 4]):
+            for a in range(6):
+                load[a] += here.forces[r] * tree.rows[r, a]
 
 
 @called
@@ -659,45 +712,42 @@ def _tension(tie, kind, length):
 
 
 @called
-def _deform(compliance, offset, load, law):
-    for i in range(len(law)):
-        for a in range(6):
-            value = offset[i, a]
-            for b in range(6):
-                value += compliance[i, a, b] * load[i, b]
-            law[i, a] = value
-
-
-@called
-def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
-    """From where the loops are closed, move to rest.
+def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, here):
+    """From where the loops are closed and it is placed, move to rest.
 
     Returns by how much loads change the stiffness, see the head of this module; infinite where `Mechanism` is to say.
     """
     m, p = here.by_free.shape
-    law, twists, right = here.law, here.twists, here.right
-    largest = _root(compliance, here.roots, here.ranks)
-    if largest < 0.0:
-        return np.inf
-    largest, total = max(largest, 1e-9), here.ranks.sum()
-    here.forces[:] = 0.0
-    twists[:] = 0.0
-    before, distance = np.inf, np.inf
-    known, step, plain = np.zeros(total), np.empty(total), np.empty(total)
+    twists, right, y, step, by_law, starts = here.twists, here.right, here.y, here.step, here.by_law, here.starts
+    total, before, distance, plain, given = starts[-1], np.inf, np.inf, np.empty(starts[-1]), False
     tangent, follows = np.empty((0, 0)), np.empty((0, 0))
+    here.forces[:] = 0.0
+    y[:] = 0.0
+    for i in range(len(offset)):
+        for a in range(6):
+            given = given or offset[i, a] != 0.0
     for count in range(STEPS):
-        _place(tree, q, free, True, here)
+        if count > 0:
+            _place(tree, q, free, True, here)
         if not _join(tree, q, free, here):
             return np.inf
         if count < 2:  # then they are known well enough
-            _reach(tree, q, here, True)
-            if count == 0 and not _idle(here, compliance, idle):
+            _reach(tree, q, here)
+            _bend(tree, here, here.roots, here.screws)
+            if count == 0 and not _idle(here, idle):
                 return np.inf
-            if not _assemble(tree, here, compliance, idle, largest):
+            if count == 0 and given:
+                twists[:] = offset
+                _place(tree, q, free, True, here)
+                if not _join(tree, q, free, here):
+                    return np.inf
+                _reach(tree, q, here)
+                _bend(tree, here, here.roots, here.screws)
+            if not _assemble(here, idle, scale):
                 return np.inf
         _weigh(tree, here, links, wrenches)
         if count == 1:
-            tangent, follows = _hessian(tree, here, links, wrenches, largest, len(q))
+            tangent, follows = _hessian(tree, here, links, wrenches, scale, len(q))
             distance = 0.0
             for a in range(total):
                 for b in range(total):
@@ -706,123 +756,130 @@ def _settle(tree, compliance, offset, links, wrenches, q, free, idle, here):
             distance = math.sqrt(distance)
             if not (distance <= SHARE and _factored(tangent, total)):
                 return np.inf
-        _deform(compliance, offset, here.load, law)
+        for i in range(len(twists)):
+            k = tree.flexures[i]
+            for c in range(starts[i], starts[i + 1]):
+                step[c] = -y[c]
+                if k >= 0:
+                    for a in range(6):
+                        step[c] += here.screws[c, a] * here.loads[k, a]
+                else:
+                    for r in range(m):
+                        step[c] -= by_law[r, c] * here.forces[r]
         for r in range(m):
-            value = 0.0
-            for i in range(len(law)):
-                closes = tree.flexures[i] < 0
-                for a in range(6):
-                    value += here.by_flex[r, i, a] * (law[i, a] if closes else law[i, a] - twists[i, a])
-            right[r] = -here.gaps[r] - value
+            right[r] = -here.gaps[r]
+            for c in range(total):
+                right[r] -= by_law[r, c] * step[c]
             for s in range(m):
                 right[r] += idle[r, s] * here.forces[s]
         for k in range(1, len(tree.parents)):
             kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k] - len(q)
             if kind in (TURNS, SLIDES) and own >= 0:
-                right[m + own] = -largest * here.torque[k]
+                right[m + own] = -scale * here.torque[k]
         _solve(here.matrix, here.order, right.reshape((-1, 1)))
-        size, square, number = 0.0, 0.0, 0
         for r in range(m):
-            right[r] /= largest
+            right[r] /= scale
             here.forces[r] += right[r]
-        for i in range(len(law)):
-            for a in range(6):
-                for r in range(m):
-                    here.load[i, a] -= here.by_flex[r, i, a] * right[r]
-            for c in range(here.ranks[i]):
-                value = 0.0
-                for a in range(6):
-                    value += here.roots[i, a, c] * here.load[i, a]
-                step[number] = value - known[number]
-                known[number] = value
-                number += 1
-        _deform(compliance, offset, here.load, law)
+            for c in range(total):
+                step[c] -= by_law[r, c] * right[r]
         if count > 0:  # what the change of the loads makes of the step; forces follow with the next one
-            for a in range(total):
-                plain[a] = step[a]
+            plain[:] = step[:total]
             _solved_by(tangent, total, step)
-            for a in range(total):
-                step[a] -= plain[a]
-                known[a] += step[a]
             for b in range(p):
                 for a in range(total):
-                    right[m + b] += follows[b, a] * step[a]
-            number = 0
-            for i in range(len(law)):
-                for c in range(here.ranks[i]):
-                    for a in range(6):
-                        law[i, a] += here.roots[i, a, c] * step[number]
-                    number += 1
+                    right[m + b] += follows[b, a] * (step[a] - plain[a])
+        size, square = 0.0, 0.0
         for a in range(p):
             free[a] += right[m + a]
             size += right[m + a] ** 2
-        for i in range(len(law)):
+        for c in range(total):
+            y[c] += step[c]
+        for i in range(len(twists)):
             for a in range(6):
+                value = offset[i, a]
+                for c in range(starts[i], starts[i + 1]):
+                    value += here.roots[i, a, c - starts[i]] * y[c]
                 if tree.flexures[i] >= 0:
-                    size += (law[i, a] - twists[i, a]) ** 2
-                    square += law[i, a] ** 2
-                twists[i, a] = law[i, a]
+                    size += (value - twists[i, a]) ** 2
+                    square += value**2
+                twists[i, a] = value
         if not size < np.inf or (count > 1 and not size < SLOWEST * before and size > CONVERGED):
             return np.inf
         if count > 1 and size * size <= ENDS * before:
             _place(tree, q, free, True, here)
             _join(tree, q, free, here)
             _weigh(tree, here, links, wrenches)
-            _deform(compliance, offset, here.load, law)
-            for i in range(len(law)):
-                if tree.flexures[i] < 0:
-                    twists[i] = law[i]
-            return distance if square < SMALL and _aligned(tree, here) else np.inf
+            _bear(tree, here)
+            for i in range(len(twists)):
+                for a in range(6):
+                    twists[i, a] = offset[i, a]
+                    for b in range(6):
+                        twists[i, a] += compliance[i, a, b] * here.load[i, b]
+            for r in range(m):
+                if not abs(here.gaps[r]) <= ALIGNED:
+                    return np.inf
+            return distance if square < SMALL else np.inf
         before = size
     return np.inf
 
 
 @called
-def _aligned(tree, here):
-    for r in range(len(tree.rows)):
-        left = here.gaps[r]
-        for i in range(len(tree.flexures)):
-            if tree.flexures[i] < 0:
-                for a in range(6):
-                    left += here.by_flex[r, i, a] * here.law[i, a]
-        if not abs(left) <= ALIGNED:
-            return False
-    return True
+def _freedoms(tree, here, driven, screws, carriers):
+    """Fill the (W + p, 6) spatial twists of coordinates of laws and passive joints, and the elements they first move.
+
+    A closure's move none.
+    """
+    total = here.starts[-1]
+    for i in range(len(tree.flexures)):
+        for c in range(here.starts[i], here.starts[i + 1]):
+            carriers[c] = max(tree.flexures[i], 0)
+            for a in range(6):
+                screws[c, a] = here.screws[c, a] if tree.flexures[i] >= 0 else 0.0
+    for k in range(1, len(tree.parents)):
+        kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k] - driven
+        if kind in (TURNS, SLIDES) and own >= 0:
+            carriers[total + own] = k
+            screws[total + own] = here.axes[k]
 
 
 @called
 def _hessian(tree, here, links, wrenches, scale, driven):
     """Return Z' G Z, see the head of this module, and the (p, W) motions of passive joints per coordinate of laws."""
-    m, p = here.by_free.shape
-    n, total = len(tree.flexures), here.ranks.sum()
-    right, gap, y, number = np.zeros((m + p, total)), np.zeros((m, total)), np.zeros((total, total)), 0
-    for i in range(n):
-        for c in range(here.ranks[i]):
-            for r in range(m):
-                for a in range(6):
-                    gap[r, number] += here.by_flex[r, i, a] * here.roots[i, a, c]
-                right[r, number] = -gap[r, number]
-            y[number, number] = 1.0
-            number += 1
+    (m, p), total, by_law = here.by_free.shape, here.starts[-1], here.by_law
+    right, motions = np.zeros((m + p, total)), np.zeros((total + p, total))
+    screws, carriers = np.empty((total + p, 6)), np.empty(total + p, dtype=np.int64)
+    for r in range(m):
+        for c in range(total):
+            right[r, c] = -by_law[r, c]
     _solve(here.matrix, here.order, right)
     for a in range(total):
+        motions[a, a] = 1.0
         for r in range(m):
             for b in range(total):
-                y[a, b] -= gap[r, a] * right[r, b] / scale
-    virtual = _virtual(tree, here, total)
-    _step(tree, here, y, right[m:], driven, virtual.step)
+                motions[a, b] -= by_law[r, a] * right[r, b] / scale
+    motions[total:] = right[m:]
+    virtual = _virtual(tree, total)
+    _freedoms(tree, here, driven, screws, carriers)
+    _step(screws, carriers, motions, virtual.step)
     _spread(tree, here, links, wrenches, np.zeros((0, total)), virtual)
-    hessian = np.zeros((total, total))
-    for k in range(1, len(tree.parents)):
-        own = tree.kinds[1, k]
-        if tree.kinds[0, k] & 3 == RIGID or (tree.kinds[0, k] & 3 != FLEXURE and own < driven):
-            continue
-        for i in range(6):
-            for a in range(total):
-                value = virtual.field[k, i, a]
-                for b in range(total):
-                    hessian[a, b] += value * virtual.step[k, i, b]
+    hessian, met = np.zeros((total, total)), np.empty(total)
+    for z in range(total + p):
+        _meet(screws[z], virtual.field[carriers[z]], met)
+        for a in range(total):
+            for b in range(total):
+                hessian[a, b] += motions[z, a] * met[b]
     return hessian, right[m:]
+
+
+@called
+def _meet(twist, field, found):
+    """Fill the (W) answers to a spatial twist."""
+    for b in range(len(found)):
+        found[b] = 0.0
+    for a in range(6):
+        value = twist[a]
+        for b in range(len(found)):
+            found[b] += value * field[a, b]
 
 
 class Virtual(NamedTuple):
@@ -839,45 +896,32 @@ class Virtual(NamedTuple):
 
 
 @called
-def _virtual(tree, here, columns):
+def _virtual(tree, columns):
     k = len(tree.parents)
     return Virtual(
         np.zeros((k, 6, columns)),
         np.zeros((k, 6, columns)),
         np.zeros((k, 6, columns)),
-        np.zeros((len(tree.joins), 2, 6, columns)),
+        np.empty((len(tree.joins), 2, 6, columns)),
     )
 
 
 @called
-def _step(tree, here, y, free, driven, step):
-    """Fill the (k, 6, W) twists of the elements' own freedoms from those of laws and of passive joints."""
-    local, number = np.empty((6, y.shape[1])), np.zeros(len(tree.flexures) + 1, dtype=np.int64)
-    for i in range(len(tree.flexures)):
-        number[i + 1] = number[i] + here.ranks[i]
-    for k in range(1, len(tree.parents)):
-        kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k]
-        if kind == FLEXURE:
-            local[:] = 0.0
-            for c in range(here.ranks[own]):
-                for a in range(6):
-                    for b in range(y.shape[1]):
-                        local[a, b] += here.roots[own, a, c] * y[number[own] + c, b]
-            for a in range(6):
-                for j in range(6):
-                    for b in range(y.shape[1]):
-                        step[k, a, b] += here.own[own, a, j] * local[j, b]
-        elif kind != RIGID and own >= driven:
-            for a in range(6):
-                for b in range(y.shape[1]):
-                    step[k, a, b] = here.axes[k, a] * free[own - driven, b]
+def _step(screws, carriers, motions, step):
+    """Add to the (k, 6, W) twists of the elements' own freedoms what (Z, W) motions of coordinates are."""
+    for z in range(len(screws)):
+        own = step[carriers[z]]
+        for a in range(6):
+            value = screws[z, a]
+            for b in range(motions.shape[1]):
+                own[a, b] += value * motions[z, b]
 
 
 @called
 def _spread(tree, here, links, wrenches, forces, virtual):
     """From `step` and (m, W) virtual forces, fill `motion`, `field` and `ends`; forces of no rows are none."""
     count, step, motion, field = len(tree.parents), virtual.step, virtual.motion, virtual.field
-    point, push, moment = np.empty(3), np.empty(6), np.empty(3)
+    point, push, moment = here.spare[6], here.spare[7], here.spare[8]
     for k in range(1, count):
         back, load = tree.parents[k], here.loads[k]
         for a in range(6):
@@ -948,10 +992,9 @@ def _shifted(motion, push, point, field):
 @called
 def _tied(tree, here, t, forces, virtual):
     """Add what the change of a tie's wrench gives at its ends, see `shift` of `ties`, and the change of its gaps."""
-    kind, e1, e2, start, end, _ = tree.joins[t]
-    tie, ends, one, two = tree.ties[t], virtual.ends[t], np.empty(3), np.empty(3)
-    pull, moment, turning, e, g = np.empty(3), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty(3)
-    d, n, x = np.empty(6), np.empty(3), np.empty(3)
+    kind, e1, e2, start, end, _ = _tie(tree, t)
+    tie, ends, one, two = tree.ties[t], virtual.ends[t], here.spare[2], here.spare[3]
+    pull, moment, turning = here.spare[9], here.spare[10], here.turns[3]
     _point(here, e1, tie[:3], one)
     _point(here, e2, tie[3:6], two)
     across = rate = 0.0
@@ -964,34 +1007,36 @@ def _tied(tree, here, t, forces, virtual):
             pull[i] = tension * here.states[t, 1 + i]
     else:
         _pin_turning(tree, here, t, one, two, pull, moment, turning)
+    px, py, pz, mx, my, mz = pull[0], pull[1], pull[2], moment[0], moment[1], moment[2]
+    x1, y1, z1, x2, y2, z2 = one[0], one[1], one[2], two[0], two[1], two[2]
+    sx, sy, sz = here.states[t, 1], here.states[t, 2], here.states[t, 3]
+    there, back, here_end, there_end = virtual.motion[e2], virtual.motion[e1], ends[0], ends[1]
     for b in range(ends.shape[2]):
-        for a in range(6):
-            d[a] = virtual.motion[e2, a, b] - virtual.motion[e1, a, b]
-        _cross(d[3:], two, e)
-        _cross(pull, d[3:], g)
-        for i in range(3):
-            e[i] += d[i]
+        wx, wy, wz = there[3, b] - back[3, b], there[4, b] - back[4, b], there[5, b] - back[5, b]
+        ex = there[0, b] - back[0, b] + wy * z2 - wz * y2
+        ey = there[1, b] - back[1, b] + wz * x2 - wx * z2
+        ez = there[2, b] - back[2, b] + wx * y2 - wy * x2
+        gx, gy, gz = py * wz - pz * wy, pz * wx - px * wz, px * wy - py * wx
         if kind >= ROD:
-            stretch = 0.0
-            for i in range(3):
-                stretch += e[i] * here.states[t, 1 + i]
-            for i in range(3):
-                n[i] = across * e[i] + (rate - across) * stretch * here.states[t, 1 + i]
-                g[i] += n[i]
-            _cross(one, n, x)
-            for i in range(3):
-                ends[0, i, b], ends[0, 3 + i, b] = -n[i], -x[i]
-            _cross(two, g, x)
-            for i in range(3):
-                ends[1, i, b], ends[1, 3 + i, b] = g[i], x[i]
+            stretch = (rate - across) * (ex * sx + ey * sy + ez * sz)
+            nx, ny, nz = across * ex + stretch * sx, across * ey + stretch * sy, across * ez + stretch * sz
+            gx, gy, gz = gx + nx, gy + ny, gz + nz
+            here_end[0, b], here_end[1, b], here_end[2, b] = -nx, -ny, -nz
+            here_end[3, b], here_end[4, b] = z1 * ny - y1 * nz, x1 * nz - z1 * nx
+            here_end[5, b] = y1 * nx - x1 * ny
+            cx, cy, cz = 0.0, 0.0, 0.0
         else:
-            _cross(pull, e, n)
-            _cross(moment, d[3:], e)
-            _cross(two, g, x)
-            for i in range(3):
-                back = turning[0, i] * d[3] + turning[1, i] * d[4] + turning[2, i] * d[5]
-                ends[0, i, b], ends[0, 3 + i, b] = 0.0, n[i] + e[i] - back
-                ends[1, i, b], ends[1, 3 + i, b] = g[i], x[i] + back
+            cx = turning[0, 0] * wx + turning[1, 0] * wy + turning[2, 0] * wz
+            cy = turning[0, 1] * wx + turning[1, 1] * wy + turning[2, 1] * wz
+            cz = turning[0, 2] * wx + turning[1, 2] * wy + turning[2, 2] * wz
+            here_end[0, b] = here_end[1, b] = here_end[2, b] = 0.0
+            here_end[3, b] = py * ez - pz * ey + my * wz - mz * wy - cx
+            here_end[4, b] = pz * ex - px * ez + mz * wx - mx * wz - cy
+            here_end[5, b] = px * ey - py * ex + mx * wy - my * wx - cz
+        there_end[0, b], there_end[1, b], there_end[2, b] = gx, gy, gz
+        there_end[3, b] = y2 * gz - z2 * gy + cx
+        there_end[4, b] = z2 * gx - x2 * gz + cy
+        there_end[5, b] = x2 * gy - y2 * gx + cz
     for side, k in ((0, e1), (1, e2)):
         for a in range(6):
             for r in range(start, end if len(forces) else start):
@@ -1005,13 +1050,14 @@ def _tied(tree, here, t, forces, virtual):
 @called
 def _pin_turning(tree, here, t, one, two, pull, moment, turning):
     """Fill force and moment of a pin, base axes, and how the moment changes with a turn of its second end."""
-    tie, kind, slots, parts = tree.ties[t], tree.joins[t, 0], np.zeros(6), np.empty((6, 6))
-    _pin(tree, here, t, one, two, np.empty(6), np.empty((6, 6)), parts)
+    tie, kind, slots, parts = tree.ties[t], tree.joins[t, 0], here.spare[11], here.blocks[2]
+    _pin(tree, here, t, one, two, here.spare[4], here.blocks[0], parts)
+    slots[:] = 0.0
     for r in range(tree.joins[t, 3], tree.joins[t, 4]):
         for a in range(6):
             slots[a] += here.forces[r] * tree.rows[r, a]
-    axes, change, local, axis = parts[:3, :3], parts[3:, 3:], np.zeros((3, 3)), tie[6:9]
-    half, there, turned = 0.5 * (change[0, 0] + change[1, 1] + change[2, 2]), np.empty(3), np.empty((3, 3))
+    axes, change, local, axis = parts[:3, :3], parts[3:, 3:], here.turns[4], tie[6:9]
+    half, there, turned = 0.5 * (change[0, 0] + change[1, 1] + change[2, 2]), here.spare[5], here.turns[5]
     for j in range(3):
         there[j] = half * axis[j] - change[j, 0] * axis[0] - change[j, 1] * axis[1] - change[j, 2] * axis[2]
     for j in range(3):
@@ -1048,7 +1094,7 @@ def _tip(tree, here, turn, origin):
 @called
 def rest_rows(
     tree, compliance, offset, links, wrenches, q, settled, first, free, idle,
-    closed, tips, flexed, twists, loads, forces, torques, displacement, distance,
+    closed, tips, flexed, twists, loads, forces, torques, displacement, distance, idles, model,
 ):  # fmt: skip
     """Close the loops, and unless they are not to be `settled` come to rest, in (N, nq) rows from `first` on.
 
@@ -1064,13 +1110,20 @@ def rest_rows(
         flexed, twists, loads, forces, torques: (N, p), (N, n, 6), (N, n, 6), (N, m), (N, k) where it rests.
         displacement: (N, 6) of the tip from there.
         distance: (N,) by which the loads change its stiffness, see the head of this module.
+        idles: (N or 0, m, m) `idle` there.
+        model: (N or 0, nq_model + 2 size) rigid configuration, motion and torque; see `mechanism.Rest`.
     """
-    here = _memory(tree, len(free))
-    turn, moved, at, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty((3, 3))
+    here, scale, even = _memory(tree, len(free)), 0.0, False
+    turn, moved, at, end, turned = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3), np.empty((3, 3))
     for row in range(first, len(q)):
+        here.twists[:] = 0.0
         if not _close(tree, q[row], free, here):
             return row
         closed[row] = free
+        own = min(row, len(compliance) - 1)
+        if settled and (row == first or own > 0):
+            scale, even = _root(compliance[own], here.roots, np.empty_like(here.roots), here.starts)
+            scale = max(scale, 1e-9)
         _place(tree, q[row], free, False, here)
         _tip(tree, here, turn, at)
         tips[row] = 0.0
@@ -1078,27 +1131,62 @@ def rest_rows(
         tips[row, :3, :3], tips[row, :3, 3] = turn, at
         if not settled:
             continue
-        own = min(row, len(compliance) - 1)
+        if not even:
+            return row
         pushed = wrenches[min(row, len(wrenches) - 1)]
         flexed[row] = free
-        distance[row] = _settle(tree, compliance[own], offset[own], links, pushed, q[row], flexed[row], idle, here)
+        distance[row] = _settle(
+            tree, compliance[own], offset[own], scale, links, pushed, q[row], flexed[row], idle, here
+        )
         if not distance[row] <= SHARE:
             return row
         twists[row], loads[row], forces[row], torques[row] = here.twists, here.load, here.forces, here.torque
-        _tip(tree, here, moved, here.origin[0])
+        if len(idles):
+            idles[row] = idle
+        _tip(tree, here, moved, end)
         for i in range(3):
-            displacement[row, i] = here.origin[0, i] - at[i]
+            displacement[row, i] = end[i] - at[i]
             for j in range(3):
                 turned[i, j] = moved[i, 0] * turn[j, 0] + moved[i, 1] * turn[j, 1] + moved[i, 2] * turn[j, 2]
         _logarithm(turned, displacement[row, 3:])
-        here.origin[0] = 0.0
+        if len(model):
+            _model(tree, here, q[row], free, flexed[row], model[row])
     return len(q)
+
+
+@called
+def _model(tree, here, q, free, flexed, found):
+    """Fill rigid configuration, motion and torque as Pinocchio orders them; see `Tree.places`."""
+    nq, p, n, k, m = len(tree.neutral), len(free), len(tree.flexures), len(tree.parents), len(tree.rows)
+    size, driven = (len(found) - nq) // 2, len(tree.places) - 2 * p - n - k
+    motion, torque = found[nq : nq + size], found[nq + size :]
+    found[:nq], found[nq:] = tree.neutral, 0.0
+    for i in range(driven):
+        found[tree.places[i]] = q[i]
+    for i in range(p):
+        found[tree.places[driven + i]] = free[i]
+        motion[tree.places[driven + p + i]] = flexed[i] - free[i]
+    at = driven + 2 * p + n
+    for i in range(k):
+        if tree.places[at + i] >= 0:
+            torque[tree.places[at + i]] = here.torque[i]
+    first = size
+    for t in range(len(tree.joins)):
+        first -= 6 if tree.joins[t, 0] < COIL else 0
+    for t in range(len(tree.joins)):
+        for r in range(tree.joins[t, 3], tree.joins[t, 4]):
+            for a in range(6):
+                torque[first + 6 * t + a] -= here.forces[r] * tree.rows[r, a]
+    for i in range(n):
+        start = tree.places[driven + 2 * p + i]
+        for a in range(6):
+            motion[start + a], torque[start + a] = here.twists[i, a], -here.load[i, a]
 
 
 @kept
 @called
 def respond_rows(
-    tree, tangents, links, wrenches, q, closed, flexed, twists, forces, end, places, numbers,
+    tree, tangents, links, wrenches, q, flexed, twists, forces, idle, end, places, numbers,
     laws, joints, sites, motions, gravity, poses, loads,
 ):  # fmt: skip
     """Fill how the origin of a frame moves, base axes, where the mechanism rests in N rows, into arrays that have rows.
@@ -1110,34 +1198,29 @@ def respond_rows(
     Args:
         tree, links, wrenches: As of `rest_rows`.
         tangents: (1 or N, n, 6, 6) of the laws.
-        q, closed, flexed, twists, forces: (N, ...) as `rest_rows` found them.
+        q, flexed, twists, forces, idle: (N, ...) as `rest_rows` found them.
         end: (13,) the element that the frame is fixed to, and rotation and origin in its axes.
         places, numbers: See `Frames`; `sites` and `loads` have closures and pins behind them.
         laws, joints, sites: (N, 6, n, 6), (N, 6, nq) and (N, 6, s, 6) per twist of a law, drive, and twist at a site.
         motions, gravity: (N, f, 6, 6) per wrench at a frame, and (N, 6, 3).
         poses, loads: (N, f, 4, 4) of the frames and (N, s, 6) at the sites.
     """
-    here, n, count = _memory(tree, closed.shape[1]), len(tree.flexures), len(tree.parents)
+    here, n, count = _memory(tree, flexed.shape[1]), len(tree.flexures), len(tree.parents)
     (m, p), driven, f = here.by_free.shape, q.shape[1], places.shape[1]
-    idle, derivative, at, turn = np.zeros((m, m)), np.empty((6, 6)), np.empty(3), np.empty((3, 3))
-    plain, screw, carried = np.empty((n, 6, 6)), np.empty((6, 6)), np.zeros(count)
+    derivative, at, turn, roots = np.empty((6, 6)), np.empty(3), np.empty((3, 3)), np.empty((n, 6, 6))
+    own, derived, screw, carried = np.empty((6, 6)), np.empty((n, 6, 6)), np.empty((6, 6)), np.zeros(count)
     k = int(end[0])
     while k > 0:
         carried[k] = 1.0
         k = tree.parents[k]
     carried[0] = 1.0
     for row in range(len(q)):
-        own = tangents[min(row, len(tangents) - 1)]
-        scale = 1.0 / math.sqrt(max(_root(own, here.roots, here.ranks), 1e-9))
-        here.twists[:], here.forces[:] = 0.0, forces[row]
-        _place(tree, q[row], closed[row], True, here)
-        _join(tree, q[row], closed[row], here)
-        _reach(tree, q[row], here, True)
-        _idle(here, own, idle)
-        here.twists[:] = twists[row]
+        largest, _ = _root(tangents[min(row, len(tangents) - 1)], roots, here.roots, here.starts)
+        scale, pushed = 1.0 / math.sqrt(max(largest, 1e-9)), wrenches[min(row, len(wrenches) - 1)]
+        here.twists[:], here.forces[:] = twists[row], forces[row]
         _place(tree, q[row], flexed[row], True, here)
         _join(tree, q[row], flexed[row], here)
-        _weigh(tree, here, links, wrenches[min(row, len(wrenches) - 1)])
+        _weigh(tree, here, links, pushed)
         for i in range(f):
             k = places[0, i]
             _compose(here.turn[k], here.origin[k], numbers[i], turn, at)
@@ -1159,71 +1242,56 @@ def respond_rows(
                         loads[row, f + t, a] += here.forces[r] * tree.rows[r, a]
         if len(laws) + len(joints) + len(sites) + len(motions) + len(gravity) == 0:
             continue
-        rank = here.ranks.sum()
+        rank = here.starts[-1]
         free, size = rank + p, rank + p + m
-        virtual, real, matrix = _virtual(tree, here, free), np.zeros((count, 6, free)), np.zeros((size, size))
-        right, order = np.zeros((size, 6)), np.empty(size, dtype=np.int64)
-        y, passive = np.zeros((rank, free)), np.zeros((p, free))
-        for a in range(free):
-            if a < rank:
-                y[a, a] = 1.0
-            else:
-                passive[a - rank, a] = 1.0
-        _step(tree, here, y, passive, driven, virtual.step)
-        _spread(tree, here, links, wrenches[min(row, len(wrenches) - 1)], np.zeros((0, free)), virtual)
-        _reach(tree, q[row], here, True)
-        number = 0
-        for i in range(n):
-            for c in range(here.ranks[i]):
-                for r in range(m):
-                    for a in range(6):
-                        matrix[free + r, number] += scale * here.by_flex[r, i, a] * here.roots[i, a, c]
-                number += 1
-        plain[:] = here.own
-        for i in range(n):
-            if tree.flexures[i] >= 0:
-                _right_jacobian(here.twists[i], derivative)
-                _times(plain[i], derivative, here.own[i])
-        _step(tree, here, y, passive, driven, real)
-        _reach(tree, q[row], here, True)
-        _compose(here.turn[int(end[0])], here.origin[int(end[0])], end[1:], turn, at)
-        number = 0
-        for i in range(n):
-            for c in range(here.ranks[i]):
-                for r in range(m):
-                    for a in range(6):
-                        matrix[number, free + r] += scale * here.by_flex[r, i, a] * here.roots[i, a, c]
-                number += 1
-        for a in range(p):
-            for r in range(m):
-                matrix[free + r, rank + a] = matrix[rank + a, free + r] = scale * here.by_free[r, a]
+        virtual, matrix, right = _virtual(tree, free), np.zeros((size, size)), np.zeros((size, 6))
+        order, screws, carriers = np.empty(size, dtype=np.int64), np.empty((free, 6)), np.empty(free, dtype=np.int64)
+        _freedoms(tree, here, driven, screws, carriers)
+        _step(screws, carriers, np.eye(free), virtual.step)
+        _spread(tree, here, links, pushed, np.zeros((0, free)), virtual)
+        _reach(tree, q[row], here)
+        _bend(tree, here, here.roots, here.screws)
         for r in range(m):
+            for c in range(rank):
+                matrix[free + r, c] = scale * here.by_law[r, c]
+        real = screws.copy()
+        for i in range(n):
+            k = tree.flexures[i]
+            if k >= 0:
+                _action(here.turn[k], here.origin[k], own)
+                _right_jacobian(here.twists[i], derivative)
+                _times(own, derivative, derived[i])
+                for c in range(here.starts[i], here.starts[i + 1]):
+                    for a in range(6):
+                        real[c, a] = 0.0
+                        for b in range(6):
+                            real[c, a] += derived[i, a, b] * roots[i, b, c - here.starts[i]]
+        _bend(tree, here, roots, real)
+        _compose(here.turn[int(end[0])], here.origin[int(end[0])], end[1:], turn, at)
+        for r in range(m):
+            for c in range(rank):
+                matrix[c, free + r] = scale * here.by_law[r, c]
+            for a in range(p):
+                matrix[free + r, rank + a] = matrix[rank + a, free + r] = scale * here.by_free[r, a]
             for c in range(m):
-                matrix[free + r, free + c] = -scale * scale * idle[c, r]
+                matrix[free + r, free + c] = -scale * scale * idle[row, c, r]
         for b in range(free):  # transposed: b is what moves, a what is met
-            for a in range(free):
-                value = 1.0 if a == b and a < rank else 0.0
-                for k in range(1, count):
-                    for i in range(6):
-                        value += virtual.field[k, i, a] * real[k, i, b]
-                matrix[b, a] = value
-            for k in range(1, count):
-                if carried[k] > 0.0:
-                    v, w = real[k, :3, b], real[k, 3:, b]
-                    right[b, 0] += v[0] + w[1] * at[2] - w[2] * at[1]
-                    right[b, 1] += v[1] + w[2] * at[0] - w[0] * at[2]
-                    right[b, 2] += v[2] + w[0] * at[1] - w[1] * at[0]
-                    for i in range(3):
-                        right[b, 3 + i] += w[i]
+            _meet(real[b], virtual.field[carriers[b]], matrix[b, :free])
+            matrix[b, b] += 1.0 if b < rank else 0.0
+            if carried[carriers[b]] > 0.0:
+                v, w = real[b, :3], real[b, 3:]
+                right[b, 0] = v[0] + w[1] * at[2] - w[2] * at[1]
+                right[b, 1] = v[1] + w[2] * at[0] - w[0] * at[2]
+                right[b, 2] = v[2] + w[0] * at[1] - w[1] * at[0]
+                right[b, 3:] = w
         _factor(matrix, order)
         _solve(matrix, order, right)
         for r in range(m):
             for a in range(6):
                 right[free + r, a] *= scale
-        met, force, derived = _virtual(tree, here, 6), right[free:], here.own.copy()
-        here.own[:] = plain
-        _step(tree, here, right[:rank], right[rank:free], driven, met.step)
-        _spread(tree, here, links, wrenches[min(row, len(wrenches) - 1)], force, met)
+        met, force = _virtual(tree, 6), right[free:]
+        _step(screws, carriers, right[:free], met.step)
+        _spread(tree, here, links, pushed, force, met)
         _action(np.eye(3), -at, screw)
         for k in range(count):
             for a in range(6):
@@ -1246,7 +1314,7 @@ def respond_rows(
                         for b in range(6):
                             joints[row, b, j] += met.field[k, a, b] * here.axes[k, a]
             for t in range(len(tree.joins)):
-                kind, _, e2, r, _, j = tree.joins[t]
+                kind, _, e2, r, _, j = _tie(tree, t)
                 if kind == ROD:
                     joints[row, :, j] += force[r]
                 elif kind == GEAR and tree.kinds[1, e2] < driven:
@@ -1319,17 +1387,17 @@ def compile_everything() -> None:
     none = np.zeros((0, 6))
     tree = Tree(
         np.zeros((2, 20)), np.full((4, 1), RIGID), np.zeros(1, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 48)),
-        np.zeros((0, 6), dtype=np.int64), none, np.zeros(0, dtype=np.int64),
+        np.zeros((0, 6), dtype=np.int64), none, np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0, dtype=np.int64),
     )  # fmt: skip
     laws, plain = LawStack((), ()).numbers, np.zeros((0, 0))
     loads, pushed = np.zeros((0, 0, 6)), (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)))
-    arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, plain, none, np.zeros(0)
+    arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, plain, none, np.zeros(0), loads, plain
     frames = np.zeros(13), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12))
     answers = np.zeros((0, 6, 0, 6)), np.zeros((0, 6, 0)), np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 6, 6))
     answers += np.zeros((0, 6, 3)), np.zeros((0, 0, 4, 4)), loads
     with kept_code.compiled_once(rest_rows, respond_rows):
         rest_rows(tree, laws.compliance, laws.offset, *pushed, plain, True, 0, np.zeros(0), plain, *arrays)
-        respond_rows(tree, laws.compliance, *pushed, plain, plain, plain, loads, plain, *frames, *answers)
+        respond_rows(tree, laws.compliance, *pushed, plain, plain, loads, plain, loads, *frames, *answers)
 
 
 def is_kept() -> bool:

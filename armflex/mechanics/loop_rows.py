@@ -26,9 +26,6 @@ from armflex.mechanics.spring import CoilSpring, GasSpring
 from armflex.mechanics.ties import Pin, Ties
 from armflex.rows.wrench import Wrench, same_objects
 
-ROUNDING = 1e-12
-"""Tolerance: share of a compliance below which it is symmetric, and nowhere negative."""
-
 
 class Rested(NamedTuple):
     """Arrays of N rows; see `loop_kernel.rest_rows`. `fine` is (N,) of those that were answered and proven to stay."""
@@ -42,6 +39,8 @@ class Rested(NamedTuple):
     torques: Array
     displacement: Array
     distance: Array
+    idle: Array
+    model: Array
     fine: np.ndarray
 
 
@@ -99,7 +98,13 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
             joins[t, 0], numbers[t, 27:30] = compiled.GAS, law.numbers
     parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
     closes = np.concatenate([*rows, np.zeros((0, 6))])
-    return compiled.Tree(chain.elements, kinds, parents, carried, numbers, joins, closes, flexures)
+    element_v = [-1] * model.njoints
+    for joint in list(model.joints)[1:]:
+        element_v[joint.id] = joint.idx_v if joint.nv == 1 else -1
+    places = np.concatenate([flex.q_index, flex.free_q, flex.free_v, starts, element_v]).astype(np.int64)
+    return compiled.Tree(
+        chain.elements, kinds, parents, carried, numbers, joins, closes, flexures, flex.neutral.copy(), places
+    )
 
 
 def trees(loaded: LoadedArm) -> tuple[Any, Any, Any]:
@@ -125,17 +130,37 @@ class LoopSolver:
         assert isinstance(mechanics, Mechanism)
         self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
         self._tree, self._nominal = trees(loaded)[:2]
-        self._idle, self._ask = np.zeros((len(self._tree.rows),) * 2), loop_kernel().rest_rows
-        self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), len(self._idle), len(self._tree.parents)
+        m, self._model = len(self._tree.rows), (len(mechanics.flex.neutral), mechanics.flex.size)
+        self._idle, self._ask = np.zeros((m, m)), loop_kernel().rest_rows
+        self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), m, len(self._tree.parents)
         self._differs = loaded.arm.stack.rows_differ
-        self._one = self._room(1)
-        joints = [(joint.id, joint.idx_v) for joint in list(mechanics.model.joints)[1:] if joint.nv == 1]
-        self._joints, self._joints_v = np.array(joints).reshape(-1, 2).T
+        self._one, self._free = self._room(1, alone=True), np.empty(self._sizes[0])
+        self._posed = bool(self._pushes.posed)
+        self._loads = NOT_PUSHED[1] if self._posed else self._pushes.wrenches(loaded.arm.robot.home[None])
 
     def one(self, row: Row) -> Rested | None:
-        """Return where the mechanism rests in one row, in arrays that the next one is put into; None as of `rest`."""
-        found = self.rest(row.q[None], row, into=self._one)
-        return found if found.fine[0] else None
+        """Return where the mechanism rests in one row, None as of `rest`.
+
+        All but `model` and `displacement` are in arrays that the next one is put into.
+        """
+        found, nominal = self._one
+        found = found._replace(model=np.empty(found.model.shape), displacement=np.empty((1, 6)))
+        closing, q = self._mechanics.closing, row.q[None]
+        if closing.last is None or self._nominal is not None or self._posed:
+            self.rest(q, row, into=(found, nominal))
+            return found if found.fine[0] else None
+        laws = self._laws
+        if self._differs:
+            laws.know(row)
+        if not self.answers:
+            return None
+        self._free[:] = closing.last[1]
+        known = laws.compliance, laws.offset, self._pushes.links, self._loads, q, True, 0, self._free, self._idle
+        if not self._ask(self._tree, *known, *found[:-1]):
+            self.rest(q, row, into=(found, nominal))
+            return found if found.fine[0] else None
+        closing.last = row.q.copy(), found.closed[0].copy()
+        return found
 
     def rest(
         self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: tuple[Rested, ...] = ()
@@ -176,35 +201,36 @@ class LoopSolver:
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
         return found
 
-    def _room(self, count: int) -> tuple[Rested, Rested]:
+    def _room(self, count: int, alone: bool = False) -> tuple[Rested, Rested]:
         """Return room for so many rows, and for where the controller has them, where that is elsewhere."""
         nominal = 0 if self._nominal is None else count
-        return _room_for(count, self._sizes), _room_for(nominal, (self._sizes[0], 0, 0, 0))
+        return self._rested(count, *self._sizes, alone), self._rested(nominal, self._sizes[0], 0, 0, 0, alone)
+
+    def _rested(self, count: int, p: int, n: int, m: int, k: int, alone: bool) -> Rested:
+        nq, size = self._model
+        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (k,), (6,), ())
+        arrays = [np.empty((count, *shape)) for shape in shapes]
+        arrays += [np.empty((0 if alone else count, m, m)), np.empty((count if alone else 0, nq + 2 * size))]
+        return Rested(*arrays, fine=np.zeros(count, dtype=bool))
 
     @property
     def answers(self) -> bool:
         """Whether compiled code knows these laws and loads."""
         return not (self._laws.curved or self._laws.bent or self._pushes.posed)
 
-    def in_model(self, q: Array, found: Rested) -> tuple[Array, Array, Array]:
-        """Return rigid configuration, motion and torque of the first row, at (nq,) positions; see `mechanism.Rest`."""
-        mechanics, flex = self._mechanics, self._mechanics.flex
-        motion, torque = np.zeros((2, flex.size))
-        torque[mechanics.model.nv :] = -found.forces[0].dot(mechanics.tied.rows)
-        torque[self._joints_v] = found.torques[0, self._joints]
-        torque[flex.flexure_v] = -found.loads[0].ravel()
-        motion[flex.flexure_v] = found.twists[0].ravel()
-        motion[flex.free_v] = found.flexed[0] - found.closed[0]
-        return mechanics.configuration(q, found.closed[0]), motion, torque
+    def in_model(self, found: Rested) -> tuple[Array, Array, Array]:
+        """Return rigid configuration, motion and torque of the one row; see `mechanism.Rest`."""
+        (nq, size), model = self._model, found.model[0]
+        return model[:nq], model[nq : nq + size], model[nq + size :]
 
-    def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array | None) -> None:
-        """Put where `Mechanism` has row i at rest into the arrays; the reverse of `in_model`."""
+    def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array | None, idle: Array) -> None:
+        """Put where `Mechanism` has row i at rest, and what is idle there, into the arrays."""
         mechanics, flex = self._mechanics, self._mechanics.flex
         assert torque is not None
         into.closed[i] = rigid[flex.free_q]
         into.flexed[i] = mechanics.flexed(rigid, motion)[flex.free_q]
         into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
-        into.forces[i] = -mechanics.tied.rows @ torque[mechanics.model.nv :]
+        into.forces[i], into.idle[i] = -mechanics.tied.rows @ torque[mechanics.model.nv :], idle @ idle.T
 
     def _follow(
         self,
@@ -251,8 +277,7 @@ class LoopRows:
         tree, links: See `loop_kernel.Tree` and `Pushes`; the tool is an element of its own.
         rows: (M,) their numbers.
         wrenches, tangents: (1 or M, L, 9) and (1 or M, n, 6, 6) of links and laws.
-        closed, flexed: (M, p) passive joints where nothing gives, and where it rests.
-        forces: (M, m) in the closures.
+        flexed, forces, idle: (M, p) passive joints, (M, m) in the closures, (M, m, m) what nothing answers to.
     """
 
     loaded: LoadedArm
@@ -261,14 +286,14 @@ class LoopRows:
     rows: np.ndarray
     wrenches: Array
     tangents: Array
-    closed: Array
     flexed: Array
     forces: Array
+    idle: Array
 
     def among(self, number: np.ndarray) -> LoopRows:
         """See `FewRows`."""
         own = np.flatnonzero(number[self.rows] >= 0)
-        arrays = self.wrenches, self.tangents, self.closed, self.flexed, self.forces
+        arrays = self.wrenches, self.tangents, self.flexed, self.forces, self.idle
         some = (one[own] if len(one) > 1 or not len(self.rows) else one for one in arrays)
         return LoopRows(self.loaded, self.tree, self.links, number[self.rows[own]], *some)
 
@@ -289,7 +314,7 @@ class LoopRows:
         kind = "poses" if what in ("tip", "links") else what
         found = {name: np.empty((count if name == kind else 0, *shape)) for name, shape in shapes.items()}
         there = np.append(float(at.places[0, 0]), at.numbers[0]), frames.places, frames.numbers
-        state = (self.closed, self.flexed, np.ascontiguousarray(twists), self.forces)
+        state = (self.flexed, np.ascontiguousarray(twists), self.forces, self.idle)
         given = (self.tree, self.tangents, self.links, self.wrenches, np.ascontiguousarray(q), *state)
         loop_kernel().respond_rows(*given, *there, *found.values())
         return found[kind]
@@ -297,16 +322,8 @@ class LoopRows:
 
 def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, tangents: Array) -> LoopRows:
     """Return rows that rest as compiled code found, or as `LoopSolver.fill` has them."""
-    pushes, state = Pushes(loaded, case.wrenches, sited=True), (rested.closed, rested.flexed, rested.forces)
+    pushes, state = Pushes(loaded, case.wrenches, sited=True), (rested.flexed, rested.forces, rested.idle)
     return LoopRows(loaded, trees(loaded)[2], pushes.links, rows, pushes.wrenches(case.q), tangents, *state)
-
-
-def rooted(compliance: Array) -> bool:
-    """Return whether (..., 6, 6) are all C = R R', as compiled code has them."""
-    size = np.abs(compliance).max(axis=(-2, -1), initial=0.0)[..., None]
-    even = 0.5 * (compliance + compliance.swapaxes(-1, -2))
-    odd = np.abs(compliance - even).max(axis=-1, initial=0.0)
-    return bool((odd <= ROUNDING * size).all() and (np.linalg.eigvalsh(even) >= -ROUNDING * size).all())
 
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
@@ -317,8 +334,3 @@ def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
         mechanics.solver = wrenches, LoopSolver(loaded, wrenches)
     return mechanics.solver[1]
 
-
-def _room_for(count: int, sizes: tuple[int, int, int, int]) -> Rested:
-    p, n, m, k = sizes
-    shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (k,), (6,), ())
-    return Rested(*(np.empty((count, *shape)) for shape in shapes), fine=np.zeros(count, dtype=bool))

@@ -217,7 +217,7 @@ def _quick_loops(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         here = q.copy()
         found = solver.one(loaded.row(here, known))
-        return found and (here, found.twists[0].copy(), found.displacement[0].copy())
+        return found and (here, found.twists[0].copy(), found.displacement[0])
 
     return quick
 

@@ -26,7 +26,7 @@ from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small
 from armflex.mechanics.few_rows import FewRows, linearised, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
-from armflex.mechanics.loop_rows import LoopRows, responding, rooted, solver_of
+from armflex.mechanics.loop_rows import LoopRows, responding, solver_of
 from armflex.mechanics.many_rows import (
     Pushed,
     Pushes,
@@ -350,14 +350,13 @@ def _solved_loops(
 
     rested = solver.rest(case.q, row, alone)
     for i, one in others.items():
-        solver.fill(rested, i, one.rigid, one.motion, one.torque)
+        own = loaded.mechanics.idle(one.case, loaded.row(one.case.q, one.case.covariates))
+        solver.fill(rested, i, one.rigid, one.motion, one.torque, own)
     found, laws = Solution.empty(len(rows), len(loaded.arm.sites)), RowLaws(loaded.arm.stack, row)
     found.twists[:], found.wrenches[:] = rested.twists, rested.loads
     if laws.curved:
         laws.expand(found.wrenches)
     tangents = laws.tangents(found.wrenches)
-    if not rooted(tangents):
-        return _solved_alone(loaded, rows, case, into, allow_large)
     part = responding(loaded, rows, case, rested, tangents)
     into[rows] = part.by_law(None, case.q, found.twists)
     return part, found
