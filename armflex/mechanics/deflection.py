@@ -869,7 +869,7 @@ def _answer(
         if not here:
             found.wrenches[i] = one.wrenches
 
-    if arm.robot.linkage and exact and not case.moves and loop_kernel_pays(count):
+    if not arm.chain and exact and not case.moves and loop_kernel_pays(count):
         for loaded, rows in by_payload(arm, payloads, count):
             part = case.some(rows)
             row = loaded.row(part.q, part.covariates)

@@ -109,7 +109,15 @@ def find_equilibrium(
         SmallDisplacementError: A flexure turned by more than `MAX_ROTATION`.
     """
     mechanics = loaded.mechanics
-    if isinstance(mechanics, Mechanism):
+    loops = isinstance(mechanics, Mechanism)
+    compiled = mechanics.ties is not None and (method == "exact" or (loops and method == "newton"))
+    if compiled and not case.moves and loop_kernel_pays(1):
+        solver = solver_of(loaded, case.wrenches)
+        if found := solver.one(loaded.row(case.q, case.covariates)):
+            (model, moved, _), (nq, end, _) = found, solver.parts
+            parts = model[:nq], model[nq:end], model[end:]
+            return Equilibrium(loaded, case, *parts, "fixed_point", (), None, math.inf, moved)
+    if loops:
         return _of_mechanism(mechanics, loaded, case, method, allow_large)
     laws = mechanics.laws
     if laws.changing:
@@ -160,12 +168,6 @@ def _of_mechanism(
     if method in ("fixed_point", "first_order"):
         raise UnsupportedError(f"method {method!r} is not for an arm with loops or passive joints: ask for 'exact'")
     row = loaded.row(case.q, case.covariates)
-    if not case.moves and loop_kernel_pays(1):
-        solver = solver_of(loaded, case.wrenches)
-        if found := solver.one(row):
-            return Equilibrium(
-                loaded, case, *solver.in_model(found), "fixed_point", (), displacement=found.displacement[0]
-            )
     if mechanics.laws.changing:
         mechanics.laws.know(row)
     rest = mechanics.rest(case, row)

@@ -226,12 +226,15 @@ class RowLaws:
         self.offset = _renewed(self.offset, same.offset, count)
         for i, twist, softer in affine:
             if twist is not NOTHING:
-                self.offset[:, i] += twist
+                own = self.offset[:, i]
+                own += twist
             if softer is not UNLOADED:
-                self.compliance[:, i] += softer
-        self.weights = _renewed(self.weights, same.weights, max([1, *(np.size(one) for one in weights)]))
-        for t, weight in enumerate(weights):
-            self.weights[:, t] = weight
+                own = self.compliance[:, i]  # a view, so that nothing is written twice
+                own += softer
+        if weights:
+            self.weights = _renewed(self.weights, same.weights, max(1, *(np.size(one) for one in weights)))
+            for t, weight in enumerate(weights):
+                self.weights[:, t] = weight
         self._affine = (self.compliance.copy(), self.offset.copy()) if self.curved and not single else None
 
     @property

@@ -90,8 +90,8 @@ class Tree(NamedTuple):
 class Here(NamedTuple):
     """Where a mechanism is, and what it is worked out with.
 
-    turn, origin, axes: of every element, and the spatial twist per motion of its joint. gaps, ways: (m) and (T, 6, 6) of
-    the closures, of springs the first row. by_free: (m, p) change of the gaps. loads: (k, 6) on all that an element
+    turn, origin, axes: of every element, and the spatial twist per motion of its joint. gaps, ways: (m) and (T, 6, 6)
+    of the closures, of springs the first row. by_free: (m, p) change of the gaps. loads: (k, 6) on all that an element
     carries. twists, load: (n, 6). torque: (k,). roots: (n, 6, 6) with R R' = C in the first columns, of which the
     coordinates y of laws from `starts` on are the factors: their spatial twists are `screws`, (6 n, 6), and `by_law`,
     (m, 6 n), is how they change the gaps. spare, turns, blocks: to work in, since memory takes longer to get than a
@@ -537,32 +537,35 @@ def _root(compliance, roots, others, starts):
             for b in range(6):
                 largest = max(largest, abs(compliance[i, a, b]))
     for i in range(len(compliance)):
-        starts[i + 1], skewed = starts[i], False
+        starts[i + 1], odd, most = starts[i], 0.0, 0.0
         for a in range(6):
             for b in range(6):
                 left[a, b] = compliance[i, a, b]
-                skewed = skewed or abs(compliance[i, a, b] - compliance[i, b, a]) > ROUNDING * largest
+                odd, most = max(odd, abs(compliance[i, a, b] - compliance[i, b, a])), max(most, abs(left[a, b]))
         for c in range(6):
             row = 0
             for a in range(6):
                 row = a if left[a, a] > left[row, row] else row
-            column = row
-            for a in range(6 if skewed or not left[row, row] > 1e-14 * largest else 0):
-                for b in range(6):
-                    if abs(left[a, b]) > (1.0 + ROUNDING) * abs(left[row, column]):
-                        row, column = a, b
+            column = row  # of what is even and nowhere negative the largest is on the diagonal
+            if odd > ROUNDING * largest or left[row, row] < (1.0 - ROUNDING) * most:
+                for a in range(6):
+                    for b in range(6):
+                        if abs(left[a, b]) > abs(left[row, column]):
+                            row, column = a, b
             size, straight = left[row, column], row == column and left[row, column] > 0.0
             if not abs(size) > (1e-14 if straight else ROUNDING) * largest:
                 break
-            even = even and straight
-            factor = 1.0 / math.sqrt(abs(size))
+            even, factor, most = even and straight, 1.0 / math.sqrt(abs(size)), 0.0
             for a in range(6):
                 roots[i, a, c] = factor * left[a, column]
                 others[i, a, c] = math.copysign(factor, size) * left[row, a]
             for a in range(6):
                 for b in range(6):
                     left[a, b] -= roots[i, a, c] * others[i, b, c]
+                    most = max(most, abs(left[a, b]))
             starts[i + 1] += 1
+            if not most > 1e-14 * largest:
+                break
     return largest, even
 
 
@@ -810,8 +813,8 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
             _join(tree, q, free, here)
             _weigh(tree, here, links, wrenches)
             _bear(tree, here)
-            for i in range(len(twists)):
-                for a in range(6):
+            for i in range(len(twists)):  # those of the tree have closed the loops; forces are a step behind
+                for a in range(6 if tree.flexures[i] < 0 else 0):
                     twists[i, a] = offset[i, a]
                     for b in range(6):
                         twists[i, a] += compliance[i, a, b] * here.load[i, b]
@@ -1157,7 +1160,7 @@ def rest_rows(
 @called
 def _model(tree, here, q, free, flexed, found):
     """Fill rigid configuration, motion and torque as Pinocchio orders them; see `Tree.places`."""
-    nq, p, n, k, m = len(tree.neutral), len(free), len(tree.flexures), len(tree.parents), len(tree.rows)
+    nq, p, n, k = len(tree.neutral), len(free), len(tree.flexures), len(tree.parents)
     size, driven = (len(found) - nq) // 2, len(tree.places) - 2 * p - n - k
     motion, torque = found[nq : nq + size], found[nq + size :]
     found[:nq], found[nq:] = tree.neutral, 0.0

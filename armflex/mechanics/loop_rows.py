@@ -1,4 +1,6 @@
-"""Where an arm with loops rests in many rows, or in one of a control loop: compiled code, with `Mechanism` beside it.
+"""Where an arm with loops or springs rests in many rows, or in one: compiled code, with `Mechanism` beside it.
+
+A chain with springs is a mechanism without closures.
 
 Rows follow each other, since each closes its loops from where the one before did. What compiled code does not answer
 `Mechanism` is asked in its turn.
@@ -24,6 +26,7 @@ from armflex.mechanics.mechanism import Closing, Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
 from armflex.mechanics.spring import CoilSpring, GasSpring
 from armflex.mechanics.ties import Pin, Ties
+from armflex.robot import Corrections
 from armflex.rows.wrench import Wrench, same_objects
 
 
@@ -110,16 +113,26 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
 def trees(loaded: LoadedArm) -> tuple[Any, Any, Any]:
     """Return the mechanism, as the controller knows it where that is another, and with its tool as an element."""
     mechanics, corrections, flex = loaded.mechanics, loaded.arm.corrections, loaded.with_tool
-    assert isinstance(mechanics, Mechanism)
     if mechanics.trees is None:
-        nominal = mechanics.nominal if corrections.move else None
+        true, controlled = closings(loaded)
+        nominal = controlled if corrections.move else None
         ties = Ties(flex.model, flex.model.createData(), mechanics.linkage, loaded.arm.springs, corrections.geometry)
         mechanics.trees = (
-            tree_of(mechanics.flex, mechanics.tied, mechanics.true),
+            tree_of(mechanics.flex, true.ties, true),
             nominal and tree_of(loaded.rigid, nominal.ties, nominal),
-            tree_of(flex, ties, mechanics.true),
+            tree_of(flex, ties, true),
         )
     return mechanics.trees
+
+
+def closings(loaded: LoadedArm) -> tuple[Closing, Closing]:
+    """Return where joints without a drive are, in the arm as it is and as its controller has it."""
+    mechanics, robot, rigid = loaded.mechanics, loaded.arm.robot, loaded.rigid
+    if isinstance(mechanics, Mechanism):
+        return mechanics.true, mechanics.nominal
+    ties = Ties(rigid.model, rigid.model.createData(), robot.linkage)
+    assert mechanics.ties is not None
+    return Closing(robot, mechanics.flex, mechanics.ties, Corrections()), Closing(robot, rigid, ties, Corrections())
 
 
 class LoopSolver:
@@ -127,40 +140,40 @@ class LoopSolver:
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         mechanics = loaded.mechanics
-        assert isinstance(mechanics, Mechanism)
+        true, self._controlled = closings(loaded)
+        self._closing = true if loaded.arm.corrections.move else self._controlled
         self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
         self._tree, self._nominal = trees(loaded)[:2]
-        m, self._model = len(self._tree.rows), (len(mechanics.flex.neutral), mechanics.flex.size)
+        m, nq, size = len(self._tree.rows), len(mechanics.flex.neutral), mechanics.flex.size
+        self.parts = nq, nq + size, nq + 2 * size  # ends of what is in `Rested.model`
         self._idle, self._ask = np.zeros((m, m)), loop_kernel().rest_rows
         self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), m, len(self._tree.parents)
         self._differs = loaded.arm.stack.rows_differ
         self._one, self._free = self._room(1, alone=True), np.empty(self._sizes[0])
-        self._posed = bool(self._pushes.posed)
-        self._loads = NOT_PUSHED[1] if self._posed else self._pushes.wrenches(loaded.arm.robot.home[None])
+        self._simple = self._nominal is None and not (self._laws.bent or self._pushes.posed)
+        self._loads = self._pushes.wrenches(loaded.arm.robot.home[None]) if self._simple else NOT_PUSHED[1]
 
-    def one(self, row: Row) -> Rested | None:
+    def one(self, row: Row) -> tuple[Array, Array, Array] | None:
         """Return where the mechanism rests in one row, None as of `rest`.
 
-        All but `model` and `displacement` are in arrays that the next one is put into.
+        These are `Rested.model`, (6,) displacement, and (n, 6) twists, which the next one overwrites.
         """
-        found, nominal = self._one
-        found = found._replace(model=np.empty(found.model.shape), displacement=np.empty((1, 6)))
-        closing, q = self._mechanics.closing, row.q[None]
-        if closing.last is None or self._nominal is not None or self._posed:
-            self.rest(q, row, into=(found, nominal))
-            return found if found.fine[0] else None
-        laws = self._laws
-        if self._differs:
-            laws.know(row)
-        if not self.answers:
-            return None
-        self._free[:] = closing.last[1]
-        known = laws.compliance, laws.offset, self._pushes.links, self._loads, q, True, 0, self._free, self._idle
-        if not self._ask(self._tree, *known, *found[:-1]):
-            self.rest(q, row, into=(found, nominal))
-            return found if found.fine[0] else None
-        closing.last = row.q.copy(), found.closed[0].copy()
-        return found
+        laws, closing, q = self._laws, self._closing, row.q[None]
+        displacement, model = np.empty((1, 6)), np.empty((1, self.parts[2]))
+        if closing.last is not None and self._simple:
+            if self._differs:
+                laws.know(row)
+            if laws.curved:
+                return None
+            self._free[:] = closing.last[1]
+            known = laws.compliance, laws.offset, self._pushes.links, self._loads, q, True, 0, self._free, self._idle
+            closed, _, _, twists, *_ = before = self._one[0][:7]
+            if self._ask(self._tree, *known, *before, displacement, *self._one[0][8:10], model):
+                closing.last = row.q.copy(), closed[0].copy()
+                return model[0], displacement[0], twists[0]
+        found = self._one[0]._replace(displacement=displacement, model=model)
+        self.rest(q, row, into=(found, self._one[1]))
+        return (model[0], displacement[0], found.twists[0]) if found.fine[0] else None
 
     def rest(
         self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: tuple[Rested, ...] = ()
@@ -185,17 +198,17 @@ class LoopSolver:
         def by_itself(i: int) -> None:
             if alone is not None:
                 if nominal.fine[i : i + 1].any():
-                    mechanics.nominal.last = q[i].copy(), nominal.closed[i].copy()
+                    self._controlled.last = q[i].copy(), nominal.closed[i].copy()
                 alone(i)
 
         def nominally(i: int) -> None:
             with suppress(ClosureError):  # the row will say so, asked by itself
                 nominal.tips[i] = mechanics.rigid_tip_pose(q[i]).homogeneous
-                nominal.closed[i], nominal.fine[i] = mechanics.nominal.closed(q[i]), True
+                nominal.closed[i], nominal.fine[i] = self._controlled.closed(q[i]), True
 
         if self._nominal is not None:
-            self._follow(self._nominal, mechanics.nominal, (*known, False), nominal, True, nominally)
-        self._follow(self._tree, mechanics.closing, (*known, True), found, plain, by_itself, alone is None)
+            self._follow(self._nominal, self._controlled, (*known, False), nominal, True, nominally)
+        self._follow(self._tree, self._closing, (*known, True), found, plain, by_itself, alone is None)
         if self._nominal is not None:
             found.fine[:] &= nominal.fine
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
@@ -207,21 +220,15 @@ class LoopSolver:
         return self._rested(count, *self._sizes, alone), self._rested(nominal, self._sizes[0], 0, 0, 0, alone)
 
     def _rested(self, count: int, p: int, n: int, m: int, k: int, alone: bool) -> Rested:
-        nq, size = self._model
         shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (k,), (6,), ())
         arrays = [np.empty((count, *shape)) for shape in shapes]
-        arrays += [np.empty((0 if alone else count, m, m)), np.empty((count if alone else 0, nq + 2 * size))]
+        arrays += [np.empty((0 if alone else count, m, m)), np.empty((count if alone else 0, self.parts[2]))]
         return Rested(*arrays, fine=np.zeros(count, dtype=bool))
 
     @property
     def answers(self) -> bool:
         """Whether compiled code knows these laws and loads."""
         return not (self._laws.curved or self._laws.bent or self._pushes.posed)
-
-    def in_model(self, found: Rested) -> tuple[Array, Array, Array]:
-        """Return rigid configuration, motion and torque of the one row; see `mechanism.Rest`."""
-        (nq, size), model = self._model, found.model[0]
-        return model[:nq], model[nq : nq + size], model[nq + size :]
 
     def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array | None, idle: Array) -> None:
         """Put where `Mechanism` has row i at rest, and what is idle there, into the arrays."""
@@ -230,7 +237,8 @@ class LoopSolver:
         into.closed[i] = rigid[flex.free_q]
         into.flexed[i] = mechanics.flexed(rigid, motion)[flex.free_q]
         into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
-        into.forces[i], into.idle[i] = -mechanics.tied.rows @ torque[mechanics.model.nv :], idle @ idle.T
+        assert mechanics.ties is not None
+        into.forces[i], into.idle[i] = -mechanics.ties.rows @ torque[mechanics.model.nv :], idle @ idle.T
 
     def _follow(
         self,
@@ -329,8 +337,6 @@ def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rest
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:
     """Return this thread's solver under some loads; that of those that were asked about last is kept."""
     mechanics = loaded.mechanics
-    assert isinstance(mechanics, Mechanism)
     if mechanics.solver is None or not same_objects(mechanics.solver[0], wrenches):
         mechanics.solver = wrenches, LoopSolver(loaded, wrenches)
     return mechanics.solver[1]
-

@@ -194,8 +194,6 @@ class Pushes:
     """
 
     def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = (), sited: bool = False) -> None:
-        if not (loaded.arm.chain or loaded.arm.robot.linkage):  # whoever may ask for them answers by Pinocchio instead
-            raise UnsupportedError("compiled code knows no springs without loops")
         self._wrenches, self._loads = wrenches, (*wrenches, *loaded.arm.pulls)
         self.rows, loads = next((one.rows for one in wrenches if one.rows is not None), None), self._loads
         self._chain = loaded.sited_chain if sited else loaded.chain
@@ -302,6 +300,8 @@ class RowSolver:
     """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
 
     def __init__(self, loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench] = ()) -> None:
+        if not loaded.arm.chain:
+            raise UnsupportedError("lanes know no springs and no loops: see `loop_rows`")
         self._loaded, self._exact, self._chain, self._nominal = loaded, exact, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)

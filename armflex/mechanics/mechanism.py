@@ -27,7 +27,6 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -92,7 +91,7 @@ class Closing:
             count - len(self._linkage.followers) - len(cylinders), count - len(self._linkage.followers)
         )
         self.offsets = np.array([corrections.joint_offset.get(one.name, 0.0) for one in cylinders])
-        self.last: tuple[Array, Array] | None = None
+        self.last: tuple[Array, Array] | None = None if self._linkage else (robot.home, np.zeros(0))
 
     def configuration(self, q: Array, free: Array) -> Array:
         """Return the model's configuration with drives at (nq,) and the others at (p,) positions."""
@@ -112,7 +111,7 @@ class Closing:
         Raises:
             ClosureError: A loop does not close, or the joints could be anywhere.
         """
-        if self.last is not None and np.array_equal(self.last[0], q):
+        if self.last is not None and (not self._linkage or np.array_equal(self.last[0], q)):
             return self.last[1]
         free = None if self.last is None else self._followed(*self.last, q)
         if free is None:  # rows in no order: the straight way to one may leave what the loops allow
@@ -299,8 +298,6 @@ class Mechanism(Mechanics):
         self._of_tree_places = np.flatnonzero(places < self.model.nv)
         self.given = places[self._of_tree_places]
         self.flexures = np.ix_(self.given, self.given)
-        self.solver: tuple[tuple[Any, ...], Any] | None = None  # of `loop_rows`, which keeps them here
-        self.trees: tuple[Any, Any, Any] | None = None
         self._same: Array | None = None
         self._yielding: tuple[Array, Array] | None = None
 

@@ -259,6 +259,8 @@ class Mechanics:
         self.rigid, self.flex, self.pulls, self.linkage = rigid, flex, tuple(pulls), linkage or Linkage()
         self.model, self.data, self._rigid_data = flex.model, flex.model.createData(), rigid.model.createData()
         self.ties = Ties(self.model, self.data, self.linkage, springs, moved) if springs or linkage else None
+        self.solver: tuple[tuple[Any, ...], Any] | None = None  # of `loop_rows`, which keeps them here
+        self.trees: tuple[Any, Any, Any] | None = None
         self.laws = PlacedLaws(stack, flex.flexure_v.reshape(-1, 6), flex.size)
         self._frames = {link: flex.frame(link) for link in flex.links}
         self._carriers: dict[str, tuple[int, Array, Array]] = {}

@@ -55,8 +55,7 @@ class Prepared:
         joints, flexures = len(loaded.arm.joint_names), len(loaded.arm.sites)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
         self._known: Mapping[str, Any] = {}
-        loops = bool(loaded.arm.robot.linkage) and method == "exact"
-        self._compiled = loops or (method in COMPILED and loaded.arm.chain)
+        self._compiled = method in COMPILED if loaded.arm.chain else method == "exact"
         self._free = [self._workspace()] if self._compiled else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
@@ -87,7 +86,7 @@ class Prepared:
         return self._ask(q, covariates)
 
     def _workspace(self) -> Quick:
-        if self._loaded.arm.robot.linkage:
+        if not self._loaded.arm.chain:
             return _quick_loops(self._loaded, self._wrenches)
         return _quick(self._loaded, self._method == "exact", self._wrenches)
 
@@ -207,7 +206,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
 
 
 def _quick_loops(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
-    """Return the question to the compiled engine of arms with loops; each has a workspace of its own."""
+    """Return the question to the compiled engine of arms with loops or springs; each has a workspace of its own."""
     loaded = replace(loaded, _local=threading.local())
     solver, shape, within = LoopSolver(loaded, wrenches), (len(loaded.arm.joint_names),), loaded.arm.within_limits
 
@@ -217,7 +216,7 @@ def _quick_loops(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         here = q.copy()
         found = solver.one(loaded.row(here, known))
-        return found and (here, found.twists[0].copy(), found.displacement[0])
+        return found and (here, found[2].copy(), found[1])
 
     return quick
 

@@ -38,6 +38,7 @@ from armflex.mechanics.many_rows import (
     kernel_pays,
     loop_kernel_pays,
 )
+from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase
 from armflex.parallel import in_pieces, in_threads
 from armflex.rows.wrench import Wrench, check_rows
@@ -266,12 +267,11 @@ def respond(
     case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
-    # Compiled code knows no springs and no loops.
-    few = not arm.chain
-    few = few or (len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q)))
-    solve = _solved_alone if few else _solved
-    if arm.robot.linkage and loop_kernel_pays(len(q)):
-        solve = _solved_loops
+    if arm.chain:
+        few = len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q))
+        solve = _solved_alone if few else _solved
+    else:
+        solve = _solved_loops if loop_kernel_pays(len(q)) else _solved_alone
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows | LoopRows:
         loaded, rows = asked
@@ -350,8 +350,10 @@ def _solved_loops(
 
     rested = solver.rest(case.q, row, alone)
     for i, one in others.items():
-        own = loaded.mechanics.idle(one.case, loaded.row(one.case.q, one.case.covariates))
-        solver.fill(rested, i, one.rigid, one.motion, one.torque, own)
+        mechanics, idle = loaded.mechanics, np.zeros((0, 0))
+        if isinstance(mechanics, Mechanism):
+            idle = mechanics.idle(one.case, loaded.row(one.case.q, one.case.covariates))
+        solver.fill(rested, i, one.rigid, one.motion, one.torque, idle)
     found, laws = Solution.empty(len(rows), len(loaded.arm.sites)), RowLaws(loaded.arm.stack, row)
     found.twists[:], found.wrenches[:] = rested.twists, rested.loads
     if laws.curved:

@@ -1,4 +1,4 @@
-"""Arms with loops, compiled: the answers, branches and errors are those of `Mechanism`."""
+"""Arms with loops or springs, compiled: the answers, branches and errors are those of Pinocchio."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.machines import CRANE, MACHINES, PARALLELOGRAM, UNEVEN, Hinge, Machine, poses
+from support.sprung_arm import BALANCER, STRUT, TIE, sprung
 
 import armflex
 from armflex import Arm, Wrench
@@ -74,6 +75,8 @@ CASES: dict[str, tuple[Callable[[Path], Arm], str | None]] = {
     "fixed": (lambda f: declared(EYED, f, kind=f'kind = "fixed"\ncompliance = {FULL}'), "parallelogram"),
     "gas": (lambda f: declared(PARALLELOGRAM, f, more=GAS), "parallelogram"),
     "followed": (followed, None),
+    "chain": (lambda f: sprung(f, (BALANCER, TIE, STRUT), full=True), None),
+    "moved chain": (lambda f: misplaced(sprung(f, (BALANCER, TIE), full=True)), None),
 }  # fmt: skip
 
 

@@ -146,7 +146,7 @@ def test_what_cannot_do_springs_names_them(arm):
     with pytest.raises(UnsupportedError, match="spring 'balancer' has no form in C"):
         export(arm)
     with pytest.raises(UnsupportedError, match="springs"):
-        many_rows.Pushes(arm.loaded(None))
+        many_rows.RowSolver(arm.loaded(None), exact=True)
 
 
 def test_links_that_an_arm_has_not(arm):
