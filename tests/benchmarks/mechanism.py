@@ -1,4 +1,5 @@
-"""What the bundled machines with loops take, beside their own chains with the loops cut and passive joints driven.
+"""What the bundled machines with loops take, beside their own chains with the loops cut and passive joints driven,
+without springs and with them.
 
 python tests/benchmarks/mechanism.py
 """
@@ -48,10 +49,13 @@ for name in ("palletizer", "hybrid_lifter"):
     chain = {joint.name for joint in arm.robot.chain}
     locked = {joint.name: 0.0 for joint in linkage.beside}
     bends = tuple(one for one in arm.flexures if one.joint in chain)
-    cut = replace(arm, robot=replace(arm.robot, linkage=Linkage(), locked=locked), flexures=bends, springs=())
+    sprung = replace(arm, robot=replace(arm.robot, linkage=Linkage(), locked=locked), flexures=bends)
+    cut = replace(sprung, springs=())
     known = [
         dict(zip(arm.joint_names, row.tolist(), strict=True)) | own for row, own in zip(path.q, passive, strict=True)
     ]
     q = np.array([[row[joint] for joint in cut.joint_names] for row in known])
-    for what, times in ((name, measured(arm, path.q)), (f"{name}, cut", measured(cut, q))):
-        print(f"{what:20s}" + "".join(f"{one:9.4f}" for one in times))
+    lines = {name: (arm, path.q), f"{name}, cut": (cut, q)}
+    lines |= {f"{name}, cut, springs": (sprung, q)} if arm.springs else {}
+    for what, asked in lines.items():
+        print(f"{what:25s}" + "".join(f"{one:9.4f}" for one in measured(*asked)))

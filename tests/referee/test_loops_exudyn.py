@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.machines import MACHINES, poses
+from support.loop_kinds import CLOSED, PAYLOAD, built
+from support.machines import MACHINES, Machine, poses
 
 exudyn = pytest.importorskip("exudyn", reason="pip install 'armflex[bench]'")
 
@@ -13,20 +14,38 @@ PLANE = {"tail": [1, 0, 1]}
 """What of a point is held where across its plane nothing can give."""
 
 
-def solved(name: str, q: np.ndarray, start: dict[str, float]) -> np.ndarray:
-    """Return the (3,) place of the tip that Exudyn finds from passive joints at a start, what gives at zero."""
+HELD = {"spherical": "xyz", "revolute": "xyza", "cylindrical": "xzac", "fixed": "xyzabc", "level": "xz"}
+"""Shifts and turns that a loop of a kind about y holds, but for those that nothing answers to: Exudyn has no such."""
+
+
+def solved(
+    machine: Machine,
+    q: np.ndarray,
+    start: dict[str, float],
+    kinds: dict[str, tuple[str, np.ndarray]] | None = None,
+    carried: float = 0.0,
+) -> np.ndarray:
+    """Return the (3,) place of the tip that Exudyn finds.
+
+    Args:
+        machine: The machine.
+        q: (nq,) positions of its drives [rad or m].
+        start: Where passive joints begin; what gives begins at zero.
+        kinds: Of the loops, with (3, 3) axes of the other link that are to be those of the first; points where none.
+        carried: At the tool [kg].
+    """
     from exudyn.itemInterface import (
         MarkerBodyRigid,
         MarkerKinematicTreeRigid,
         NodeGenericODE2,
         ObjectConnectorSpringDamper,
         ObjectGround,
+        ObjectJointGeneric,
         ObjectJointSpherical,
         ObjectKinematicTree,
         SensorKinematicTree,
     )
 
-    machine = MACHINES[name]
     at = dict(zip(machine.driven, q.tolist(), strict=True))
     links, carrier, begin = [], {"base": (-1, pin.SE3.Identity())}, []
 
@@ -49,6 +68,8 @@ def solved(name: str, q: np.ndarray, start: dict[str, float]) -> np.ndarray:
         mass, com = machine.bodies[hinge.child]
         if parent >= 0:
             bodies.setdefault(parent, []).append((mass, place.act(np.array(com))))
+    held, place = carrier[machine.tool[0]]
+    bodies.setdefault(held, []).append((carried, place.act(np.array(machine.tool[1]))))
     system, count = exudyn.SystemContainer().AddSystem(), len(links)
     zero = [0.0] * count
     node = system.AddNode(
@@ -89,7 +110,14 @@ def solved(name: str, q: np.ndarray, start: dict[str, float]) -> np.ndarray:
 
     for key, (one, at_one, to, at_to, _) in machine.loops.items():
         ends = [marker(one, at_one), marker(to, at_to)]
-        system.AddObject(ObjectJointSpherical(markerNumbers=ends, constrainedAxes=PLANE.get(key, [1, 1, 1])))
+        if kinds is None:
+            system.AddObject(ObjectJointSpherical(markerNumbers=ends, constrainedAxes=PLANE.get(key, [1, 1, 1])))
+            continue
+        kind, turn_to = kinds[key]
+        first, second = (carrier[link][1].rotation for link in (one, to))
+        turns = {"rotationMarker0": first, "rotationMarker1": second @ turn_to}
+        axes = [int(axis in HELD[kind]) for axis in "xyzabc"]
+        system.AddObject(ObjectJointGeneric(markerNumbers=ends, constrainedAxes=axes, **turns))
     for key, (one, at_one, to, at_to, stiffness, *_) in machine.cylinders.items():
         ends = [marker(one, at_one), marker(to, at_to)]
         system.AddObject(ObjectConnectorSpringDamper(markerNumbers=ends, referenceLength=at[key], stiffness=stiffness))
@@ -123,5 +151,18 @@ def test_a_machine_rests_where_exudyn_has_it(name, row, tmp_path):
     rigid = arm.loaded(None).mechanics.closed(q)
     found = arm.deflection(q)
     assert np.linalg.norm(found.displacement[:3]) > 1e-4
-    tip = solved(name, q, dict(zip(found.passive, rigid.tolist(), strict=True)))
+    tip = solved(MACHINES[name], q, dict(zip(found.passive, rigid.tolist(), strict=True)))
     assert np.linalg.norm(tip - found.pose.translation) < 1e-9
+
+
+@pytest.mark.parametrize("way", [name for name, one in CLOSED.items() if not any(one.gives)])
+def test_a_machine_with_everything_rests_where_exudyn_has_it(way, tmp_path):
+    machine, arm = built(CLOSED[way], tmp_path)
+    turns, rng = {loop.name: loop.turn_to for loop in arm.robot.linkage.loops}, np.random.default_rng(5)
+    kinds = {"tail": (CLOSED[way].kind, turns["tail"]), "level": ("level", turns["level"])}
+    for payload, carried in ((None, 0.0), ("p", PAYLOAD)):
+        q = np.array([*rng.uniform(-0.5, 0.5, 3), 1.2 + rng.uniform(-0.05, 0.05)])
+        found = arm.deflection(q, payload)
+        rigid = arm.loaded(payload).mechanics.closed(q)
+        tip = solved(machine, q, dict(zip(found.passive, rigid.tolist(), strict=True)), kinds, carried)
+        assert np.linalg.norm(tip - found.pose.translation) < 1e-9
