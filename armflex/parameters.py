@@ -253,8 +253,7 @@ class Certainty:
         parameters: What was moved, in the fit's order.
         covariance: (P, P) posterior covariance in their units, of what is determined; inner parameters of effects by
             the logarithm.
-        unexplained: Site, axis and standard deviation [m or rad] of a random twist that nobody can predict, None where
-            there is none.
+        unexplained: Site, axis and standard deviation [m or rad] of every random twist that nobody can predict.
         directions: (k, P) directions, in the parameters' units, that neither the campaign nor a prior determined, None
             where there are none.
         misfit: Standard deviation of each coordinate [m] by which readings scattered beyond what they stated, or poses
@@ -269,7 +268,7 @@ class Certainty:
 
     parameters: tuple[ArmParameter, ...]
     covariance: Array
-    unexplained: tuple[str, str, float] | None = None
+    unexplained: tuple[tuple[str, str, float], ...] = ()
     directions: Array | None = None
     misfit: float = 0.0
     design_effect: float = 1.0

@@ -60,7 +60,7 @@ FORMATS = {
                    "(ls: FANUC, val3: Staubli).")  # fmt: skip
 @click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
 @click.option("--name", help="c, shaper: what every name in the file begins with [default: arm, shaper]; of a "
-                             "program: its name [default: armflex_path].")  # fmt: skip
+                             "program: its name [default: that of the file].")  # fmt: skip
 @click.option("--flavour", type=options.Choice(["ur_calibration", "robot_calibration"]), help="yaml: who reads it.")
 @click.option("--over", metavar="ROWS.csv", type=options.InputPath,
               help="Rows over which the omitted error is computed [default: the joints' limits].")  # fmt: skip
@@ -100,6 +100,8 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
         asked["arm_file"] = str(context.params["arm_path"])
     doing("exporting")
     exporter = importlib.import_module(f"armflex.export.{wanted.module}")
+    if "axes" in wanted.options and output is not None and exporter.is_name(output.stem):
+        asked.setdefault("name", output.stem)  # controllers want a file to be named as its program
     found: Exported = getattr(exporter, wanted.function)(arm, **asked)
     with together():
         if output is not None:

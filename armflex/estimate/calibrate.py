@@ -17,13 +17,14 @@ from armflex.conventions import RESOLUTION, TWIST_NAMES, row_numbers, said_of
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit
+from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit, realise
 from armflex.estimate.held_out import FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
 from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
 from armflex.estimate.placement import check_enough, first_guess
+from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import huber_weights, instrument_weights
 from armflex.estimate.view import View, foremost_rms, look
@@ -49,6 +50,10 @@ FEWEST_ROWS = 4
 
 MANY, SOME = 4096, 8
 """Tolerance: rows beyond which a fit begins where one in so many of them leads."""
+
+
+PLAY = 5e-3
+"""Prior: standard deviation [rad or m] by which a joint may stand off at random, from which a fit finds its own."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -280,13 +285,19 @@ def fitted_to(
         # What the arm lacks all numbers of a look share: weighed as stated they would drive what is free far beyond
         # its prior before their scatter is known.
         begun = begun.again(placed)
+    scattered: Fit | None = None
     if laws is None:
         found, flags = _fit(declared, blocks, begun, used, rounds, progress, placed), ()
         if looks and as_stated:
             found = fit(declared, blocks, measurements, used, found.values, progress)
+        elif looks and found.factors:
+            scattered = _with_play(found, measurements, rounds, progress, placed)
+            values = scattered.values[: len(found.values)]
+            view = look(realise(declared, blocks, values), Weighed(measurements, found.factors).measurements, used)
+            found = replace(found, values=values, view=view, weights=huber_weights(view))
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
-    calibrated = with_posteriors(found.setup.arm, found, certainty_of(found))
+    calibrated = with_posteriors(found.setup.arm, found, certainty_of(scattered or found))
     calibrated = replace(calibrated, instrument=found.setup.instrument)
     errors = _held_out(placed, found, measurements)
     sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
@@ -334,11 +345,35 @@ def _fit(
         start = np.array([known.get(one, 0.0) for one in parameters_of(blocks)])
     found = fit(declared, blocks, weighed.measurements, used, start, progress)
     for _ in range(rounds):
-        better = weighed.again(found)
-        if better.close_to(weighed):
+        better, sized = weighed.again(found), [_sized(block, found) for block in blocks]
+        if better.close_to(weighed) and sized == list(blocks):
             break
-        weighed, found = better, fit(declared, blocks, better.measurements, used, found.values, progress)
+        weighed, blocks = better, sized
+        found = fit(declared, blocks, better.measurements, used, found.values, progress)
     return replace(found, factors=weighed.factors)
+
+
+def _with_play(found: Fit, measurements: Measurements, rounds: int, progress: Progress | None, begun: Fit) -> Fit:
+    """Return a fit in which each joint may stand off at random in every pose, by as much as the readings show.
+
+    All corners of a picture share what the arm lacks. As errors of their own they would outweigh what is known before.
+    """
+    twists, poses = [], measurements.pose_number
+    for joint in (joint for joint in found.setup.arm.robot.moving if drive_of(joint).any()):
+        axis = TWIST_NAMES[int(np.abs(drive_of(joint)).argmax())]
+        twists.append(PoseBlock(joint.name, axis, PLAY, poses))
+    return _fit(
+        found.declared, [*found.blocks, *twists], Weighed(measurements), found.view.rows, rounds, progress, begun
+    )
+
+
+def _sized(block: Block, found: Fit) -> Block:
+    """Return a block of random twists with their size as a fit has it (a step of EM), any other as it is."""
+    if not isinstance(block, PoseBlock):
+        return block
+    own = found.places(block)
+    squares = found.values[own] ** 2 + np.diag(found.posterior.covariance)[own]
+    return replace(block, std=float(np.sqrt(squares.mean())))
 
 
 def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:

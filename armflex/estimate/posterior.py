@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import Array
 from armflex.errors import Flag, listing
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import design_effect
+from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.view import View, look, unclear_shifts
 from armflex.laws.effects.in_arm import excess
 from armflex.linear_gaussian import LinearGaussian
@@ -41,14 +41,14 @@ def certainty_of(fit: Fit) -> Certainty:
 
         [S, -S G'; -G S, P + G S G'],    G = P J'X for the whitened columns J of what is fitted and X of x.
     """
-    # A `PoseBlock`, which is made above.
-    random: list[Any] = [block for block in fit.blocks if block.kind is ParameterKind.UNEXPLAINED]
     kept = fit.declared.arm.certainty or Certainty((), np.zeros((0, 0)))
     kept = kept.part([i for i, one in enumerate(kept.parameters) if one.group.kind not in FRAMES])
     columns = _jacobian(kept, fit.view) if kept.parameters else None
     columns = np.zeros((*fit.view.residual.shape, len(kept.parameters))) if columns is None else columns
     columns = (columns * (np.sqrt(fit.weights) / fit.view.sigma)[:, :, None]).reshape(fit.view.residual.size, -1)
-    effect = design_effect(fit, columns, kept.covariance)
+    random = tuple((one.site, one.axis, float(one.std)) for one in fit.blocks if isinstance(one, PoseBlock))
+    # Twists at every joint are what readings of a pose, and neighbouring poses, share.
+    effect = design_effect(fit, columns, kept.covariance) if len(random) < 2 else 1.0
     noise = effect * max(fit.noise, 1.0) ** 2
     known = LinearGaussian(fit.information / noise).with_precision(fit.precision)
     follows = np.vstack([np.eye(len(kept.parameters)), -known.covariance @ (fit.regressors.T @ columns) / noise])
@@ -57,8 +57,7 @@ def certainty_of(fit: Fit) -> Certainty:
     directions = np.pad(known.null_space, ((0, 0), (len(kept.parameters), 0)))
     directions = directions if kept.directions is None else np.vstack([kept.directions @ follows.T, directions])
     every = (*kept.parameters, *parameters_of(fit.blocks))
-    unexplained = (random[0].site, random[0].axis, float(random[0].std)) if random else kept.unexplained
-    whole = Certainty(every, covariance, unexplained, directions, fit.misfit, effect)
+    whole = Certainty(every, covariance, random or kept.unexplained, directions, fit.misfit, effect)
     places = [i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED]
     return whole.part(sorted(places, key=lambda i: every[i].group.kind is ParameterKind.EFFECT))
 
@@ -118,12 +117,9 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
     turn = np.kron(np.eye(2), stands.pose.rotation.T)  # to base axes
     jacobian = np.einsum("de,nep->ndp", turn, np.where(counted, jacobian, 0.0))
     covariance = np.einsum("ndp,pq,neq->nde", jacobian, arm.certainty.covariance, jacobian, optimize=True)
-    if arm.certainty.unexplained is not None:
-        site, axis, size = arm.certainty.unexplained
-        along = size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] @ turn.T
-        covariance += along[:, :, None] * along[:, None]
     covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
-    shifts = np.concatenate([unclear_shifts(view.setup, rows, tip), _extrapolated(view)]) @ turn.T
+    unknown = [unclear_shifts(view.setup, rows, tip), _extrapolated(view), view.at_random(arm.certainty.unexplained)]
+    shifts = np.concatenate(unknown) @ turn.T
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
     diagonal = np.arange(6)
@@ -181,10 +177,7 @@ def _unforeseen(arm: Arm, view: View) -> Array:
                 [bool(sensor.found) and not {"", session} & set(sensor.found) for session in view.sessions]
             )
             variance[:, place] += ((kind.by_own(view.at) * sensor.std) ** 2).sum(axis=2) * unknown[:, None]
-    if arm.certainty.unexplained is not None:
-        site, axis, size = arm.certainty.unexplained
-        variance += (size * view.to_twist(site)[:, :, TWIST_NAMES.index(axis)]) ** 2
-    return variance
+    return variance + (view.at_random(arm.certainty.unexplained) ** 2).sum(axis=0)
 
 
 def _extrapolated(view: View) -> Array:

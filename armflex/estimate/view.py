@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import Array
+from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
@@ -294,6 +294,15 @@ class View:
             known = [i for i, flexure in enumerate(self.setup.arm.modelled) if same_site(flexure.site, place)]
             self._to_twist[site] = self.answer(lambda line: line.laws[:, :, known[-1]] if known else line.site(site))
         return self._to_twist[site]
+
+    def at_random(self, twists: Sequence[tuple[str, str, float]]) -> Array:
+        """Return (K, M, d) changes of the readings by a standard deviation of each of K random twists.
+
+        Args:
+            twists: Site, axis and standard deviation [m or rad] of each.
+        """
+        found = [size * self.to_twist(site)[:, :, TWIST_NAMES.index(axis)] for site, axis, size in twists]
+        return np.array(found).reshape(-1, *self.residual.shape)
 
     @cached_property
     def _to_twist(self) -> dict[str, Array]:

@@ -237,6 +237,11 @@ LANGUAGES = {
 }
 
 
+def is_name(text: str) -> bool:
+    """Return whether every language takes a text as the name of a program."""
+    return bool(NAME.fullmatch(text)) and text.lower() not in WORDS.split()
+
+
 def program(
     language: Language,
     arm: Arm,
@@ -264,7 +269,7 @@ def program(
         InputError: The name is none of the language, or `axes` are not all joints' and all the language's.
     """
     path, notes, flags, head = path_of(arm, traj, **asked)
-    if not NAME.fullmatch(name) or name.lower() in WORDS.split():
+    if not is_name(name):
         expected = "expected a letter, then up to 23 letters, digits and _, no word of a language"
         raise InputError(f"--name {name!r}: {expected}")
     slides = [joint.kind == "prismatic" for joint in arm.robot.moving]

@@ -350,8 +350,8 @@ def certainty_table(certainty: Certainty) -> dict[str, Any]:
         table["misfit_m"] = certainty.misfit
     if certainty.design_effect > 1.0:
         table["design_effect"] = certainty.design_effect
-    if certainty.unexplained is not None:
-        table["unexplained"] = dict(zip(("site", "axis", "std"), certainty.unexplained, strict=True))
+    if certainty.unexplained:
+        table["unexplained"] = [dict(zip(("site", "axis", "std"), one, strict=True)) for one in certainty.unexplained]
     table["parameters"] = list(certainty.labels)
     if certainty.directions is not None:
         table["undetermined"] = [_rounded(row) for row in certainty.directions]
@@ -420,13 +420,12 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
     if (known & (np.diag(covariance) == 0.0)).any():
         label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
         raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
-    unexplained = None
-    if table.has("unexplained"):
-        part = table.sub("unexplained")
+    unexplained = []
+    for part in table.array_of("unexplained"):
         site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
-        unexplained = site, axis, part.std("std")
+        unexplained.append((site, axis, part.std("std")))
         part.finish()
-    return Certainty(arm.named(labels), covariance, unexplained, directions, misfit, effect)
+    return Certainty(arm.named(labels), covariance, tuple(unexplained), directions, misfit, effect)
 
 
 def _from_file(table: Declaration, labels: tuple[str, ...]) -> Array:

@@ -30,6 +30,9 @@ SETTLES = 0.2
 ALIKE = 0.5
 """Correlation of two motions from which they are of one arm."""
 
+DISTINCT = 5.0
+"""Log-likelihood ratio from which one difference of two clocks is accepted rather than another, one number a motion."""
+
 
 def is_dense(time: Array) -> bool:
     """Return whether rows at these times [s] are samples of a recording."""
@@ -90,7 +93,8 @@ def reduced(source: Source, time: Array, spans: Array, shift: float) -> Source:
 def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     """Return how much [s] the clock of a tracker is ahead of that of the joints: the lag at which both move alike.
 
-    Speeds, and not positions, are correlated: their roots, so that a fast motion does not outweigh the others.
+    Speeds, and not positions, are correlated: their roots, so that a fast motion does not outweigh the others. Motions
+    that take equally long look alike at several lags. There the target's squared speed is a sum of those of the joints.
 
     Args:
         time: (N,) of joint positions (N, n) `values`.
@@ -99,13 +103,14 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     Raises:
         InputError: They move alike at no lag, or at several.
     """
-    from scipy.signal import correlate
+    from scipy.signal import correlate, find_peaks
 
     grids = [_gridded(time, values), _gridded(other, place)]
-    speeds = []
+    speeds, squares = [], []
     for _, moved in grids:
         size = max(round(0.1 / STEP), 1)
-        slow = np.linalg.norm(moved[size:] - moved[:-size], axis=1)
+        squares.append((moved[size:] - moved[:-size]) ** 2)
+        slow = np.sqrt(squares[-1].sum(axis=1))
         root = np.sqrt(slow / max(np.quantile(slow, 0.95), 1e-12))
         speeds.append(np.minimum(root, 2.0) - np.minimum(root, 2.0).mean())
     match = correlate(speeds[1], speeds[0], method="fft")
@@ -114,14 +119,29 @@ def offset(time: Array, values: Array, other: Array, place: Array) -> float:
     if match[best] < ALIKE * np.sqrt(min(map(len, speeds)) / max(map(len, speeds))):
         text = "do not move alike at any difference of their clocks"
         raise InputError(f"joints and target {text} (correlation {match[best]:.2f}): is it the target of this arm?")
-    apart = np.abs(np.arange(len(match)) - best) > STANDS / STEP
-    if apart.any() and match[apart].max() > 0.95 * match[best]:
-        raise InputError("joints and target move alike at several differences of their clocks: record uneven pauses")
+    rivals = np.union1d(find_peaks(match, 0.9 * match[best], distance=round(STANDS / STEP))[0], [best])
+    if len(rivals) > 1:
+        motions = np.count_nonzero(np.diff((speeds[0] > 0.0).astype(int)) > 0)
+        left = [_left(squares[0], squares[1].sum(axis=1), int(one) - len(speeds[0]) + 1) for one in rivals]
+        best, (first, second) = int(rivals[np.argmin(left)]), np.sort(left)[:2]
+        if motions * np.log(second / max(first, 1e-12)) < 2.0 * DISTINCT:
+            raise InputError(
+                "joints and target move alike at several differences of their clocks: record uneven pauses"
+            )
     before, at, after = (float(match[min(max(best + i, 0), len(match) - 1)]) for i in (-1, 0, 1))
     bend = before - 2.0 * at + after
     fine = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     lag = (best + fine - (len(speeds[0]) - 1)) * STEP
     return float(grids[1][0][0] - grids[0][0][0] + lag)
+
+
+def _left(joints: Array, target: Array, lag: int) -> float:
+    """Return which share of the variance of (M,) squared speeds the (N, n) of joints leave, so many steps before."""
+    start, end = max(lag, 0), min(len(target), len(joints) + lag)
+    about, own = joints[start - lag : end - lag], target[start:end] - target[start:end].mean()
+    about = about - about.mean(axis=0)
+    left = own - about @ np.linalg.lstsq(about, own, rcond=None)[0]
+    return float(left @ left) / max(float(own @ own), 1e-300)
 
 
 def paired(spans: Array, times: Array) -> tuple[np.ndarray, float]:

@@ -16,6 +16,7 @@ from itertools import permutations
 import numpy as np
 
 from armflex.errors import ArmflexError
+from armflex.estimate.pose_block import PoseBlock
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
@@ -26,7 +27,7 @@ from armflex.trace.refine import Refiner
 from armflex.trace.screen import Screen
 from armflex.trace.selection import BETTER, GRID_ERROR, MOST_EFFECTS, SCALES, Chosen, Model, climbed, rivals
 from armflex.trace.state import Added, State, sorted_out, with_hypotheses, with_random
-from armflex.trace.unrecorded import PoseBlock, RandomTwist, as_likely, localise
+from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
 MOST_STATES = 12
 """Tolerance: fits of the arm with what was found at most."""

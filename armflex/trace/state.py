@@ -16,6 +16,7 @@ from armflex.estimate.block import Block, EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
 from armflex.estimate.outliers import lost_readings
+from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.view import gravity_in, look
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Effect
@@ -28,7 +29,6 @@ from armflex.rows.rows import POSE
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection, projected
 from armflex.trace.telling import SILENT, Teller
-from armflex.trace.unrecorded import PoseBlock
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,21 +8,13 @@ from orientations: where both were read, each kind is first taken by its own siz
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.estimate.block import Block
 from armflex.estimate.fit import Fit
-from armflex.estimate.view import View
-from armflex.laws import Row
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
-from armflex.laws.effects.location import LINK, Here, Location
-from armflex.parameters import ArmParameter, Group, ParameterKind
-from armflex.rows.rows import POSE
+from armflex.laws.effects.location import LINK
 from armflex.trace.projection import Projection
 from armflex.trace.sensible import USUAL_SHIFT, USUAL_TURN
 
@@ -37,9 +29,6 @@ NOTICED_RATIO = 10.0
 
 AS_LIKELY = 3.0
 """Confidence: log-likelihood within which places are not distinguished."""
-
-RANDOM = "unexplained"
-"""Name of the effect while a fit lasts."""
 
 
 @dataclass(frozen=True)
@@ -127,62 +116,3 @@ def _likelihood(score: Array, square: Array, total: float, count: int) -> tuple[
 def as_likely(places: tuple[RandomTwist, ...]) -> tuple[RandomTwist, ...]:
     """Return the places that the residual does not distinguish from the first."""
     return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
-
-
-@dataclass(frozen=True, eq=False)
-class PoseBlock(Block):
-    """A random twist at one site and axis, of known size and unknown value: one for every pose.
-
-    Attributes:
-        site, axis: Where.
-        std: Standard deviation of the twists [m or rad].
-        groups: (N,) pose number of every row of the campaign.
-        alike: Other places that explain as much.
-    """
-
-    site: str
-    axis: str
-    std: float
-    groups: np.ndarray
-    alike: tuple[RandomTwist, ...] = ()
-
-    @cached_property
-    def parameters(self) -> tuple[ArmParameter, ...]:
-        """One per pose."""
-        group = Group(ParameterKind.UNEXPLAINED, f"{self.site} {self.axis}")
-        unit = "m" if self.axis.startswith("d") else "rad"
-        return tuple(ArmParameter(group, f"pose {i}", unit) for i in range(int(self.groups.max()) + 1))
-
-    @property
-    def prior(self) -> Array:
-        """(k,) the size."""
-        return np.full(len(self.parameters), self.std)
-
-    def jacobian(self, view: View) -> Array:
-        """Return `columns`: what loads and frequencies change by with so small a twist is beyond what is read."""
-        return self.columns(view)
-
-    def columns(self, view: View) -> Array:
-        """Return (M, d, k): every pose moves its own rows."""
-        answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
-        own = self.groups[view.rows][:, None] == np.arange(len(self.parameters))
-        return answer[:, :, None] * own[:, None, :]
-
-    def apply(self, setup: Setup, values: Array) -> Setup:
-        """Return the setup with every pose's twist, which is taken out again before the arm is used."""
-        count = len(values)
-
-        def basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-            own = np.asarray(row.covariate(POSE))[..., None] == np.arange(count)
-            return own[..., None] * here.direction
-
-        law = TwistLaw(
-            name=RANDOM,
-            words=Words(RANDOM, "", ""),
-            places=lambda records: (),
-            amplitudes=(Amplitude("twist", "{m}"),) * count,
-            basis=basis,
-            physical=False,
-        )
-        location = Location(self.site, self.axis, (POSE,), tuple(range(count)))
-        return setup.with_effect(Effect(law, location, tuple(values.tolist())))

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.estimate.block import Block, learned_laws, parameters_of, with_laws
 from armflex.estimate.blocks import blocks_of, declared_blocks, sensor_block
@@ -237,13 +237,13 @@ class Sight:
     Attributes:
         setup: Arm and instrument.
         blocks: What is tracked.
-        unexplained: A twist without a cause: site, axis and size.
+        unexplained: Twists without a cause: site, axis and size of each.
         beside: Standard deviation of the position beside the reading's own [m].
     """
 
     setup: Setup
     blocks: Sequence[Block]
-    unexplained: tuple[str, str, float] | None = None
+    unexplained: tuple[tuple[str, str, float], ...] = ()
     beside: float = 0.0
 
     def __call__(self, reading: Reading) -> Seen:
@@ -260,11 +260,8 @@ class Sight:
         jacobian = np.concatenate([block.jacobian(view) for block in self.blocks], axis=2)[0]
         noise = np.diag(view.sigma[0] ** 2)
         np.einsum("dd->d", noise)[view.foremost] += self.beside**2
-        if self.unexplained is not None:
-            site, axis, size = self.unexplained
-            along = size * view.to_twist(site)[0, :, TWIST_NAMES.index(axis)]
-            noise += np.outer(along, along)
-        shifts = unclear_shifts(self.setup, row, row.readings)[:, 0]
+        unknown = [unclear_shifts(self.setup, row, row.readings), view.at_random(self.unexplained)]
+        shifts = np.concatenate(unknown)[:, 0]
         noise += shifts.T @ shifts
         factor = np.linalg.cholesky(noise)
         whitened = np.ascontiguousarray(np.linalg.solve(factor, jacobian))

@@ -20,6 +20,7 @@ from armflex.estimate import Calibration
 from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
+from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.posterior import certainty_of
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
@@ -27,7 +28,6 @@ from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.in_arm import settled_covariates
 from armflex.trace.findings import Found, Proof, Trace, write_traced
 from armflex.trace.state import State, begin, refit, with_random
-from armflex.trace.unrecorded import PoseBlock
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 
@@ -467,7 +467,7 @@ def test_a_twist_that_nobody_can_predict_is_kept_as_uncertainty(calm: tuple, tmp
     random = PoseBlock("J2", "ry", 4e-4, state.context.column("pose_number").astype(int))
     made = told(found, with_random(state, random))
     written = quietly(write_traced(file, made, tmp_path / "arm.toml"))
-    assert written.certainty.unexplained == ("J2", "ry", 4e-4) and not written.effects
+    assert written.certainty.unexplained == (("J2", "ry", 4e-4),) and not written.effects
     there, back = predict(made.arm, test), predict(written, test)
     np.testing.assert_allclose(back.position, there.position, atol=1e-12)
     lever = np.linalg.norm(found.arm.deflection(Q).pose.translation)

@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support import servo_arm
+from support.effect_arms import quietly
 from support.servo_arm import CAMERA, IMAGE, LENS, ServoArm, board_points, declared, pose, turn, written
 
 from armflex import calibrate, load_arm, plan, predict, read_measurements, rehearse, trace
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import ArmFileError, ArmflexError, ArmflexWarning, TableError, UnsupportedError
+from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.robust import huber_weights
 from armflex.measured import pictures
 from armflex.plan.drive import write_plan
@@ -71,6 +73,30 @@ def test_play_is_traced_in_pictures(tmp_path: Path) -> None:
     at, vector = (found.sensors["cam"].of(name, ("",))[0] for name in ("board_at", "board_turn"))
     off = (predict(found, more).position - at) @ turn(vector) - arm.tips(q[60:], came[60:])
     assert np.sqrt((off**2).sum(axis=1).mean()) < 1e-3
+
+
+@pytest.mark.slow
+def test_play_that_is_not_traced_is_an_error_that_a_picture_shares(tmp_path: Path) -> None:
+    """A degree of play is no reason to bend lens and links: both are found, and sigma has the play in it."""
+    arm = ServoArm.draw(1)
+    q, came = arm.poses(70, 101)
+    corners = arm.pictures(q, came, seed=1)
+    loaded = load_arm(declared(tmp_path))
+    found = calibrate(loaded, written(tmp_path, q[:40], corners[:40], came[:40]), anyway=True)
+    again = quietly(write_calibrated(tmp_path / "arm.toml", found, tmp_path / "fit.toml"))
+    assert again.certainty is not None
+    stds = {site: std for site, _, std in again.certainty.unexplained}
+    assert set(stds) == set(servo_arm.JOINTS) and stds["pan"] == pytest.approx(np.radians(0.5), rel=0.15)
+    assert again.sensors["cam"].of("focal", ("",))[0] == pytest.approx([905.0, 902.0], abs=5.0)
+    more = read_measurements(written(tmp_path, q[40:], corners[40:], came[40:], "more.csv"), again)
+    at, vector = (again.sensors["cam"].of(name, ("",))[0] for name in ("board_at", "board_turn"))
+    predicted = predict(again, more)
+    off = (predicted.position - at) @ turn(vector) - arm.tips(q[40:], came[40:])
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 4e-3
+    (kind, sigma), read = predicted.sensors[0], more.readings.of(Pixels, "cam")
+    assert sigma is not None and read is not None
+    there = np.isfinite(read.sigma)
+    assert (np.abs((read.values - kind.values) / np.hypot(read.sigma, sigma))[there] < 1.96).mean() > 0.90
 
 
 def test_nothing_is_foretold_of_a_camera_that_may_be_anywhere(tmp_path: Path) -> None:
