@@ -351,7 +351,8 @@ def certainty_table(certainty: Certainty) -> dict[str, Any]:
     if certainty.design_effect > 1.0:
         table["design_effect"] = certainty.design_effect
     if certainty.unexplained:
-        table["unexplained"] = [dict(zip(("site", "axis", "std"), one, strict=True)) for one in certainty.unexplained]
+        every = [dict(zip(("site", "axis", "std"), one, strict=True)) for one in certainty.unexplained]
+        table["unexplained"] = every if len(every) > 1 else every[0]
     table["parameters"] = list(certainty.labels)
     if certainty.directions is not None:
         table["undetermined"] = [_rounded(row) for row in certainty.directions]
@@ -421,7 +422,9 @@ def read_certainty(table: Declaration, arm: Arm) -> Certainty | None:
         label = labels[int((known & (np.diag(covariance) == 0.0)).argmax())]
         raise table.fail(key, f"the variance of {label!r} is zero, which no campaign leaves")
     unexplained = []
-    for part in table.array_of("unexplained"):
+    several = isinstance(table.table.get("unexplained"), list)
+    one = [table.sub("unexplained")] if table.has("unexplained") and not several else []
+    for part in table.array_of("unexplained") if several else one:
         site, axis = part.choice("site", site_names(arm.robot)), part.choice("axis", TWIST_NAMES)
         unexplained.append((site, axis, part.std("std")))
         part.finish()

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armflex.conventions import NUMBER, UNITS, Array
+from armflex.conventions import LARGEST, NUMBER, UNITS, Array
 from armflex.errors import InputError, ManyErrors, Place, TableError, UnknownNameError, UrdfError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
@@ -380,8 +380,9 @@ def _campaign(
         own = [(folder / str(one)).as_posix() for one in cells or ()]
         columns[name] = [own[k] if k >= 0 else "" for k in pairs[""]]
     for one, cells in zip(of_log, log.columns, strict=True):
-        if one.kind == "covariate" and one.name not in columns and np.isfinite(values := numbers(cells)).all():
-            columns[one.name] = values.tolist()
+        if one.kind == "covariate" and one.name not in columns:  # a socket, a height that was read in some rows
+            values = numbers(cells)
+            columns[one.name] = values.tolist() if np.isfinite(values).all() else list(map(str, cells))
     table = tuple(
         (source.title, one.column, _words(one), one.unit or "", one.why)
         for i, (source, own) in enumerate(zip(sources, understood, strict=True))
@@ -435,11 +436,15 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
                     f"{source.path}: columns {listing(map(repr, twice))} are all {_words(named[0])}: --take one"
                 )
     for one, cells in zip(found, source.columns, strict=True):
-        if one.kind in ("joint", "coordinate") and not isinstance(cells, np.ndarray):
-            bad = next((i for i, cell in enumerate(cells) if not NUMBER.fullmatch(cell)), None)
-            if bad is not None and not (one.kind == "coordinate" and not cells[bad]):
-                place = Place(source.path, source.lines[bad])
-                wrong.append(f"{place}: {one.column!r} is {said(cells[bad])}, expected a number")
+        if one.kind in ("joint", "coordinate", "time"):
+            values = numbers(cells)
+            bad = np.abs(values) > LARGEST
+            if one.kind != "time" and not isinstance(cells, np.ndarray):
+                bad |= [not (NUMBER.fullmatch(cell) or (one.kind == "coordinate" and not cell)) for cell in cells]
+            if bad.any():
+                at = int(bad.argmax())
+                place = Place(source.path, source.lines[at])
+                wrong.append(f"{place}: {one.column!r} is {said(str(cells[at]))}, expected a number")
     return tuple(found), wrong
 
 

@@ -36,7 +36,8 @@ COMMANDED = re.compile(r"target|command|cmd|set ?point|soll|desired", re.IGNOREC
 """In the name of a column beside one of the same joint that says where it is."""
 
 NAMES = (
-    r"(?:(?:point|punkt|target|object|feature|element)?[ _-]?(?:name|id)|(?:point|(?:mess)?punkt)[ _-]?(?:no|nr|number|nummer)"
+    r"(?:(?:point|punkt|target|object|feature|element)?[ _-]?(?:name|id)"
+    r"|(?:point|(?:mess)?punkt)[ _-]?(?:no|nr|number|nummer)"
     r"|point|(?:mess)?punkt(?:name)?|pose|pt|feature|merkmal|element)"
 )
 TIMES = r"(?:_*time(?:[ _]?stamp)?|zeit(?:stempel)?|uhrzeit|date(?: ?time)?|datum|heure|t)"
@@ -180,7 +181,7 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
 
 
 def _unit_of_comment(text: str) -> str | None:
-    """Return the length unit that a comment or a title states, such as 'Units: Millimeters', 'Einheiten;mm', 'in mm'."""
-    words = r"(?:units?|einheit(?:en)?|unit[eé]s?)\b(?:[^:=]*[:=])?|\blength\b[^:=]*[:=]|\b(?:in|en)(?= (?:mm|met|millim))"
+    """Return the length unit that a comment or a title states: 'Units: Millimeters', 'Einheiten;mm', 'all in mm'."""
+    words = r"(?:units?|einheit(?:en)?|unit[eé]s?)\b(?:[^:=]*[:=])?|\blength\b[^:=]*[:=]|\bin(?= (?:mm|met|mill))"
     found = (match[1].lower() for match in re.finditer(rf"(?:{words})\W*([^\W\d_]+)", text, re.IGNORECASE))
     return next((unit for unit in found if unit in LENGTHS), None)

@@ -106,12 +106,12 @@ def read_table_source(path: Path) -> Source:
     if mark and not heads:
         said = [_parted([text], mark)[0] for text in comments]
         heads = [cells for cells in reversed(said) if len(cells) == width and not any(map(_number, cells))]
-    head = heads[0] if heads else None
+    head, used = heads[0] if heads else None, heads[:1]
     known = {*LENGTHS, *UNITS["angle"], *UNITS["time"], "°", ""}
     if len(heads) > 1 and head and all(UNIT.fullmatch(one) or one.lower() in known for one in head):  # below the names
-        units = (cell.strip("[]() ") for cell in head)
+        units, used = (cell.strip("[]() ") for cell in head), heads[:2]
         head = [f"{name} [{unit}]" if unit else name for name, unit in zip(heads[1], units, strict=True)]
-    comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is one for one in heads)]
+    comments += [" ".join(cells) for _, cells in rows[:first] if not any(cells is one for one in used)]
     body = rows[first:]
     for line, cells in body:
         if len(cells) != width:
@@ -144,8 +144,10 @@ def _split(lines: Sequence[tuple[int, str]]) -> tuple[list[tuple[int, list[str]]
         width, count = Counter(map(len, cells)).most_common(1)[0] if cells else (1, 0)
         if width > 1 and count > 1.2 * most and len(cells) == len(lines):
             best, most, by = cells, float(count), mark
-    numbered = zip((number for number, _ in lines), best, strict=True)
-    return [(number, one[:-1] if len(one) > 1 and not one[-1] else one) for number, one in numbered], by
+    width = Counter(map(len, best)).most_common(1)[0][0] if best else 0
+    if width > 1 and not any(one[-1] for one in best if len(one) == width):  # lines that end in a separator
+        best = [one[:-1] if len(one) == width else one for one in best]
+    return [(number, one) for (number, _), one in zip(lines, best, strict=True)], by
 
 
 def _by_point(source: Source) -> Source:

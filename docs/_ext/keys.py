@@ -314,7 +314,7 @@ KEYS: dict[str, dict[str, Key]] = {
             "scatter of the readings beyond their stated noise, or of poses held out from a trace beyond its fit", "m"
         ),
         "design_effect": Key("readings that carry as much information as one independent reading would", "1"),
-        "unexplained": Key("tables: where something without a recorded cause acts, each joint where pictures share it"),
+        "unexplained": Key("where something without a recorded cause acts: a table, or a list of several"),
         "parameters": Key("names of the fitted parameters, in the order of the covariance"),
         "covariance": Key("posterior covariance: rows of the lower triangle", "products of the parameters' units"),
         "covariance_file": Key("the safetensors file that holds it, where it is large"),

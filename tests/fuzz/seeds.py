@@ -237,7 +237,7 @@ def traced(learn: bool = False) -> dict[str, Any]:
     count = len(found["parameters"])
     found["parameters"] += labels
     found["covariance"] += [[0.0] * (count + i) + [variance] for i, variance in enumerate(variances)]
-    found["unexplained"] = [{"site": "lift", "axis": "dz", "std": 1e-5}]
+    found["unexplained"] = {"site": "lift", "axis": "dz", "std": 1e-5}
     found["undetermined"] = [[0.0] * (len(found["parameters"]) - 1) + [1.0]]
     found["misfit_m"] = 1e-5
     return tree

@@ -8,62 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from support.command_line import fine, run_here
+from support.exports import EXPORTS, LOGS, NAMES, XYZ, Q, comma, written
 
-from armflex.errors import ArmflexError, InputError, TableError
+from armflex.errors import InputError, TableError
 from armflex.intake import intake
 from armflex.measured.table import write_table
-
-Q = np.random.default_rng(1).uniform(-150.0, 150.0, (6, 6)).round(4)
-XYZ = np.random.default_rng(2).uniform(-1500.0, 1500.0, (6, 3)).round(3)
-NAMES = [f"P{i + 1:03d}" for i in range(6)]
-
-
-def comma(value: float) -> str:
-    return f"{value:.3f}".replace(".", ",")
-
-
-LOGS = {
-    "degrees": "Point,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n"
-    + "\n".join(f"{name},{','.join(map(str, q))}" for name, q in zip(NAMES, Q, strict=True)),
-    "names called otherwise": "Nr,J1 [deg],J2 [deg],J3 [deg],J4 [deg],J5 [deg],J6 [deg]\n"
-    + "\n".join(f"{name},{','.join(map(str, q))}" for name, q in zip(NAMES, Q, strict=True)),
-    "kuka": "$AXIS_ACT.A1;$AXIS_ACT.A2;$AXIS_ACT.A3;$AXIS_ACT.A4;$AXIS_ACT.A5;$AXIS_ACT.A6;Name\n"
-    + "\n".join(f"{';'.join(f'{v:.4f}'.replace('.', ',') for v in q)};{n}" for n, q in zip(NAMES, Q, strict=True)),
-    "ur": "timestamp "
-    + " ".join(f"actual_q_{i}" for i in range(6))
-    + "\n"
-    + "\n".join(f"{10.0 * i} {' '.join(map(str, np.radians(q).round(9)))}" for i, q in enumerate(Q)),
-    "bare": "Pose\tA1\tA2\tA3\tA4\tA5\tA6\n"
-    + "\n".join("\t".join([name, *map(str, q)]) for name, q in zip(NAMES, Q, strict=True)),
-}
-EXPORTS = {
-    "spatialanalyzer": "// Units: Millimeters\n// Frame: A::WORLD\n"
-    + "\n".join(f"A::Robot::{n}, {x}, {y}, {z}" for n, (x, y, z) in zip(NAMES, XYZ, strict=True)),
-    "polyworks": "Messbericht\nName;X [mm];Y [mm];Z [mm];Zeit\n"
-    + "\n".join(f"{n};{';'.join(map(comma, XYZ[i]))};10:00:{9 * i:02d}" for i, n in enumerate(NAMES)),
-    "a line for each coordinate": "Name;Control;Nom;Meas [mm];Dev\n"
-    + "\n".join(
-        f"{n if axis == 'X' else ''};{axis};{comma(value + 1)};{comma(value)};-1,000"
-        for n, p in zip(NAMES, XYZ, strict=True)
-        for axis, value in zip("XYZ", p, strict=True)
-    ),
-    "units below the names": "Metrolog\nFeature;X;Y;Z\n;mm;mm;mm\n"
-    + "\n".join(f"{n};{';'.join(map(comma, p))}" for n, p in zip(NAMES, XYZ, strict=True)),
-    "header in a comment": "# name x_mm y_mm z_mm\n"
-    + "\n".join(f"{n} {x} {y} {z}" for n, (x, y, z) in zip(NAMES, XYZ, strict=True)),
-    "leica": "Point Name\tX_mm\tY_mm\tZ_mm\n"
-    + "\n".join("\t".join([n, *map(str, p)]) for n, p in reversed(list(zip(NAMES, XYZ, strict=True)))),
-}  # fmt: skip
-
-
-def written(folder: Path, log: str, export: str, encoding: str = "utf-8") -> list[Path]:
-    paths = [folder / "log.txt", folder / "export.txt"]
-    for path, text in zip(paths, (log, export), strict=True):
-        path.write_bytes(text.encode(encoding))
-    return paths
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
@@ -149,21 +99,6 @@ def test_clocks_join_where_there_is_nothing_else(tmp_path: Path) -> None:
 def test_what_does_not_fit_is_said(tmp_path: Path, log: str, export: str, said: str) -> None:
     with pytest.raises((InputError, TableError), match=said):
         intake(written(tmp_path, log, export), 5e-5)
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.data())
-def test_spoilt_files_are_refused_or_read_never_a_traceback(tmp_path_factory: pytest.TempPathFactory, data) -> None:
-    texts = [data.draw(st.sampled_from(sorted(LOGS.values()))), data.draw(st.sampled_from(sorted(EXPORTS.values())))]
-    for i in range(2):
-        at = data.draw(st.integers(0, len(texts[i])))
-        texts[i] = texts[i][:at] + data.draw(st.text(';,\t 1.-x"\n[]A', max_size=6)) + texts[i][at + 3 :]
-    paths = written(tmp_path_factory.mktemp("spoilt"), *texts)
-    try:
-        found = intake(paths, 5e-5)
-    except ArmflexError:
-        return
-    assert len({len(column) for column in found.columns.values()}) == 1
 
 
 def test_the_command_writes_a_campaign_and_says_what_it_took(tmp_path: Path) -> None:
@@ -272,6 +207,21 @@ def test_a_log_alone_is_a_path(tmp_path: Path) -> None:
     assert found.columns["via"] == NAMES
     assert found.columns["time"] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert "x" not in found.columns
+
+
+def test_whatever_else_a_log_has_is_kept(tmp_path: Path) -> None:
+    """Sockets by name and heights that were read in some rows only: an instrument that the arm file declares."""
+    rows = "12;30,5;a;101,2\n20;-3,25;;\n55;1;b;99,5\n"
+    (tmp_path / "log.csv").write_text(f"J1 [deg];J2 [deg];block;ruler_mm\n{rows}")
+    found = intake([tmp_path / "log.csv"], None).columns
+    assert found["block"] == ["a", "", "b"] and found["ruler_mm"] == ["101.2", "", "99.5"]
+
+
+@pytest.mark.parametrize("title", ["Einheiten;mm;;", "Bericht 7, alles in mm", "Units (length): mm", "# unit = mm"])
+def test_a_title_may_state_the_unit(tmp_path: Path, title: str) -> None:
+    bare = EXPORTS["leica"].replace("_mm", "").replace("\t", ";")
+    found = intake(written(tmp_path, LOGS["degrees"], f"{title}\n{bare}"), 5e-5)
+    assert np.allclose(found.columns["x"], 1e-3 * XYZ[:, 0])
 
 
 def test_days_beside_clocks_and_stamps_in_wide_exports(tmp_path: Path) -> None:
