@@ -62,8 +62,8 @@ def command(
     """Condense a mesh to stiffness, mass and weight where it joins its neighbours.
 
     MESH is an Abaqus or CalculiX .inp, a Nastran .bdf, a gmsh .msh, a STEP file, which gmsh meshes, or finished
-    matrices (.sti, .mtx). With --table the
-    deflections under random loads are found, with large displacements where CalculiX (ccx) is installed, for `train`.
+    matrices (.sti, .mtx). With --table the deflections under random loads are found, with large displacements where
+    CalculiX (ccx) is installed, for `train`.
     """
     ending = ".csv" if table else ".toml"
     if output.suffix != ending:
