@@ -11,11 +11,11 @@ from scipy.linalg import eigh
 from scipy.sparse import linalg
 
 from armflex.conventions import Array
-from armflex.errors import Flag, InputError, OutOfMemoryError, listing
+from armflex.errors import Flag, OutOfMemoryError
 from armflex.fem.cholesky import Factor
 from armflex.fem.matrices import MODAL, Matrices, of_mesh
-from armflex.fem.mesh import FACES, Mesh, check_connected, check_size, corners_of
-from armflex.fem.part import MOST, Part
+from armflex.fem.mesh import FACES, Mesh, corners_of, interfaces_of
+from armflex.fem.part import Part
 from armflex.storage.trust import sha256_of
 
 MODES = 6
@@ -58,13 +58,9 @@ def condense(
     """
     said = tick or (lambda *_: None)
     loaded = tuple(loaded)
-    if not 1 <= len(loaded) <= MOST or len({name.lower() for name in (fixed, *loaded)}) <= len(loaded):
-        raise InputError(f"expected one held set and 1 to {MOST} loaded ones, all different, got {listing(loaded)}")
     found, mesh = (structure, structure.mesh) if isinstance(structure, Matrices) else (None, structure)
-    check_size(mesh)
-    sets = {name: mesh.nodes_of(name) for name in (fixed, *loaded)}
+    sets = interfaces_of(mesh, fixed, loaded, whole=found is None)
     if found is None:
-        check_connected(mesh, sets)
         found = of_mesh(mesh, lambda done, total: said("assembling elements", done, total))
     origins = np.array([mesh.points[sets[name]].mean(axis=0) for name in loaded])
     free, reduced, entry = _interfaces(found, sets, origins, interface)

@@ -11,7 +11,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.errors import Flag, MeshError, Place, UnitError, UnknownNameError, listing
+from armflex.errors import Flag, InputError, MeshError, Place, UnitError, UnknownNameError, listing
+from armflex.fem.part import MOST
 
 SOLIDS = {"C3D4": 4, "C3D10": 10, "C3D8": 8, "C3D20": 20, "C3D20R": 20}
 """Element type, by CalculiX's names -> its nodes, of which 4 or 8 are corners."""
@@ -283,24 +284,20 @@ def with_material(mesh: Mesh, young: float | None, poisson: float | None, densit
     return replace(mesh, blocks=tuple(blocks), flags=tuple(dict.fromkeys(flags)))
 
 
-def check_size(mesh: Mesh) -> None:
-    """Raise `UnitError` where a mesh is longer or shorter than any structure of an arm."""
-    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-    if not SHORTEST <= size <= LONGEST:
-        other = "--unit mm" if size > LONGEST else "--unit m"
-        text = f"the mesh is {size:g} m from corner to corner, expected {SHORTEST:g} to {LONGEST:g} m"
-        raise UnitError(f"{mesh.path}: {text}: is another unit meant ({other})?")
-
-
-def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
-    """Raise where nodes or parts are not connected, elements stand twice, or interfaces share nodes.
+def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = True) -> dict[str, np.ndarray]:
+    """Return the rows of the held set's nodes and of the loaded ones', of a mesh that nothing is wrong with.
 
     Args:
         mesh: The mesh.
-        interfaces: Name -> rows of nodes; the first is held.
+        fixed: The set that is held.
+        loaded: The sets that carry load.
+        whole: Whether its elements are all that joins its nodes.
 
     Raises:
-        MeshError: Which node, set or part, and its line.
+        InputError: There is no loaded set, more than `MOST`, or a set is named twice.
+        UnitError: The mesh is longer or shorter than any structure of an arm.
+        UnknownNameError: A set is not there.
+        MeshError: Nodes or parts are not connected, elements stand twice, or interfaces share nodes; and the line.
     """
     from scipy.sparse import coo_matrix  # here: an arm that names a part starts without scipy
     from scipy.sparse.csgraph import connected_components
@@ -308,7 +305,17 @@ def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
     def at_node(text: str, row: int, remedy: str) -> MeshError:
         return mesh.fail(f"{text % f'node {mesh.ids[row]}'}: {remedy}", mesh.lines[row])
 
-    count, (held, *_) = len(mesh.points), interfaces
+    names = (fixed, *loaded)
+    if not 1 <= len(loaded) <= MOST or len({name.lower() for name in names}) < len(names):
+        raise InputError(f"expected one held set and 1 to {MOST} loaded ones, all different, got {listing(names)}")
+    size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+    if not SHORTEST <= size <= LONGEST:
+        other = "--unit mm" if size > LONGEST else "--unit m"
+        text = f"the mesh is {size:g} m from corner to corner, expected {SHORTEST:g} to {LONGEST:g} m"
+        raise UnitError(f"{mesh.path}: {text}: is another unit meant ({other})?")
+    found, count = {name: mesh.nodes_of(name) for name in names}, len(mesh.points)
+    if not whole:
+        return found
     lost = np.setdiff1d(np.arange(count), np.concatenate([block.nodes.ravel() for block in mesh.blocks]))
     if len(lost):
         more = f" (nor do {len(lost) - 1} others)" if len(lost) > 1 else ""
@@ -319,14 +326,12 @@ def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
         if len(twice):
             text = f"elements {block.ids[first[same.ravel()[twice[0]]]]} and {block.ids[twice[0]]} have the same nodes"
             raise mesh.fail(f"{text}: the solid is counted twice", block.lines[twice[0]])
-    names = list(interfaces)
-    for place, name in enumerate(names):
+    for place, (name, rows) in enumerate(found.items()):
         for other in names[:place]:
-            shared = np.intersect1d(interfaces[name], interfaces[other])
+            shared = np.intersect1d(rows, found[other])
             if len(shared):
                 text = f"interfaces {other!r} and {name!r} share {len(shared)} nodes, the first is %s"
                 raise at_node(text, shared[0], "a node belongs to one interface")
-        rows = interfaces[name]
         placed = mesh.points[rows] - mesh.points[rows].mean(axis=0)
         if len(rows) < 3 or np.linalg.matrix_rank(placed, tol=1e-9 * max(np.abs(placed).max(), 1e-300)) < 2:
             text = f"set {name!r} has {len(rows)} nodes on one line, among them %s"
@@ -334,10 +339,11 @@ def check_connected(mesh: Mesh, interfaces: Mapping[str, np.ndarray]) -> None:
     pairs = [(np.repeat(b.nodes[:, :1], b.nodes.shape[1] - 1, 1).ravel(), b.nodes[:, 1:].ravel()) for b in mesh.blocks]
     rows, columns = (np.concatenate(side) for side in zip(*pairs, strict=True))
     _, part = connected_components(coo_matrix((np.ones(len(rows), bool), (rows, columns)), (count, count)))
-    free = np.flatnonzero(~np.isin(part, part[interfaces[held]]))
+    free = np.flatnonzero(~np.isin(part, part[found[fixed]]))
     if len(free):
-        text = f"a part of {np.sum(part == part[free[0]])} nodes, among them %s, is not connected to {held!r}"
+        text = f"a part of {np.sum(part == part[free[0]])} nodes, among them %s, is not connected to {fixed!r}"
         raise at_node(text, free[0], "nodes at one place are joined only where they are one node")
+    return found
 
 
 def text_lines(path: Path) -> Iterator[str]:

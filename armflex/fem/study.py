@@ -16,10 +16,10 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
-from armflex.errors import ConvergenceError, Flag, InputError, UnsupportedError
+from armflex.errors import ConvergenceError, Flag, UnsupportedError
 from armflex.fem.condense import Tick, condense
 from armflex.fem.matrices import rigid_motion
-from armflex.fem.mesh import UNITS, Mesh, check_connected, check_size
+from armflex.fem.mesh import UNITS, Mesh, interfaces_of
 from armflex.storage.whole_file import scratch, write_whole
 
 PROGRAM = "ccx"
@@ -95,12 +95,7 @@ def study(
         part = condense(mesh, fixed, [loaded], interface, tick=tick)
         text = f"CalculiX ({PROGRAM}) is not installed: the deflections are linear in the loads"
         return Study(loads, loads @ part.compliance.T, "linear", (Flag("linear", text), *part.flags))
-    check_size(mesh)
-    held, carrying = mesh.nodes_of(fixed), mesh.nodes_of(loaded)
-    if fixed.lower() == loaded.lower():
-        raise InputError(f"{loaded!r} is both held and loaded")
-    if not mesh.beyond:
-        check_connected(mesh, {fixed: held, loaded: carrying})
+    held, carrying = interfaces_of(mesh, fixed, (loaded,), whole=not mesh.beyond).values()
     # Instances may have nodes of one number.
     ids = mesh.ids if mesh.beyond else np.arange(1, len(mesh.points) + 1)
     length, first = UNITS[unit][0] if mesh.beyond else 1.0, int(ids.max()) + 1_000_001
