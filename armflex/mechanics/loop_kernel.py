@@ -1097,7 +1097,7 @@ def _tip(tree, here, turn, origin):
 @called
 def rest_rows(
     tree, compliance, offset, links, wrenches, q, settled, first, free, idle,
-    closed, tips, flexed, twists, loads, forces, torques, displacement, distance, idles, model,
+    closed, tips, flexed, twists, loads, forces, displacement, distance, idles, model,
 ):  # fmt: skip
     """Close the loops, and unless they are not to be `settled` come to rest, in (N, nq) rows from `first` on.
 
@@ -1110,7 +1110,7 @@ def rest_rows(
         q, settled, first, free: See above.
         idle: (m, m) projector on gaps that nothing answers to, of the row before; zero where it is not known.
         closed, tips: (N, p) passive joints and (N, 4, 4) of the tip where nothing gives.
-        flexed, twists, loads, forces, torques: (N, p), (N, n, 6), (N, n, 6), (N, m), (N, k) where it rests.
+        flexed, twists, loads, forces: (N, p), (N, n, 6), (N, n, 6), (N, m) where it rests.
         displacement: (N, 6) of the tip from there.
         distance: (N,) by which the loads change its stiffness, see the head of this module.
         idles: (N or 0, m, m) `idle` there.
@@ -1143,7 +1143,7 @@ def rest_rows(
         )
         if not distance[row] <= SHARE:
             return row
-        twists[row], loads[row], forces[row], torques[row] = here.twists, here.load, here.forces, here.torque
+        twists[row], loads[row], forces[row] = here.twists, here.load, here.forces
         if len(idles):
             idles[row] = idle
         _tip(tree, here, moved, end)
@@ -1394,7 +1394,7 @@ def compile_everything() -> None:
     )  # fmt: skip
     laws, plain = LawStack((), ()).numbers, np.zeros((0, 0))
     loads, pushed = np.zeros((0, 0, 6)), (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)))
-    arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, plain, none, np.zeros(0), loads, plain
+    arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, none, np.zeros(0), loads, plain
     frames = np.zeros(13), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12))
     answers = np.zeros((0, 6, 0, 6)), np.zeros((0, 6, 0)), np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 6, 6))
     answers += np.zeros((0, 6, 3)), np.zeros((0, 0, 4, 4)), loads

@@ -39,7 +39,6 @@ class Rested(NamedTuple):
     twists: Array
     loads: Array
     forces: Array
-    torques: Array
     displacement: Array
     distance: Array
     idle: Array
@@ -147,7 +146,7 @@ class LoopSolver:
         m, nq, size = len(self._tree.rows), len(mechanics.flex.neutral), mechanics.flex.size
         self.parts = nq, nq + size, nq + 2 * size  # ends of what is in `Rested.model`
         self._idle, self._ask = np.zeros((m, m)), loop_kernel().rest_rows
-        self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), m, len(self._tree.parents)
+        self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), m
         self._differs = loaded.arm.stack.rows_differ
         self._one, self._free = self._room(1, alone=True), np.empty(self._sizes[0])
         self._simple = self._nominal is None and not (self._laws.bent or self._pushes.posed)
@@ -167,8 +166,8 @@ class LoopSolver:
                 return None
             self._free[:] = closing.last[1]
             known = laws.compliance, laws.offset, self._pushes.links, self._loads, q, True, 0, self._free, self._idle
-            closed, _, _, twists, *_ = before = self._one[0][:7]
-            if self._ask(self._tree, *known, *before, displacement, *self._one[0][8:10], model):
+            closed, _, _, twists, *_ = before = self._one[0][:6]
+            if self._ask(self._tree, *known, *before, displacement, *self._one[0][7:9], model):
                 closing.last = row.q.copy(), closed[0].copy()
                 return model[0], displacement[0], twists[0]
         found = self._one[0]._replace(displacement=displacement, model=model)
@@ -217,10 +216,10 @@ class LoopSolver:
     def _room(self, count: int, alone: bool = False) -> tuple[Rested, Rested]:
         """Return room for so many rows, and for where the controller has them, where that is elsewhere."""
         nominal = 0 if self._nominal is None else count
-        return self._rested(count, *self._sizes, alone), self._rested(nominal, self._sizes[0], 0, 0, 0, alone)
+        return self._rested(count, *self._sizes, alone), self._rested(nominal, self._sizes[0], 0, 0, alone)
 
-    def _rested(self, count: int, p: int, n: int, m: int, k: int, alone: bool) -> Rested:
-        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (k,), (6,), ())
+    def _rested(self, count: int, p: int, n: int, m: int, alone: bool) -> Rested:
+        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), ())
         arrays = [np.empty((count, *shape)) for shape in shapes]
         arrays += [np.empty((0 if alone else count, m, m)), np.empty((count if alone else 0, self.parts[2]))]
         return Rested(*arrays, fine=np.zeros(count, dtype=bool))

@@ -40,7 +40,6 @@ from armflex.mechanics.pinocchio_model import (
     Load,
     LoadCase,
     Mechanics,
-    exponential_jacobian,
     integrate,
     log3,
     place_frames,
@@ -414,13 +413,6 @@ class Mechanism(Mechanics):
         rows = self.tied.rows[:, places[closed] - nv]
         return rows @ tangent[np.ix_(closed, closed)] @ rows.T
 
-    def _bodily(self, motion: Array) -> Array:
-        parts = exponential_jacobian(motion[self.given].reshape(-1, 6))
-        found = np.zeros((len(self.given),) * 2)
-        for i, part in enumerate(parts):
-            found[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = part
-        return found
-
     def _idle(self, case: LoadCase, rigid: Array, row: Row) -> Array:
         """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to."""
         gaps, ways = self.true.gaps(case.q, rigid)
@@ -459,7 +451,7 @@ class Mechanism(Mechanics):
         idle = self.idle(case, row) if idle is None else idle
         _, ways = self.true.gaps(case.q, configuration)
         self.tied.sprung()
-        bodily = self._bodily(motion)
+        bodily = self.exponential_jacobian(self.flex.neutral, motion[:nv])
         matrix, _, scale, turned = self._matrix(configuration, bodily, torque, ways, case, row, idle)
         t, p = len(given), len(free)
         inverse = np.linalg.inv(matrix)[: t + p]
@@ -482,7 +474,8 @@ class Mechanism(Mechanics):
         idle = self.idle(case, row)
         _, ways = self.true.gaps(case.q, configuration)
         self.tied.sprung()
-        matrix, base, *_ = self._matrix(configuration, self._bodily(motion), torque, ways, case, row, idle)
+        bodily = self.exponential_jacobian(self.flex.neutral, motion[: self.model.nv])
+        matrix, base, *_ = self._matrix(configuration, bodily, torque, ways, case, row, idle)
         return np.array(np.linalg.solve(base, matrix), dtype=float)
 
     def held(self, configuration: Array, case: LoadCase, torque: Array) -> Array:
