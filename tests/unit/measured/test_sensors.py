@@ -403,6 +403,26 @@ def test_what_no_row_reads_is_said(tmp_path: Path) -> None:
         assert any(flag.code == "instrument_unread" and said in flag.text for flag in flags)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("anchor", ["[-1.6, -1.2, 0.3]", "[2.0, 2.0, 2.5]"])
+def test_an_anchor_that_may_be_anywhere_is_found_from_the_lengths(tmp_path: Path, anchor: str) -> None:
+    """Circles about points of one plane meet on both sides of it, and one of twenty lengths is of a lost wire."""
+    machine, arm, rows = campaign(tmp_path, WIRE, count=80)
+    truth = np.array([1.6, -1.2, 0.3]) + machine.off["wire1"]["anchor"]
+
+    def spoilt(columns: dict[str, list[str]]) -> None:
+        name = next(one for one in columns if one.startswith("wire1"))
+        columns[name][::20] = [str(1.2 * float(one)) for one in columns[name][::20]]
+
+    text = arm.read_text().replace("anchor = [1.6, -1.2, 0.3]", f"anchor = {anchor}")
+    arm.write_text(
+        text.replace("anchor_std = 0.01", "anchor_std = 2.0").replace("offset_std = 0.005", "offset_std = 0.1")
+    )
+    found = fitted(arm, rewritten(rows, spoilt)).arm.sensors["wire1"]
+    assert np.linalg.norm(found.of("anchor", ("",))[0] - truth) < 5e-3
+    assert found.of("length_offset", ("",))[0] == pytest.approx(machine.off["wire1"]["length_offset"], abs=3e-3)
+
+
 def test_columns_and_instruments_go_together(tmp_path: Path) -> None:
     _, arm, rows = campaign(tmp_path, WIRE, LEVEL, count=20)
     loaded = load_arm(arm)
