@@ -274,7 +274,8 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
         spread[own] = ((fit.regressors[own] @ known.root) ** 2).sum(axis=1)
     where, view = fit.view.foremost, fit.view
     counted = judged[:, where]
-    weighed = spread.reshape(fit.weights.shape) / fit.weights * view.sigma**2
+    read = np.where(np.isfinite(view.sigma), view.sigma, 0.0)
+    weighed = spread.reshape(fit.weights.shape) / fit.weights * read**2
     scatter = np.minimum(fit.stated, view.sigma * fit.scatter_by_number)
     known, shift = (scatter**2 + weighed)[:, where][counted], view.by_shift[:, where][counted] ** 2
     squares = errors[counted] ** 2
