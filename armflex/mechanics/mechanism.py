@@ -32,7 +32,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.errors import ClosureError, ConvergenceError, UnsupportedError
+from armflex.errors import ClosureError, ConvergenceError
 from armflex.laws import Row
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.pinocchio_model import (
@@ -71,6 +71,8 @@ NEARLY = 1e-3
 """The same where a loop was not followed to."""
 MOST = 50
 """Newton steps."""
+DIFFERENCE = 1e-5
+"""Largest motion of a joint [m, rad] in a difference quotient."""
 POLISHED = 1e-9
 """Largest last step of an equilibrium [m, rad]: the next would be its square."""
 
@@ -322,10 +324,7 @@ class Mechanism(Mechanics):
         Raises:
             ClosureError: A loop cannot be closed.
             ConvergenceError: No equilibrium was found.
-            UnsupportedError: It moves.
         """
-        if case.moves:
-            raise UnsupportedError("v and a are not supported for an arm with loops or passive joints yet")
         ties, given, free, nv = self.tied, self.given, self.flex.free_v, self.model.nv
         rigid, load = self.rigid_configuration(case.q), self.load(case)
         motion, forces, history = np.zeros(self.flex.size), np.zeros(len(ties.rows)), []
@@ -483,6 +482,33 @@ class Mechanism(Mechanics):
         tree = self.load(case)(configuration)
         return tree - self.tied.place(configuration)[1].T @ (self.tied.rows @ torque[self.model.nv :])
 
+    def _velocities(self, case: LoadCase) -> Array:
+        """See `Mechanics`; joints without a drive keep the loops closed, nothing giving. Closures are placed there."""
+        full = super()._velocities(case._replace(v=None, a=None))
+        if not case.moves:
+            return full
+        rigid, free = self.rigid_configuration(case.q), self.flex.free_v
+        ways, moved = self.true.gaps(case.q, rigid)[1], np.zeros(len(self.tied.rows))
+        for into, rates in zip(full, (case.v, case.a), strict=True):
+            own = np.zeros(len(case.q)) if rates is None else np.asarray(rates)
+            into[self.flex.v_index] = own[: len(self.flex.v_index)]
+            opened = ways @ into + moved
+            opened[self.true.lengths] -= own[len(self.flex.v_index) :]
+            into[free] = -_solved(ways[:, free], opened)
+            if case.v is not None:  # what the gaps' change with velocity adds to that with acceleration
+                size = DIFFERENCE / max(float(np.abs(full[0]).max()), 1e-300)
+                ends = [self.tied.place(integrate(self.model, rigid, side * size * full[0]))[1] for side in (1.0, -1.0)]
+                moved = (ends[0] - ends[1]) @ full[0] / (2.0 * size)
+        return full
+
+    def _stiffness_of_tree(self, configuration: Array, case: LoadCase) -> Array:
+        """See `Mechanics`; closures and springs stay placed."""
+        total = super()._stiffness_of_tree(configuration, case)
+        if case.moves:
+            self.true.gaps(case.q, configuration)
+            self.tied.sprung()
+        return total
+
     def lengths(self, configuration: Array) -> Array:
         """Return (n_cylinders,) lengths between the pins [m]."""
         return self.tied.place(configuration)[0][self.true.lengths]
@@ -505,12 +531,12 @@ class Mechanism(Mechanics):
     def joint_loads(self, configuration: Array, case: LoadCase, torque: Array | None = None) -> Array:
         """See `Mechanics`; of a cylinder its tension along x."""
         assert torque is not None
+        v, a = self._velocities(case)
         forces, slots = self._forces(configuration, (*case.wrenches, *self.pulls)), -torque[self.model.nv :]
         self.true.gaps(case.q, configuration)
         self.tied.sprung()
         self.tied.push(slots, forces)
-        zero = np.zeros(self.model.nv)
-        rnea(self.model, self.data, configuration, zero, zero, forces)
+        rnea(self.model, self.data, configuration, v, a, forces)
         driven = [
             int(np.flatnonzero([joint.idx_v == at for joint in self.model.joints])[0]) for at in self.flex.v_index
         ]

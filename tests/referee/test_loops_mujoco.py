@@ -106,6 +106,48 @@ def test_a_machine_rests_where_mujoco_has_it(name, row, tmp_path):
     assert np.abs(solved.x[:count] - here).max() < 1e-9
 
 
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_machine_that_moves_bears_what_mujoco_says(name, tmp_path):
+    """Passive joints move as they do where the closed rigid machine is asked at five times."""
+    machine, q, rng = MACHINES[name], poses(name)[1], np.random.default_rng(3)
+    arm, (v, a) = machine.load(tmp_path), rng.uniform(-1.0, 1.0, (2, len(machine.driven)))
+    v, a = (0.05 * v, 0.3 * a) if machine.cylinders else (0.8 * v, 4.0 * a)
+    found, still = arm.deflection(q, v=v, a=a), arm.deflection(q)
+    flexures, referee = {one: i for i, one in enumerate(arm.flexure_names)}, Mujoco(name, q)
+    mechanics = arm.loaded(None).mechanics
+    assert isinstance(mechanics, Mechanism)
+    times = 1e-2 * np.arange(-2, 3)
+    path = np.array([mechanics.closed(q + v * t + 0.5 * a * t**2) for t in times])
+    speeds = np.array([1.0, -8.0, 0.0, 8.0, -1.0]) @ path / (12.0 * 1e-2)
+    growth = np.array([-1.0, 16.0, -30.0, 16.0, -1.0]) @ path / (12.0 * 1e-4)
+    rates = dict(zip(machine.driven, zip(v, a, strict=True), strict=True))
+    rates |= dict(zip(found.passive, zip(speeds, growth, strict=True), strict=True))
+    here = []
+    for i in referee.free:
+        key = referee.names[i].removesuffix("/gives")
+        passive = referee.names[i] in found.passive
+        here.append(found.passive[key] if passive else found.twists[flexures[key], 3:] @ machine.gives[key][0])
+    _, jacobian, gaps = referee.look(np.array(here))
+    data, held = referee.data, np.zeros(referee.model.nv)
+    data.qvel[:], data.qacc[:] = np.array([rates.get(one, (0.0, 0.0)) for one in referee.names]).T
+    mujoco.mj_fwdVelocity(referee.model, data)
+    mujoco.mj_rne(referee.model, data, 1, held)
+    referee.left = data.qfrc_passive - held
+    left = referee.left[referee.free]
+    forces = np.linalg.lstsq(jacobian.T, left, rcond=1e-9)[0]
+    size = max(np.abs(left).max(), np.abs(found.drive_loads).max())
+    assert np.abs(found.drive_loads - still.drive_loads).max() > 1e-2 * size
+    assert np.abs(left - jacobian.T @ forces).max() < 1e-7 * size
+    assert np.abs(gaps).max(initial=0.0) < 1e-9
+    loads = dict(zip(machine.driven, found.drive_loads, strict=True))
+    for one, load in referee.drives(forces).items():
+        assert abs(load - loads[one]) < 1e-7 * size
+    for one, load, own in zip(machine.driven, found.drive_loads, found.joint_loads, strict=True):
+        along = np.eye(6)[0] if one in machine.cylinders else np.array([0.0, 0.0, 0.0, *machine.hinges[one].axis])
+        assert abs(along @ own - load) < 1e-9 * size
+    np.testing.assert_allclose(arm.deflection(q[None], v=v[None], a=a[None]).displacement[0], found.displacement)
+
+
 def sites(referee: Mujoco, name: str) -> np.ndarray:
     return np.array([referee.data.site(f"{name}/{i}").xpos for i in range(2)])
 
