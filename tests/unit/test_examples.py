@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import runpy
 import shutil
 import subprocess
 import sys
@@ -133,14 +134,24 @@ def test_learned_boom():
     assert found["A3"] > found["M1"] > found["A4"]
 
 
+def test_the_page_of_the_learned_boom_has_the_table_of_its_errors():
+    table = runpy.run_path(str(EXAMPLES / "boom" / "learn.py"))["table"](EXAMPLES / "boom" / "tables" / "errors.csv")
+    page = (EXAMPLES.parent / "docs" / "learned-boom.md").read_text(encoding="utf-8")
+    joints = [line for line in table.splitlines() if not line.startswith("| A4_ring")]
+    assert len(joints) == 7 and all(line in page for line in joints)
+
+
 def test_a_joint_is_composed_of_learned_sub_joints(tmp_path):
     """A4 of two rings and two arms is near finite elements of the whole: a third of its shift, 4 % of its rotation."""
     shutil.copytree(EXAMPLES / "boom" / "tables", tmp_path, dirs_exist_ok=True)
     text = """import json, sys, pathlib
 sys.path.insert(0, sys.argv[1])
+import armflex
 from boom import compose, learn
 folder = pathlib.Path(sys.argv[2])
-learn.main(folder, ("A4_ring",))
+data = armflex.read_joint_data(folder / "A4_ring.csv")
+ring = learn.learner(*learn.MODELS["Bayesian ANN"])(data.loads, data.deflections, 0).law
+armflex.save_law(learn.TrainedLaw(ring, "bayesian", {}), folder / "A4_ring.safetensors")
 print(json.dumps([*compose.main(folder)]))
 """
     command = [sys.executable, "-c", text, str(EXAMPLES), str(tmp_path)]
