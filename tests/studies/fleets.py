@@ -1,12 +1,13 @@
 """Fleets of six: the seventh is calibrated with 12 rows and what the others have in common, against 60 rows without.
 
-    python tests/studies/fleets.py [--fleets N] [--seed S]
+    python tests/studies/fleets.py [--fleets N] [--seed S] [--planned]
 
 The machines are those of `support.plant`, which shares no code with armflex: heavy_six under two payloads, each with
 joint zeros, geometry and compliance of its own about the fleet's. Each is left out in turn. Printed are the RMS of the
 readings' error at 72 other poses [mm], and how many coordinates are within 1.96 of the stated standard deviation, of
 a tracker that stands anywhere with a target that is anywhere on the tool, and of one that both are known of; the same
-with the fleet's true mean and spread as the prior; and how often a stranger with other common errors is left out.
+with the fleet's true mean and spread as the prior; and how often a stranger with other common errors is left out. With
+--planned the 12 rows are those that `plan` asks for, of each prior its own.
 """
 
 from __future__ import annotations
@@ -71,20 +72,34 @@ def known(arm: Arm, mean: dict[str, np.ndarray], spread: float) -> dict[str, tup
     return {name: (float(a), float(b)) for name, (a, b) in found.items()}
 
 
-def campaign(arm: Arm, plant: Plant, rng: np.random.Generator, count: int, noise: float, placed: bool) -> Measurements:
-    """Return measured rows of a machine, and its instrument and target anywhere, or in the base and at the tip."""
+def campaign(
+    arm: Arm, plant: Plant, rng: np.random.Generator, count: int, noise: float, station: np.ndarray | None = None,
+    stops: tuple[np.ndarray, np.ndarray] | None = None,
+) -> tuple[Measurements, np.ndarray]:  # fmt: skip
+    """Return measured rows of a machine, at random or at stops (joint positions, loaded), and where the tracker stands.
+
+    That is anywhere unless it is given; in the base, the target is at the tip.
+    """
     limits = [(max(joint.lower, -2.0), min(joint.upper, 2.0)) for joint in plant.joints]
     q, loaded = rng.uniform(*np.array(limits).T, (count, 6)), rng.random(count) < 0.5
-    station, target = pose(rng.normal(0.0, 1.0, 3), turn(rng.normal(0.0, 0.5, 3))), np.array([0.01, 0.02, 0.03])
-    plant.target, station = (np.zeros(3), np.eye(4)) if placed else (target, station)
+    anywhere = pose(rng.normal(0.0, 1.0, 3), turn(rng.normal(0.0, 0.5, 3)))
+    (q, loaded), station = stops or (q, loaded), anywhere if station is None else station
+    plant.target = np.array([0.01, 0.02, 0.03]) * (station != np.eye(4)).any()
     com = np.where(loaded[:, None], [0.1, 0.0, 0.0], 0.0)
     true = apply(station, plant.points(plant.relax(Rows.plain(q, 200.0 * loaded, com))))
-    return Measurements(
+    rows = Measurements(
         joint_names=arm.joint_names, pose=tuple(map(str, range(count))), session=("a",) * count,
         payload=tuple(np.where(loaded, "p200", "empty").tolist()), time=np.arange(float(count)), q=q,
         approach=np.zeros_like(q), measured=np.ones(count, bool),
         position=true + rng.normal(0.0, noise, true.shape), sigma=np.full((count, 3), noise),
     )  # fmt: skip
+    return rows, station
+
+
+def planned(arm: Arm, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return joint positions and whether loaded of the 12 rows that `plan` asks for."""
+    rows = armflex.plan(arm, 12, payloads=("empty", "p200"), sigma=noise).rows
+    return rows.q[rows.measured], np.array(rows.payload)[rows.measured] == "p200"
 
 
 def scored(found: Arm, rows: Measurements) -> tuple[float, float]:
@@ -100,6 +115,7 @@ def main() -> None:
     parser.add_argument("--spread", type=float, default=0.5, help="of sisters, 1: as large as their common errors")
     parser.add_argument("--noise", type=float, default=3e-5, help="of the tracker [m]")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--planned", action="store_true", help="the 12 rows are planned, not at random")
     asked = parser.parse_args()
     warnings.simplefilter("ignore")
     for placed in (False, True):
@@ -119,16 +135,24 @@ def one_setting(file: Path, asked: argparse.Namespace, placed: bool) -> None:
         mean = drawn(rng)
         sisters = [sister(file, rng, mean, asked.spread) for _ in range(6)]
         # 60 fitted, 12 of them few, 72 kept back
-        whole = [campaign(arm, plant, rng, 132, asked.noise, placed) for plant in sisters]
+        base = np.eye(4) if placed else None
+        measured = [campaign(arm, plant, rng, 132, asked.noise, base) for plant in sisters]
+        whole = [rows for rows, _ in measured]
         fitted = [calibrate(arm, rows.some(np.arange(60))) for rows in whole]
         other = sister(file, rng, drawn(rng), asked.spread)
-        odd = calibrate(arm, campaign(arm, other, rng, 60, asked.noise, placed)).arm
+        odd = calibrate(arm, campaign(arm, other, rng, 60, asked.noise, base)[0]).arm
         for out in range(6):
             others = {str(i): one.arm for i, one in enumerate(fitted) if i != out}
             few, kept = (whole[out].some(own) for own in (np.arange(12), np.arange(60, 132)))
             priors = (common(others).each, None, known(arm, mean, asked.spread))
             each = [replace(arm, prior=arm.prior if own is None else replace(arm.prior, each=own)) for own in priors]
-            line = [scored(calibrate(one, few).arm, kept) for one in each] + [scored(fitted[out].arm, kept)]
+            rows = [few] * len(each)
+            if asked.planned:
+                own, there = np.random.default_rng([asked.seed, fleet, out]), measured[out][1]
+                stops = [planned(one, asked.noise) for one in each]
+                rows = [campaign(arm, sisters[out], own, 12, asked.noise, there, one)[0] for one in stops]
+            line = [scored(calibrate(*pair).arm, kept) for pair in zip(each, rows, strict=True)]
+            line.append(scored(fitted[out].arm, kept))
             lines.append([number for pair in line for number in pair])
             if out == 0:
                 strange.append("odd" in common({**others, "odd": odd}).strangers)
