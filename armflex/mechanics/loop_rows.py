@@ -149,7 +149,8 @@ class LoopSolver:
         self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), m
         self._differs = loaded.arm.stack.rows_differ
         self._one, self._free = self._room(1, alone=True), np.empty(self._sizes[0])
-        self._simple = self._nominal is None and not (self._laws.bent or self._pushes.posed)
+        alike = self._pushes.rows is None and not self._pushes.posed
+        self._simple = alike and self._nominal is None and not self._laws.bent
         self._loads = self._pushes.wrenches(loaded.arm.robot.home[None]) if self._simple else NOT_PUSHED[1]
 
     def one(self, row: Row) -> tuple[Array, Array, Array] | None:

@@ -149,6 +149,21 @@ def test_compiled_responses_are_those_of_pinocchio(name: str, tmp_path: Path, co
     assert many.equilibrium(1).motion == pytest.approx(few.equilibrium(1).motion, abs=1e-12)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["uneven", "moved", "chain"])
+def test_every_row_has_its_own_load(name: str, tmp_path: Path, monkeypatch) -> None:
+    arm = CASES[name][0](tmp_path)
+    compiled(monkeypatch)
+    rng = np.random.default_rng(2)
+    q, pushes = rng.uniform(-0.2, 0.2, (5, len(arm.joint_names))), rng.normal(0.0, 300.0, (5, 3))
+    load = Wrench("tool", pushes, np.zeros((5, 3)))
+    many, response = arm.deflection(q, wrenches=(load,)), respond(arm, q, ["none"] * 5, wrenches=(load,))
+    for i in range(5):
+        alone = arm.deflection(q[i], wrenches=(Wrench("tool", pushes[i], np.zeros(3)),))
+        np.testing.assert_allclose(many.displacement[i], alone.displacement, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(response.flexure_twists[i], alone.twists.ravel(), rtol=0, atol=1e-12)
+
+
 def test_rows_that_compiled_code_does_not_answer_are_asked_in_their_turn(tmp_path: Path, monkeypatch) -> None:
     arm = CRANE.load(tmp_path)
     compiled(monkeypatch)
