@@ -6,6 +6,7 @@ import logging
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -32,6 +33,9 @@ NARROWEST = 130
 EVERY, REDRAWN = 2.0, 0.5
 """Seconds of silence after which a line goes into a pipe (later a tenth of the time that passed), and between two looks
 of the live line in a terminal."""
+
+MOST_ALIKE = 3
+"""Flags of one code that are printed, where there are more."""
 
 _said: set[str] = set()
 
@@ -77,9 +81,15 @@ def warn(text: str) -> None:
 
 
 def show_flags(flags: Sequence[Flag]) -> None:
-    """Print flags about a result on stderr."""
+    """Print flags about a result on stderr, the first of those that are alike."""
+    counts = Counter(flag.code for flag in flags)
+    shown = Counter[str]()
     for flag in flags:
-        warn(str(flag))
+        shown[flag.code] += 1
+        if counts[flag.code] <= MOST_ALIKE + 1 or shown[flag.code] <= MOST_ALIKE:
+            warn(str(flag))
+        elif shown[flag.code] == counts[flag.code]:
+            warn(f"{flag.code}: {counts[flag.code] - MOST_ALIKE} more (--json FILE has all)")
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:

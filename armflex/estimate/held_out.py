@@ -193,7 +193,7 @@ def _of_others(parts: Sequence[Array]) -> list[Array]:
     return [one + other for one, other in zip(before, after, strict=True)]
 
 
-def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
+def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0) -> float:
     """Return how many readings inform on a fit's parameters as much as one that is independent of the others would.
 
     What an arm lacks is alike at neighbouring poses, so that many readings repeat one another: parameters are off by
@@ -210,6 +210,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
         fit: The fit.
         others: (M d, K) whitened and weighted columns of what was not fitted and is uncertain nevertheless.
         covariance: (K, K) of that.
+        least: Standard deviation of the readings over the stated one that they have at least.
     """
     from scipy.optimize import minimize_scalar  # not needed to import the package
 
@@ -229,7 +230,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array) -> float:
         columns, more = (scale[own, None] * each[own] for each in (fit.regressors, others))
         information = known.information - np.diag(fit.precision)
         parts.append((information, score[:, 1:], columns, columns.any(axis=0), more, error))
-    noise = max(fit.noise**2, 1.0)
+    noise = max(fit.noise, least) ** 2
 
     def cost(logarithm: float) -> float:
         """Return -2 log likelihood but for a constant."""
@@ -269,8 +270,7 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
     from scipy.optimize import minimize_scalar  # not needed to import the package
 
     spread = np.empty(fit.view.residual.size)
-    noise = effect * max(fit.noise, 1.0) ** 2
-    for known, own in zip(known_of_others(fit, folds, noise), _readings_of(fit, folds), strict=True):
+    for known, own in zip(known_of_others(fit, folds, effect * fit.noise**2), _readings_of(fit, folds), strict=True):
         spread[own] = ((fit.regressors[own] @ known.root) ** 2).sum(axis=1)
     where, view = fit.view.foremost, fit.view
     counted = judged[:, where]

@@ -31,7 +31,7 @@ STANDS = (ParameterKind.INSTRUMENT, ParameterKind.TOOL, ParameterKind.MOUNTING)
 """What says where base and target of a campaign stand."""
 
 
-def certainty_of(fit: Fit) -> Certainty:
+def certainty_of(fit: Fit, least: float = 1.0) -> Certainty:
     """Return what a fit leaves behind; a random twist per pose is kept by its size, not by its values.
 
     Readings count as `design_effect` finds them independent. Where the declared arm was fitted before, what is known of
@@ -40,6 +40,9 @@ def certainty_of(fit: Fit) -> Certainty:
     fit's own covariance P, and the covariance S of x, all together have
 
         [S, -S G'; -G S, P + G S G'],    G = P J'X for the whitened columns J of what is fitted and X of x.
+
+    `least` is the standard deviation of the readings over the stated one that they have at least: 1 where no poses were
+    held out that would show that they scatter less.
     """
     kept = fit.declared.arm.certainty or Certainty((), np.zeros((0, 0)))
     kept = kept.part([i for i, one in enumerate(kept.parameters) if one.group.kind not in FRAMES])
@@ -48,8 +51,8 @@ def certainty_of(fit: Fit) -> Certainty:
     columns = (columns * (np.sqrt(fit.weights) / fit.view.sigma)[:, :, None]).reshape(fit.view.residual.size, -1)
     random = tuple((one.site, one.axis, float(one.std)) for one in fit.blocks if isinstance(one, PoseBlock))
     # Twists at every joint are what readings of a pose, and neighbouring poses, share.
-    effect = design_effect(fit, columns, kept.covariance) if len(random) < 2 else 1.0
-    noise = effect * max(fit.noise, 1.0) ** 2
+    effect = design_effect(fit, columns, kept.covariance, least) if len(random) < 2 else 1.0
+    noise = effect * max(fit.noise, least) ** 2
     known = LinearGaussian(fit.information / noise).with_precision(fit.precision)
     follows = np.vstack([np.eye(len(kept.parameters)), -known.covariance @ (fit.regressors.T @ columns) / noise])
     covariance = follows @ kept.covariance @ follows.T

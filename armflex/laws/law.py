@@ -436,14 +436,14 @@ def beyond(seen: Array, wrench: Array) -> tuple[Flag, ...]:
     for name, low, high, load in zip(WRENCH_NAMES, *seen, wrench, strict=False):  # a fit may be of forces only
         if not low - slack <= load <= high + slack:
             unit = "N" if name[0] == "f" else "Nm"
-            here, start, end = _told_apart(load, low, high)
+            here, start, end = _distinct(load, low, high)
             text = f"load {name} = {here} {unit} is outside the {start} to {end} {unit} it was trained on"
             size = max(low - load, load - high) / max(high - low, slack, 1e-300)
             flags.append(Flag("extrapolating", text, size=float(size)))
     return (*flags, *unturned(len(seen[0]), wrench))
 
 
-def _told_apart(load: float, low: float, high: float) -> tuple[str, str, str]:
+def _distinct(load: float, low: float, high: float) -> tuple[str, str, str]:
     """Return a load and the ends of its observed range, in three digits or as many as distinguish it from them."""
     here, start, end = load, low, high
     for digits in range(3, 16):

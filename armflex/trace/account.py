@@ -176,7 +176,7 @@ def _errors(state: State, seen: Validated | None = None) -> dict:
     """Return the parts of an account that every state has, once it is `seen` how held-out poses are predicted."""
     fit, calibration = state.fit, state.calibration
     folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
-    certainty = certainty_of(fit)
+    certainty = certainty_of(fit) if seen is None else certainty_of(fit, least=0.0)
     if seen is not None and fit.view.readings.unit in ("m", "px"):
         chosen = excess(fit, folds, seen.errors, judged, certainty.design_effect)
         certainty = replace(certainty, misfit=max(certainty.misfit, chosen))

@@ -64,6 +64,27 @@ def test_docs_and_messages_use_the_words_of_the_field() -> None:
     assert not found, "words that docs/glossary.md lists as not used:\n" + "\n".join(found)
 
 
+def names(code: str) -> Iterator[tuple[int, str]]:
+    """Yield line and name of what code binds: variables, arguments, functions, classes and attributes."""
+    for node in ast.walk(ast.parse(code)):
+        bound = isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Store)
+        name = {ast.Name: "id", ast.Attribute: "attr", ast.arg: "arg"}.get(type(node), "name")
+        if bound or isinstance(node, ast.arg | ast.FunctionDef | ast.ClassDef):
+            yield node.lineno, str(getattr(node, name))
+
+
+def test_names_say_what_is_known_and_not_what_is_told() -> None:
+    words = {"tell", "tells", "told", "telling", "untold"}
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {name}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if path.relative_to(PACKAGE).parts[0] != "trace"
+        for line, name in names(path.read_text("utf-8"))
+        if words & set(name.split("_"))
+    ]
+    assert not found
+
+
 @pytest.mark.parametrize(
     ("code", "expected"),
     [

@@ -9,7 +9,7 @@ import numpy as np
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.shapes import at_drives, on_drive, own_column, own_position, told_from_aliases, twists
+from armflex.laws.effects.shapes import at_drives, free_of_aliases, on_drive, own_column, own_position, twists
 from armflex.laws.terms import waves
 
 MOST_PERIODS = 24.0
@@ -25,11 +25,11 @@ def _orders(location: Location, context: Context) -> Iterable[float]:
     span = float(np.ptp(position)) or 1.0
     least = 2.0 if str(location.axis).startswith("r") else np.pi / span
     numbers = np.arange(least, max(least, 2.0 * np.pi * MOST_PERIODS / span), 2.0 * np.pi / span / 3.0)
-    return [number for number in numbers.tolist() if told_from_aliases(position, number)]
+    return [number for number in numbers.tolist() if free_of_aliases(position, number)]
 
 
 def _determined(effect: Effect, context: Context, arm: Manipulator) -> bool:
-    return told_from_aliases(context.row.position(effect.location.place), effect.inner[0])
+    return free_of_aliases(context.row.position(effect.location.place), effect.inner[0])
 
 
 GEAR_HARMONIC = TwistLaw(

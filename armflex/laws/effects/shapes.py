@@ -150,7 +150,7 @@ LEVELS, SLICES, SEEN = 8, 4, 2.0
 from other shapes; slices of a period, and how many of them must be seen for every period within the range."""
 
 
-def told_from_aliases(values: Array, number: float) -> bool:
+def free_of_aliases(values: Array, number: float) -> bool:
     """Return whether (N,) values distinguish a wave of a wave number [1/unit of them] from those of other numbers.
 
     Values that lie anyhow resolve faster waves than even ones do (Landau 1967): what counts is on how many places of

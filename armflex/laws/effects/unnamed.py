@@ -16,7 +16,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
-from armflex.laws.effects.shapes import along, compliances, of_column, on_axis, told_from_aliases, twists
+from armflex.laws.effects.shapes import along, compliances, free_of_aliases, of_column, on_axis, twists
 from armflex.laws.terms import Factor, Of, Term, powers, tents, waves
 
 KNOTS = 8
@@ -87,7 +87,7 @@ def _wave_product_terms(here: Here, inner: Values) -> list[list[Term]]:
 def _goes_round(effect: Effect, context: Context, arm: Manipulator) -> bool:
     """Return whether a wave goes through `LEAST_PERIODS` over what was recorded of its column, and is seen to."""
     number, values = effect.inner[0], context.column(effect.location.covariates[0])
-    return number * np.ptp(values) >= 2.0 * np.pi * LEAST_PERIODS and told_from_aliases(values, number)
+    return number * np.ptp(values) >= 2.0 * np.pi * LEAST_PERIODS and free_of_aliases(values, number)
 
 
 FREE = Plausible(5e-3, 5e-3, "what is larger has a cause that is seen")
@@ -107,7 +107,7 @@ def _numbers(column: bytes) -> list[float]:
     """Return wave numbers that the (N,) values of a column distinguish from others; it is asked for at every place."""
     values = np.frombuffer(column)
     numbers = 2.0 * np.pi / float(np.ptp(values)) * WAVES
-    return [number for number in numbers.tolist() if told_from_aliases(values, number)]
+    return [number for number in numbers.tolist() if free_of_aliases(values, number)]
 
 
 NUMBER = Inner("k", "per recorded", of_column(lambda x: _numbers(np.asarray(x, dtype=float).tobytes())))

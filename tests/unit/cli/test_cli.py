@@ -22,6 +22,7 @@ from support.small_arms import ROBOTS
 from armflex import Arm, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory, trace
 from armflex.cli import terminal
 from armflex.cli.main import COMMANDS
+from armflex.errors import Flag
 from armflex.trace.findings import Trace
 from armflex.trace.telling import Doing
 from armflex.trajectory import write_trajectory
@@ -516,3 +517,12 @@ def test_tables_break_no_word_and_no_number(monkeypatch: pytest.MonkeyPatch, wid
     terminal.print_table("ISO 9283", columns, rows)
     words = [word for word in shown.getvalue().split() if "\u2500" not in word]
     assert sorted(words[2:]) == sorted(" ".join(map(" ".join, [columns, *rows])).split())
+
+
+@pytest.mark.parametrize(("count", "printed"), [(4, 4), (5, 4), (72, 4)])
+def test_of_many_flags_that_are_alike_the_first_are_printed(count: int, printed: int, capsys, monkeypatch) -> None:
+    monkeypatch.setattr(terminal, "_said", set())
+    terminal.show_flags([*(Flag("payload_change", f"row {i}") for i in range(count)), Flag("soft", "it bends")])
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == printed + 1 and "row 2" in lines[2] and lines[-1].endswith("soft: it bends")
+    assert count == 4 or f"{count - 3} more" in lines[3]

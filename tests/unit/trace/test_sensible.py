@@ -20,7 +20,7 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.laws.effects.location import resolve
 from armflex.laws.effects.payload_mass import EACH
-from armflex.laws.effects.shapes import told_from_aliases
+from armflex.laws.effects.shapes import free_of_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
 from armflex.trace.asking import misplaced_centres
@@ -267,11 +267,11 @@ def test_a_wave_is_told_from_those_that_give_the_same_at_the_poses_at_hand():
     for slow in (10.0, 30.0):
         fast = 2.0 * np.pi / even[1] - slow
         np.testing.assert_allclose(np.cos(fast * even), np.cos(slow * even), atol=1e-9)
-        assert told_from_aliases(even, slow) and not told_from_aliases(even, fast)
+        assert free_of_aliases(even, slow) and not free_of_aliases(even, fast)
     anyhow = rng.uniform(-1.5, 1.5, 200)
-    assert told_from_aliases(anyhow, 2.0 * np.pi * 24.0 / np.ptp(anyhow))
+    assert free_of_aliases(anyhow, 2.0 * np.pi * 24.0 / np.ptp(anyhow))
     levels = rng.choice([0.05, 0.19, 0.28, 0.6, 0.94], 440) + rng.normal(0.0, 1e-4, 440)
-    assert not any(told_from_aliases(levels, number) for number in (2.0, 16.0, 35.0, 48.0))
+    assert not any(free_of_aliases(levels, number) for number in (2.0, 16.0, 35.0, 48.0))
     gear, at_stops = CATALOGUE["gear_harmonic"], Location("J2", "ry", ("q_J2",), (0, 1))
     # Few positions of a joint show no harmonic, however many rows there are.
     assert not gear.possible(Effect(gear, at_stops, (1e-3, 0.0, 16.0)), of_positions("J2", levels), None)
