@@ -1,6 +1,6 @@
 """How often a campaign in another convention than its arm's is named, and a clean one accused.
 
-    python tests/studies/misread.py --draws 20 [ARM.toml CAMPAIGN.csv ...]     (4 minutes of CPU)
+    python tests/studies/misread.py --draws 20 [ARM.toml CAMPAIGN.csv ...]     (3 minutes of CPU)
 
 Every fault of `support.misread_campaigns` is done to a simulated campaign of the bundled boom and of a UR5, those of
 joints and loads to machines of the plant with one undeclared effect each as well, and to campaigns of real machines
