@@ -70,6 +70,7 @@ class Calibration(Result):
             settle, an arm that predicts worse than the declared one.
         held_out: RMS of the 3-D error on held-out poses, of the declared arm so `placed` and of the calibrated one [m];
             None where there are too few poses.
+        scattered: The fit in which each joint stands off at random in every pose, None where none does.
     """
 
     TOLD = ("declared_rms", "rms", "noise_rms", "held_out", "weighed", "scatter", "fitted", "flags")
@@ -81,6 +82,7 @@ class Calibration(Result):
     measurements: Measurements
     flags: tuple[Flag, ...] = ()
     held_out: tuple[float, float] | None = None
+    scattered: Fit | None = None
 
     @property
     def fitted(self) -> list[dict[str, Any]]:
@@ -109,7 +111,7 @@ class Calibration(Result):
     @cached_property
     def judged(self) -> np.ndarray:
         """(M, d) readings that every error is over: those that the arm as declared or as calibrated comes near."""
-        return near(self.placed, self.fit.view)
+        return near(self.placed, self.fit.view, (self.scattered or self.fit).view)
 
     @cached_property
     def campaigns(self) -> tuple[OfCampaign, ...]:
@@ -187,8 +189,8 @@ class Calibration(Result):
     @property
     def outliers(self) -> tuple[Outlier, ...]:
         """Readings with little weight, the worst of every instrument first."""
-        far = instrument_weights(self.fit.view) < DOUBTED
-        return tuple(outliers_of(self.fit.view, far, self.measurements, "counted less"))
+        view = (self.scattered or self.fit).view
+        return tuple(outliers_of(view, instrument_weights(view) < DOUBTED, self.measurements, "counted less"))
 
 
 def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
@@ -299,7 +301,7 @@ def fitted_to(
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     calibrated = with_posteriors(found.setup.arm, found, certainty_of(scattered or found))
     calibrated = replace(calibrated, instrument=found.setup.instrument)
-    errors = _held_out(placed, found, measurements)
+    errors = _held_out(placed, found, measurements, scattered or found)
     sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
     fitted = zip(found.parameters, sizes, strict=True)
     open_ = () if calibrated.certainty is None else calibrated.certainty.undetermined
@@ -315,9 +317,10 @@ def fitted_to(
         *beyond_priors(pulls),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
-        *(() if about or judgement else _worse(errors, found.view.readings.unit)),
+        *(() if about or judgement or scattered else _worse(errors, found.view.readings.unit)),
+        *(() if scattered is None else _standing_off(scattered)),
     )
-    return Calibration(calibrated, found, placed.view, measurements, flags, errors)
+    return Calibration(calibrated, found, placed.view, measurements, flags, errors, scattered)
 
 
 def _fit(
@@ -367,6 +370,14 @@ def _with_play(found: Fit, measurements: Measurements, rounds: int, progress: Pr
     )
 
 
+def _standing_off(found: Fit) -> Iterator[Flag]:
+    """Yield the flag about joints that stand off at random."""
+    blocks = [one for one in found.blocks if isinstance(one, PoseBlock)]
+    sizes = listing(f"{one.site} {1e3 * one.std:.2g} m{one.units[0]}" for one in blocks)
+    text = f"joints stand off at random in each picture, by one standard deviation of {sizes}: errors in px are of that"
+    yield Flag("standing_off", f"{text}, and sigma has it in it; `trace` looks for its cause, such as play")
+
+
 def _sized(block: Block, found: Fit) -> Block:
     """Return a block of random twists with their size as a fit has it (a step of EM), any other as it is."""
     if not isinstance(block, PoseBlock):
@@ -411,12 +422,15 @@ def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool =
     return declared, Fit(declared, (), np.zeros(0), view, huber_weights(view), ())
 
 
-def _held_out(placed: Fit, found: Fit, measurements: Measurements) -> tuple[float, float] | None:
-    """Return the RMS of the 3-D error on held-out poses, of the declared arm and of the calibrated one [m]."""
+def _held_out(placed: Fit, found: Fit, measurements: Measurements, closest: Fit) -> tuple[float, float] | None:
+    """Return the RMS of the 3-D error on held-out poses, of the declared arm and of the calibrated one [m].
+
+    Over readings that one of them or `closest` comes near.
+    """
     poses = measurements.pose_number[found.view.rows]
     if len(np.unique(poses)) < FOLDS:
         return None
-    folds, judged = pose_folds(poses), judged_by(placed, found)
+    folds, judged = pose_folds(poses), judged_by(placed, found, closest)
     declared, calibrated = (held_out(one, folds, judged=judged).rms for one in (placed, found))
     return declared, calibrated
 

@@ -83,6 +83,7 @@ def test_play_that_is_not_traced_is_an_error_that_a_picture_shares(tmp_path: Pat
     corners = arm.pictures(q, came, seed=1)
     loaded = load_arm(declared(tmp_path))
     found = calibrate(loaded, written(tmp_path, q[:40], corners[:40], came[:40]), anyway=True)
+    assert not found.outliers and "standing_off" in [flag.code for flag in found.flags]
     again = quietly(write_calibrated(tmp_path / "arm.toml", found, tmp_path / "fit.toml"))
     assert again.certainty is not None
     stds = {site: std for site, _, std in again.certainty.unexplained}
