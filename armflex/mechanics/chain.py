@@ -97,7 +97,8 @@ class Frames:
 
     def some(self, index: Sequence[int]) -> Frames:
         """Return some of the frames."""
-        return Frames(tuple(self.names[i] for i in index), self.places[:, index], self.numbers[index])
+        places = np.ascontiguousarray(self.places[:, index])  # the engine is compiled for one order
+        return Frames(tuple(self.names[i] for i in index), places, self.numbers[index])
 
 
 def frames_of(frames: Sequence[tuple[str, int, int, pin.SE3]]) -> Frames:

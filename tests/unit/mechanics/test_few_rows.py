@@ -141,3 +141,15 @@ def test_a_first_calibration_of_few_rows_compiles_nothing(tmp_path: Path) -> Non
     arm, cache = ROBOTS / "tarm_like" / "measured.toml", str(tmp_path / "empty")
     ended = fine(run_apart(tmp_path, "calibrate", arm, "some.csv", "-o", "fit.toml", NUMBA_CACHE_DIR=cache))
     assert "compiling" not in ended.stderr and not list(tmp_path.rglob("*.nbc"))
+
+
+@pytest.mark.parametrize("name", ["tarm_like", "heavy_six"])
+def test_the_engine_is_compiled_for_one_kind_of_arrays(name: str, monkeypatch) -> None:
+    """An array in another order would be compiled for once more, wherever it comes, for a quarter of a minute."""
+    monkeypatch.setattr(many_rows, "LOADED_AFTER", 0)
+    monkeypatch.setattr(many_rows, "COMPILED_AFTER", 0)
+    arm = bundled(name)
+    path = read_trajectory(ROBOTS / name / "trajectory.csv", arm)
+    check(arm, path, 0.1)
+    compiled = many_rows.kernel()
+    assert [len(one.signatures) for one in compiled.ENTRIES] == [1] * len(compiled.ENTRIES)
