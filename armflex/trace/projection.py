@@ -97,6 +97,15 @@ class Projection:
         """(r, n) R'A' of the cleared columns, R a root of N^-1: so much of a cleared column is not fitted by others."""
         return self.fitted.root.T @ self.shared.T
 
+    def drawn(self, count: int) -> Array:
+        """Return (n, count) readings as they would be by chance: the covariance of X'Mr, r such ones, is X'MX."""
+        rng, least = np.random.default_rng(0), 1e-8 * (self.regressors**2).sum(axis=0)
+        std = 1.0 / np.sqrt(
+            np.maximum(np.maximum(self.precision, least), ROUNDING)
+        )  # else rounding is all that is left
+        chance = rng.standard_normal((len(self.residual), count))
+        return chance + self.regressors @ (rng.standard_normal((len(std), count)) * std[:, None])
+
     def absorbed(self, change: Array) -> Array:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""
         shared = self.fitted.solve(self.shared.T @ change)

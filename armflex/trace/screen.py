@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -35,13 +36,17 @@ SOUGHT_AT_ONCE = 32
 """Tolerance: hypotheses whose columns are held at a time where the likeliest of many are sought."""
 
 ALMOST = 1e-4
-"""Tolerance: share of a column's square below which what is left of it cannot be seen at any plausible size."""
+"""Tolerance: share of a column's square below which what is left of it, or how it differs from another, cannot be seen
+at any plausible size."""
 
 ROUNDED_AWAY = 1e-12
 """Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 
 MOTIONLESS = 1e-100
 """Tolerance: square of a column that moves nothing: of a smaller one the square of the scale would overflow."""
+
+MARKS = 16
+"""Tolerance: random vectors by whose products columns that are alike are known."""
 
 IMPOSSIBLE = 8.0
 """Prior: log odds against what no machine has: while one effect is missing, another may look as if it were that."""
@@ -117,8 +122,10 @@ class Screen(Evidence):
         self.objective, self.count = projection.objective, projection.count
         self.constant = -columns.fit.freedom * float(np.log(quiet))
         self._unit, self._first = unit_of(columns.fit) / quiet**2, int(columns.starts[-1])
-        products = columns.products(np.column_stack([projection.shared, projection.residual])) / quiet
-        self._seen, scores = products[:, :-1] @ projection.fitted.root, products[:, -1]
+        marks = projection.drawn(MARKS)
+        others = np.column_stack([projection.shared, projection.residual, projection.cleared(marks)])
+        products, last = columns.products(others) / quiet, -1 - MARKS
+        self._seen, scores = products[:, :last] @ projection.fitted.root, products[:, last]
         through = () if projection.apart is None else columns.squares_through(projection.apart.each)
         scale, self._squares = np.empty(self._first), np.empty(self._first)
         some = []
@@ -135,6 +142,13 @@ class Screen(Evidence):
             Group(one, np.arange(a, b), scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)
         ]
         self._single = next(((groups, inside[:, 0, 0]) for groups, _, inside in some if inside.shape[1] == 1), None)
+        if self._single is not None:
+            single, left = self._single
+            alone = columns.starts[single]
+            marked = products[alone, -MARKS:] - self._seen[alone] @ (projection.half @ marks)
+            visible = left > ALMOST * self._squares[alone]
+            marked[visible] /= np.sqrt(left[visible, None])
+            self.groups = _named(self.groups, single[visible], marked[visible])
         batches = tuple(batch_of([self.groups[i] for i in own.tolist()], own, *rest) for own, *rest in some)
         further = Block(len(self.groups), (), np.empty(0), np.empty(0))
         self.blocks = [Block(0, batches, scores, prior_of(self.groups)), further]
@@ -340,6 +354,35 @@ class Screen(Evidence):
         """Charge a law at a place with what a fit of the arm came out below what this linear problem promised."""
         self._short[spot] = self._short.get(spot, 0.0) + max(by, 0.0)
         self._known.clear()
+
+
+def _named(groups: list[Group], single: np.ndarray, marked: Array) -> list[Group]:
+    """Return the hypotheses where a free shape that has the column of a law of the catalogue is that law.
+
+    No reading could distinguish them, and what a law describes is not without a name: the law has the prior of both.
+
+    Args:
+        groups: All of the catalogue's grid.
+        single: (g,) those with one column that is seen.
+        marked: (g, m) products of what the projection leaves of them, of length 1, with random vectors: alike where
+            they are.
+    """
+    physical = np.array([groups[i].hypothesis.one.law.physical for i in single.tolist()], dtype=bool)
+    laws, free = np.flatnonzero(physical), np.flatnonzero(~physical)
+    first = np.abs(marked[:, 0])
+    laws = laws[np.argsort(first[laws])]
+    ends = np.searchsorted(first[laws], first[free, None] + 3.0 * np.sqrt(ALMOST) * np.array([-1.0, 1.0]))
+    found = groups.copy()
+    for i, (a, b) in zip(free.tolist(), ends.tolist(), strict=True):
+        near = laws[a:b]
+        apart = [((marked[near] - sign * marked[i]) ** 2).mean(axis=1) for sign in (1.0, -1.0)]
+        alike = single[near[np.minimum(*apart) <= ALMOST]].tolist()
+        if alike:
+            law, shape = max(alike, key=lambda one: found[one].hypothesis.prior), int(single[i])
+            both = float(np.logaddexp(found[law].hypothesis.prior, groups[shape].hypothesis.prior))
+            for place, prior in ((law, both), (shape, -np.inf)):
+                found[place] = replace(found[place], hypothesis=replace(found[place].hypothesis, prior=prior))
+    return found
 
 
 def _products(places: np.ndarray, columns: Array, cleared: Array, seen: Array) -> Array:

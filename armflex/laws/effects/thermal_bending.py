@@ -49,7 +49,7 @@ THERMAL_BENDING = TwistLaw(
     terms=lambda here, inner: twists(_direction(here, inner), warm(here, *inner[1:])),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
     inner=(
-        Inner("along", "1", _along, polished=False, usual=1.0, default=1.0),
+        Inner("along", "1", _along, polished=False, default=1.0),
         *WARM,
     ),
     memory=LAGGED,

@@ -27,6 +27,7 @@ from armflex.measured.measurements import Measurements
 from armflex.show.report import render_report
 from armflex.trace.account import conclude, idle
 from armflex.trace.findings import Trace
+from armflex.trace.screen import ALMOST
 from armflex.trace.search import refitted, standing
 from armflex.trace.selection import SCALES, Chosen
 from armflex.trace.state import begin
@@ -200,6 +201,25 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     said = " ".join(capsys.readouterr().out.split())
     assert f"Withdrawn: {gone.title}. With it held-out poses are predicted to " in said
     assert "Withdrawn: " in render_report(found)
+
+
+@pytest.mark.slow
+def test_a_free_shape_that_has_the_column_of_a_law_is_that_law(tmp_path: Path) -> None:
+    """A turn that follows the temperature where a link begins is the bend of that link at its root."""
+    truth = draw("none", 103, "boom").write(tmp_path)
+    arm = load_arm(truth.arm)
+    rows = read_measurements(truth.train, arm)
+    screen = standing(begin(calibrate(arm, rows, np.flatnonzero(rows.measured)[::3], as_stated=True))).screen
+    seen = {i: left for i, (whole, left) in screen.single().items() if left > ALMOST * whole}
+    free = [i for i in seen if not screen.groups[i].hypothesis.one.law.physical]
+    laws = [i for i in seen if screen.groups[i].hypothesis.one.law.physical]
+    places = [screen.groups[i].places[0] for i in (*free, *laws)]
+    gram, _ = screen.among(np.array(places))
+    size = np.sqrt(np.diag(gram))
+    best = ((gram / size / size[:, None]) ** 2)[: len(free), len(free) :].max(axis=1)
+    named = np.array([not np.isfinite(screen.groups[i].hypothesis.prior) for i in free])
+    assert named.any() and not named.all()
+    assert (best[named] > 1.0 - 3.0 * ALMOST).all() and (best[~named] < 1.0 - ALMOST / 3.0).all()
 
 
 def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(tmp_path: Path) -> None:
