@@ -42,7 +42,7 @@ ASIDE = tuple(
 )
 """How far beside that point, in the link's frame: hoses are clamped to the outside of a link."""
 
-REST = Inner("rest", "m", lambda location, context: (0.0, 0.25 * context.size), positive=False, default=0.0)
+REST = Inner("rest", "m", lambda location, context: (0.0, 0.25 * context.size), default=0.0)
 
 UMBILICAL = LoadLaw(
     name="umbilical",
