@@ -59,8 +59,8 @@ class Weighed:
 def idle(state: State) -> int | None:
     """Return the hypothesis that is nearest zero, None where the amplitudes of all are distinguished from it.
 
-    A family is left out: few of its members are distinguished from zero by themselves. What pulls towards a point may be
-    weak and near or strong and far: its amplitude is as uncertain as the motion that it makes, not as where it pulls to.
+    A family is left out: few of its members are distinguished from zero by themselves. What pulls towards a point may
+    be weak and near or strong and far: its amplitude is as uncertain as the motion that it makes, not as where it is.
     """
     shares = np.ones(len(state.known))
     for number, (one, unit) in enumerate(zip(state.known, state.units, strict=True)):

@@ -19,7 +19,15 @@ from armflex.errors import ArmflexError
 from armflex.estimate.pose_block import PoseBlock
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT, candidate_columns
+from armflex.laws.effects.unnamed import (
+    BUMP,
+    LEVEL,
+    PRODUCT,
+    WAVE,
+    WAVE_PRODUCT,
+    candidate_columns,
+    shaped_places,
+)
 from armflex.rows.rows import POSE
 from armflex.trace.candidates import Bank, Candidate
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
@@ -313,7 +321,8 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
     """Return the state with a product of two columns where a random twist would explain most; None where none does."""
     screen, context = here.screen, here.state.context
     pairs = list(permutations(candidate_columns(context.records), 2))
-    likely = here.places[:LIKELY]
+    free = set(shaped_places(context.records))
+    likely = [place for place in here.places if (place.site, place.axis) in free][:LIKELY]
     here.state.teller.stage("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
         locations = [Location(place.site, place.axis, pair) for place in likely for pair in pairs]

@@ -9,14 +9,17 @@ import numpy as np
 from scipy.special import chdtri
 
 from armflex.conventions import Array
+from armflex.errors import ArmflexError
 from armflex.estimate.block import Block
-from armflex.estimate.fit import Fit
+from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, known_of_others, pose_folds
+from armflex.estimate.view import foremost_rms, look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
 from armflex.trace.selection import SCALES, Model, climbed, log_likelihood
+from armflex.trace.state import State
 
 SIGN_FLIPS = 100
 """Tolerance: random signs of the residual that chance is read from."""
@@ -105,11 +108,11 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
     """
     folds = Folds(here, numbers, charges)
     anew, count = [climbed(part) for part in folds.parts], len(folds.parts)
-    whole, chosen, fit = folds.squares([own] * count), folds.errors(anew), here.state.fit
+    whole, chosen, fitted = folds.squares([own] * count), folds.errors(anew), here.state.fit
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
-    calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fit)
+    calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fitted)
     poses = pose_folds(here.state.groups)
-    before, exact = (held_out(one, poses, judged=judged).rms for one in (calibrated, fit))
+    before, exact = (held_out(one, poses, judged=judged).rms for one in (calibrated, fitted))
     names, proofs = [], []
     for i, one in enumerate(own):
         name = folds.parts[0].groups[one.number].hypothesis.name
@@ -118,9 +121,36 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Seque
         names.append(sum(led) / count)
         without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
         proofs.append(_proof(here, folds, i, without, whole, null))
-    after = folds.rms(folds.readings.row_squares(chosen))
-    compared = Compared(before, after, max(folds.rms(whole), exact))
-    return Validated(compared, tuple(names), tuple(proofs), chosen)
+    after, as_found = folds.rms(folds.readings.row_squares(chosen)), folds.rms(whole)
+    if exact > before >= max(after, as_found):
+        exact = refitted_out(here.state, poses, judged) or exact
+    return Validated(Compared(before, after, max(as_found, exact)), tuple(names), tuple(proofs), chosen)
+
+
+def refitted_out(state: State, folds: np.ndarray, judged: np.ndarray) -> float | None:
+    """Return the RMS of the 3-D error of poses held out, each fold predicted by a fit of its own without it [m].
+
+    The linear problem is far off where few rows say what is inside a law, as where a magnet is that the arm comes near.
+
+    Args:
+        state: The state.
+        folds: (M,) fold of every row.
+        judged: (M, d) readings that count.
+
+    Returns:
+        None where no values inside laws are fitted, or a fit without a fold does not settle.
+    """
+    if state.random is not None or not any(block.free for block in state.effects):
+        return None
+    left, blocks = np.empty(judged.shape), (*state.blocks, *state.effects)
+    for number in range(int(folds.max()) + 1):
+        own = folds == number
+        try:
+            others = fit(state.declared, blocks, state.measurements, state.rows[~own], state.fit.values, effort=ROUGH)
+            left[own] = look(others.setup, state.measurements, state.rows[own]).residual
+        except ArmflexError:
+            return None
+    return foremost_rms(state.fit.view.readings.where(judged), left)
 
 
 def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:
