@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -50,15 +51,26 @@ class Refiner:
             if others in before or (before and place >= MOST_STARTS):
                 continue
             before.add(others)
-            starts = [hypothesis]
-            if hypothesis.one.law.spatial:
-                like = [i for i, one in enumerate(screen.groups) if one.hypothesis.spot == hypothesis.spot]
-                starts = [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_STARTS]]
-            tried = [_Search(screen, beside, one, SCALES[rival.chosen.scale]).best() for one in starts]
-            values = [one for one in tried if one is not None]
-            if values:
-                found.append(max(values, key=lambda one: one[1])[0])
+            starts = self._starts(hypothesis.spot, odds) if hypothesis.one.law.spatial else [hypothesis]
+            found += self._best(beside, starts, SCALES[rival.chosen.scale])
         screen.extend(found)
+        law = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis.one.law
+        if law.spatial:  # a point of the grid is near the place from some links, and far from it from others
+            spots = dict.fromkeys(one.hypothesis.spot for one in screen.groups if one.hypothesis.one.law is law)
+            new = [spot for spot in spots if others not in screen.refined.setdefault(spot, set())]
+            for spot in new:
+                screen.refined[spot].add(others)
+            best = [self._best(beside, self._starts(spot, odds)[:1], SCALES[len(SCALES) // 2]) for spot in new]
+            screen.extend(chain.from_iterable(best))
+
+    def _starts(self, spot: tuple, odds: Array) -> list[Hypothesis]:
+        like = [i for i, one in enumerate(self._screen.groups) if one.hypothesis.spot == spot]
+        return [self._screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_STARTS]]
+
+    def _best(self, beside: Beside, starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
+        tried = [_Search(self._screen, beside, one, tau).best() for one in starts]
+        values = [one for one in tried if one is not None]
+        return [max(values, key=lambda one: one[1])[0]] if values else []
 
 
 @dataclass(frozen=True)
