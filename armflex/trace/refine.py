@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
@@ -54,17 +53,25 @@ class Refiner:
             starts = self._starts(hypothesis.spot, odds) if hypothesis.one.law.spatial else [hypothesis]
             found += self._best(beside, starts, SCALES[rival.chosen.scale])
         screen.extend(found)
-        law = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis.one.law
+        lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
+        law, led = lead.one.law, others | {lead.spot}
         if law.spatial:  # a point of the grid is near the place from some links, and far from it from others
-            spots = dict.fromkeys(one.hypothesis.spot for one in screen.groups if one.hypothesis.one.law is law)
-            new = [spot for spot in spots if others not in screen.refined.setdefault(spot, set())]
-            for spot in new:
-                screen.refined[spot].add(others)
-            best = [self._best(beside, self._starts(spot, odds)[:1], SCALES[len(SCALES) // 2]) for spot in new]
-            screen.extend(chain.from_iterable(best))
+            inner = tuple(
+                value if one.spread is None or one.default is None else one.default
+                for one, value in zip(law.inner, lead.one.inner, strict=True)
+            )
+            best = list[Hypothesis]()
+            for spot in dict.fromkeys(one.hypothesis.spot for one in screen.groups if one.hypothesis.one.law is law):
+                before = screen.refined.setdefault(spot, set())
+                if spot != lead.spot and led not in before:
+                    before.add(led)
+                    grid = self._starts(spot, odds)[0]
+                    there = replace(grid, members=(replace(grid.one, inner=inner),))
+                    best += self._best(beside, [grid, there], SCALES[len(SCALES) // 2])
+            screen.extend(best)
 
     def _starts(self, spot: tuple, odds: Array) -> list[Hypothesis]:
-        like = [i for i, one in enumerate(self._screen.groups) if one.hypothesis.spot == spot]
+        like = [i for i, one in enumerate(self._screen.groups[: len(odds)]) if one.hypothesis.spot == spot]
         return [self._screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_STARTS]]
 
     def _best(self, beside: Beside, starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
