@@ -359,7 +359,7 @@ class Screen(Evidence):
 def _named(groups: list[Group], single: np.ndarray, marked: Array) -> list[Group]:
     """Return the hypotheses where a free shape that has the column of a law of the catalogue is that law.
 
-    No reading could distinguish them, and what a law describes is not without a name: the law has the prior of both.
+    No reading could distinguish them, and what a law describes is not unnamed: the law has the prior of both.
 
     Args:
         groups: All of the catalogue's grid.
