@@ -597,6 +597,7 @@ class DeflectionBatch(_Result[Array]):
         twists: (N, n_flexures, 6) local deflections [m, rad].
         found_wrenches: (N, n_flexures, 6) `wrenches` [N, Nm] where they were found with the twists, else of no rows.
         found_factors: (N,) `load_factor` where it is less than `NEAR`; infinite elsewhere.
+        solved: Equilibria of rows of a mechanism that were asked one by one, by row.
     """
 
     arm: Structure
@@ -607,6 +608,7 @@ class DeflectionBatch(_Result[Array]):
     twists: Array
     found_wrenches: Array
     found_factors: Array
+    solved: dict[int, Equilibrium]
 
     def __repr__(self) -> str:
         """One line: how many rows and the largest shift."""
@@ -618,9 +620,12 @@ class DeflectionBatch(_Result[Array]):
         return self.payloads[0 if len(self.payloads) == 1 else i]
 
     def row(self, i: int) -> Deflection:
-        """Return one of the rows by itself; its equilibrium is not solved again."""
+        """Return one of the rows by itself; only where compiled code answered for a mechanism is it solved again."""
         loaded, case = self.arm.loaded(self.payload(i)), self.case.some(i)
         checked, flags = self.arm.check_position(case.q, enforce_limits=False)
+        if i in self.solved:
+            buckling = near_buckling(float(self.found_factors[i]))
+            return MechanismDeflection(self.solved[i], (*self._flags_of(loaded), *flags, *buckling))
         if isinstance(loaded.mechanics, Mechanism):
             return deflect(loaded, case._replace(q=checked), flags, self.asked.method, self.asked.allow_large)
         mechanics, method, case = loaded.mechanics, self.asked.method, case._replace(q=checked)
@@ -816,7 +821,7 @@ def deflect_batch(
     here = asked.compiled(case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
     found = DeflectionBatch(
-        arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches, answers.load_factor
+        arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches, answers.load_factor, {}
     )
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
@@ -826,7 +831,8 @@ def deflect_batch(
     for rows, room in zip(pieces, rooms, strict=True):
         carried = payloads if len(payloads) == 1 else payloads[rows]
         into = room if alone or here else None
-        tasks.append(partial(_answer, arm, carried, case.some(rows), asked, rows.start, into))
+        kept = found.solved if alone else {}  # another process has no use for it
+        tasks.append(partial(_answer, arm, carried, case.some(rows), asked, rows.start, into, kept))
     done = (task() for task in tasks) if alone else in_order(tasks, jobs, threads=here)
     for room, part in zip(rooms, done, strict=True):
         for into, values in zip(room, part, strict=True):
@@ -840,9 +846,18 @@ def deflect_batch(
 
 @np.errstate(over="ignore", invalid="ignore")  # a row that runs away is not fine, and is asked alone
 def _answer(
-    arm: Structure, payloads: tuple, case: LoadCase, asked: Asked, first: int, room: Solution | None
+    arm: Structure,
+    payloads: tuple,
+    case: LoadCase,
+    asked: Asked,
+    first: int,
+    room: Solution | None,
+    kept: dict[int, Equilibrium],
 ) -> Solution:
-    """Return the answers in some rows, from row `first` on; in a room for them where there is one."""
+    """Return the answers in some rows, from row `first` on; in a room for them where there is one.
+
+    The equilibria of mechanisms that are asked one by one are added to those kept.
+    """
     exact, n, count = asked.method == "exact", len(arm.sites), len(case.q)
     here, left = asked.compiled(case), np.ones(count, dtype=bool)
     found = room or Solution.empty(count, n, wrenches=not here)
@@ -866,6 +881,8 @@ def _answer(
             one = deflect(loaded, case.some(i)._replace(q=checked), flags, asked.method, asked.allow_large)
         found.displacement[i], found.twists[i] = one.displacement, one.twists
         found.load_factor[i] = one.solved.load_factor
+        if isinstance(loaded.mechanics, Mechanism):
+            kept[first + i] = one.solved
         if not here:
             found.wrenches[i] = one.wrenches
 

@@ -125,6 +125,23 @@ def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold
         assert found.load_factor == pytest.approx(expected.load_factor, rel=1e-6)
 
 
+def test_pinocchio_solves_every_row_once(tmp_path: Path, cold: None, monkeypatch) -> None:
+    arm = declared(PARALLELOGRAM, tmp_path, kind=SPHERICAL)
+    q = poses("parallelogram", 4)
+    alone = [arm.deflection(row, wrenches=LOADS[:1]) for row in q]
+    asked, rest = [], Mechanism.rest
+    monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
+    found = replace(arm).deflection(q, wrenches=LOADS[:1])
+    for i, one in enumerate(alone):
+        row = found.row(i)
+        np.testing.assert_allclose(found.contributions[i], one.contributions, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.drive_loads[i], one.drive_loads, rtol=1e-9, atol=1e-6)
+        np.testing.assert_allclose(row.total_jacobian, one.total_jacobian, rtol=1e-9, atol=1e-9)
+        assert [flag.code for flag in row.flags] == [flag.code for flag in one.flags]
+        assert row.load_factor == pytest.approx(one.load_factor, rel=1e-9)
+    assert len(asked) == len(q)
+
+
 RESPONSE = ("flexure_wrenches", "flexure_twists", "laws", "per_load", "tip", "links", "joints", "twists", "wrenches")
 RESPONSE = (*RESPONSE, "link_loads", "gravity")
 
