@@ -85,5 +85,5 @@ def command(
         write_table(output, found.columns)
         if arm_path is not None and found.arm is not None:
             write_whole(arm_path, found.arm.encode())
-    options.conclude(lambda: {"joined": found.joined, "taken": found.taken, "notes": found.notes}, ())
+        options.conclude(lambda: {"joined": found.joined, "taken": found.taken, "notes": found.notes}, ())
     say(f"Written to {' and '.join(str(path) for path in (output, arm_path) if path)}.")

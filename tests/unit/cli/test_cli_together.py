@@ -57,6 +57,9 @@ GIVEN = {
 }
 """Every command but `demo`, which writes as it goes on, and those that tests of their own hold."""
 
+LATER = {"intake": ["path.csv", "-o", "o.csv"]}
+"""How every column was taken is said before anything is written."""
+
 BESIDE = {"fem": ("o.surface.safetensors",)}
 """Files that a command writes beside those that it is asked for."""
 
@@ -117,12 +120,12 @@ def test_what_was_found_is_on_the_disk_before_it_is_said(job: Path, folder: Path
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name, given in GIVEN.items() if "-o" in map(str, given)])
+@pytest.mark.parametrize("name", [name for name, given in (GIVEN | LATER).items() if "-o" in map(str, given)])
 def test_where_one_file_cannot_take_its_place_none_does(
     job: Path, folder: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whichever it is, be there an old one or not."""
-    given = [name, *map(str, GIVEN[name]), "--json", "o.json"]
+    given = [name, *map(str, (GIVEN | LATER)[name]), "--json", "o.json"]
     outputs = sorted({"o.json", *(text for text in given if text.startswith("o.")), *BESIDE.get(name, ())})
     for output in outputs[::2]:
         (folder / output).write_text("old")
