@@ -11,7 +11,7 @@ from armflex.mechanics.many_rows import kernel_of_one_row, loop_kernel
 
 @click.command(cls=options.Command)
 def command() -> None:
-    """Compile the engine now instead of with the first long job: once for a machine and a version, about a minute.
+    """Compile the engine now instead of with the first long job: about a minute, once for each machine and version.
 
     Small jobs are answered without it.
     """

@@ -52,7 +52,7 @@ PRESETS = {
     "-o", "--output", type=options.InputPath, default="armflex_demo", show_default=True, help="Folder to write."
 )
 def command(output: Path) -> None:
-    """Load the TARM-like boom, see it sag, check a path, compensate it, put the paper's joint in, trace a campaign."""
+    """Load the TARM-like boom, show its sag, check and compensate a path, use the paper's joint, trace a campaign."""
     folder, page = output / "tarm_like", output / "tarm_like.html"
     _copy_robot(folder)
     arm = load_arm(folder / "learned.toml")  # whose joints were learned from finite elements

@@ -56,15 +56,15 @@ FORMATS = {
 @options.arm
 @click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True,
               help="sheet: what is typed into a controller; yaml: calibrations for ROS; c: C99 without dependencies; "
-                   "shaper: C99 with the impulses that calm the path of --traj; the last six: that path "
-                   "(ls: FANUC, val3: Staubli).")  # fmt: skip
+                   "shaper: C99 with the impulses that calm the path of --traj; the last six: a program with "
+                   "that path (ls: FANUC, val3: Staubli).")  # fmt: skip
 @click.option("-o", "--output", type=options.OutputPath(), help="File to write.")
 @click.option("--name", help="c, shaper: what every name in the file begins with [default: arm, shaper]; of a "
                              "program: its name [default: that of the file].")  # fmt: skip
 @click.option("--flavour", type=options.Choice(["ur_calibration", "robot_calibration"]), help="yaml: who reads it.")
 @click.option("--over", metavar="ROWS.csv", type=options.InputPath,
               help="Rows over which the omitted error is computed [default: the joints' limits].")  # fmt: skip
-@click.option("--traj", metavar="TRAJ.csv", type=options.InputPath, help="The path of a program.")
+@click.option("--traj", metavar="TRAJ.csv", type=options.InputPath, help="The path that a program has.")
 @click.option("--slower", type=click.FloatRange(min=1.0), metavar="1.3",
               help="shaper: how many times as long a motion may take [default: 1.3].")  # fmt: skip
 @click.option("--compensate", is_flag=True, default=None, help="Write the path on which the loaded tip is where the "
@@ -78,7 +78,7 @@ FORMATS = {
 def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **given: Any) -> None:
     """Write the arm for other programs: see --to.
 
-    What a format cannot hold is refused by name, or its error is printed in mm.
+    What a format cannot express is refused by name, or omitted, and the error of omitting it is printed in mm.
     """
     wanted, asked = FORMATS[target], {option: value for option, value in given.items() if value is not None}
     asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}

@@ -26,8 +26,10 @@ SOLVERS = {"calculix": "CalculiX, with large displacements", "linear": "a linear
 @click.command(cls=options.Command)
 @click.argument("mesh_path", metavar="MESH", type=options.InputPath)
 @click.option("--fixed", required=True, metavar="SET", help="The set of nodes, or surface, that is held.")
-@click.option("--loaded", required=True, metavar="SET[,SET]", help="The sets that carry load, an interface each.")
-@click.option("--unit", type=options.Choice(tuple(UNITS)), default="m", show_default=True, help="mm: mm, N, t, MPa.")
+@click.option("--loaded", required=True, metavar="SET[,SET]", help="The sets that carry load; each is an interface.")
+@click.option(
+    "--unit", type=options.Choice(tuple(UNITS)), default="m", show_default=True, help="Of the mesh; mm: mm, N, t, MPa."
+)
 @click.option("--young", type=float, help="Young's modulus of all elements [Pa].")
 @click.option("--poisson", type=float, help="Poisson's ratio of all elements.")
 @click.option("--density", type=float, help="Density of all elements [kg/m^3].")
@@ -62,8 +64,8 @@ def command(
     """Condense a mesh to stiffness, mass and weight where it joins its neighbours.
 
     MESH is an Abaqus or CalculiX .inp, a Nastran .bdf, a gmsh .msh, a STEP file, which gmsh meshes, or finished
-    matrices (.sti, .mtx). With --table the deflections under random loads are found, with large displacements where
-    CalculiX (ccx) is installed, for `train`.
+    matrices (.sti, .mtx). With --table it writes deflections under random loads, for `train`; where CalculiX (ccx) is
+    installed, with large displacements.
     """
     ending = ".csv" if table else ".toml"
     if output.suffix != ending:

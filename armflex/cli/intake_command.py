@@ -23,10 +23,10 @@ from armflex.storage.whole_file import together, write_whole
     "--board",
     metavar="charuco,8x6,30mm,22mm",
     help="The board in a folder of pictures: kind, columns x rows, lengths of its print, for charuco and apriltag also "
-    "the dictionary. Without it the arm file has the board.",
+    "the dictionary. Without it the arm file must declare the board.",
 )
 @click.option("--board-on-arm", is_flag=True, help="The board is on the arm and the camera beside it.")
-@click.option("--tip", metavar="LINK", help="Last link of a URDF among the files, where it has several ends.")
+@click.option("--tip", metavar="LINK", help="Last link of the arm, where a URDF among the files ends in several.")
 @click.option(
     "--arm",
     "arm_path",
@@ -48,15 +48,16 @@ def command(
     arm_path: Path | None,
     output: Path,
 ) -> None:
-    """Join a controller's log and a tracker's export, or read one file with both, to a campaign.
+    """Write a campaign from a controller's log and a tracker's export, or from one file that has both.
 
     A log alone becomes a path, each row a via-point. A URDF or a table of DH parameters becomes an arm file with --arm.
-    A folder of pictures is joined by names, numbers or times; --board declares the camera.
+    A folder of pictures is joined by names, numbers or times; --board describes the board that they show.
 
-    Text files with semicolons, commas, tabs or blanks, decimal commas, comments and titles, in UTF-8, UTF-16 or
-    Windows-1252, and workbooks; bags of ROS (rosbag2, MCAP), Motive CSV, C3D, and traces of KUKA controllers. Rows are
-    joined by the points' names, else in their order, else by time; a recording counts where the arm stands. What every
-    column was taken as is printed first. An open unit is asked for on a terminal, and refused elsewhere.
+    Files may be text (separated by semicolons, commas, tabs or blanks; decimal commas, comments, titles; UTF-8, UTF-16
+    or Windows-1252), workbooks, ROS bags (rosbag2, MCAP), Motive CSV, C3D, or traces of KUKA controllers. Rows are
+    joined by the points' names, else in their order, else by time. Of a recording only the times at which the arm
+    stands still are used. How every column is read is printed first. A unit that is stated nowhere is asked for on a
+    terminal, and is an error elsewhere.
     """
     from armflex.intake.pictures import board_of, is_pictures  # imports scipy
 

@@ -22,16 +22,16 @@ from armflex.storage.whole_file import together
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
 from armflex.tasks.workspace.workspace_map import CHUNK, SUFFIXES, VERDICTS
 
-DRAWS = "Arms drawn from the uncertainty of this one: a voxel is ok only where it is for all."
-STORE = "Keep finished chunks: the same command goes on there."
+DRAWS = "Number of arms drawn from the uncertainty of this one: a voxel is ok only where it is ok for all of them."
+STORE = "Keep finished chunks in DIR: the same command, run again, goes on from them."
 Output = options.OutputPath
 
 
 @click.command(cls=options.Command)
 @options.arm
-@click.option("-o", "--output", required=True, type=Output(), help="MAP.safetensors with everything, or MAP.csv.")
-@click.option("--rows", type=int, default=1 << 16, show_default=True, help="Configurations within the joint limits.")
-@click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Carried in turn.")
+@click.option("-o", "--output", required=True, type=Output(), help="MAP.safetensors (everything) or MAP.csv.")
+@click.option("--rows", type=int, default=1 << 16, show_default=True, help="Number of configurations, within limits.")
+@click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Each in turn.")
 @click.option("--force", metavar="fx=0,fz=-500N", help=f"External load everywhere: {options.FORCE_HELP}.")
 @click.option("--tolerance", metavar="5mm", help="Largest displacement of the tip, with unit, for the verdicts.")
 @click.option("--voxel", metavar="200mm", help="Edge of a voxel, with unit; a round one is chosen otherwise.")
@@ -42,8 +42,8 @@ Output = options.OutputPath
 @click.option("--picture", type=Output(), metavar="MAP.png", help="Draw the map.")
 @click.option("--page", type=Output(), metavar="MAP.html", help="Write a page in which the map can be turned.")
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
-@click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of the worst in every voxel.")
-@click.option("--frequency", is_flag=True, help="First natural frequency in every voxel, where the tip moves most.")
+@click.option("--uncertainty/--no-uncertainty", default=True, show_default=True, help="Of largest displacements.")
+@click.option("--frequency", is_flag=True, help="Also the first natural frequency, where a voxel's tip moves most.")
 @click.option("--draws", type=int, default=0, show_default=True, help=DRAWS)
 @click.option("--strict", is_flag=True, help="Refuse loads beyond those that a law was trained on.")
 @options.covariates

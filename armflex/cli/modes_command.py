@@ -23,7 +23,7 @@ from armflex.storage.whole_file import together
 
 @click.command(cls=options.Command)
 @options.configuration
-@click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="Modes at most.")
+@click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="Largest number of modes.")
 @click.option("--picture", "drawing", type=options.OutputPath(), metavar="M.png", help="Draw the four slowest modes.")
 def command(
     arm: Arm,
@@ -34,9 +34,10 @@ def command(
     count: int,
     drawing: Path | None,
 ) -> None:
-    """Natural frequencies and mode shapes at the deflected pose, drives holding.
+    """Natural frequencies and mode shapes at the deflected pose, while the drives hold it.
 
-    The uncertainty is that of 64 arms as likely as ARM: of what [calibration] found, and of laws with relative_std.
+    The uncertainty is the scatter over 64 arms drawn from the posterior in [calibration] and from the relative_std of
+    the flexures.
     """
     if drawing is not None:
         check_ending(drawing)

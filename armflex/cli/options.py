@@ -223,7 +223,7 @@ def same_file(output: Path, other: Path) -> bool:
 lax = click.option(
     "--lax",
     is_flag=True,
-    help="Accept unknown URDF tags on the chain, and motion with impossible inertias, with a flag.",
+    help="Warn of unknown URDF tags on the chain, and of impossible inertias in motion, instead of refusing them.",
 )
 
 
@@ -264,14 +264,15 @@ def as_they_are(function: Callable) -> Callable:
             "--sigma-r",
             type=Quantity("angle"),
             metavar="0.5mrad",
-            help="One standard deviation of a recorded orientation, of files as they are; without it none is used.",
+            help="Standard deviation of a recorded orientation, in files as they are; without it orientations are not "
+            "used.",
         ),
         click.option(
             "--target",
             "targets",
             multiple=True,
             metavar="NAME",
-            help="Topic, frame, body or marker of a recording that is the target; several are several targets.",
+            help="Topic, frame, body or marker of a recording that is the target; repeat it for several targets.",
         ),
         click.option(
             "--take",
@@ -283,7 +284,7 @@ def as_they_are(function: Callable) -> Callable:
             "--sigma",
             type=Quantity("length"),
             metavar="0.05mm",
-            help="One standard deviation of a measured coordinate of a log and a tracker's export as they are.",
+            help="Standard deviation of a measured coordinate, for a log and a tracker's export as they are.",
         ),
     ):
         function = option(function)
@@ -384,7 +385,7 @@ covariates = click.option(
     default="",
     metavar="temperature=25,approach_A2=1",
     callback=lambda context, parameter, text: parse_covariates(text),
-    help="Values of covariates that the rows have no column for, in SI and degrees Celsius.",
+    help="Values of covariates that no column gives, in SI and degrees Celsius.",
 )
 
 
@@ -427,11 +428,11 @@ settable = click.option(
 def points(function: Callable) -> Callable:
     """Add `--points`, `--points-unit` and `--points-frame`; the command gets a `PointExport` or None as `points`."""
 
+    @click.option("--points", "points_path", type=InputPath, help="Positions exported apart from MEAS.csv.")
+    @click.option("--points-unit", metavar="mm", help="Unit of these positions, where their file does not state it.")
     @click.option(
         "--points-frame", metavar="NAME", help="Frame of these positions, where their file does not state it."
     )
-    @click.option("--points-unit", metavar="mm", help="Unit of these positions, where their file does not state it.")
-    @click.option("--points", "points_path", type=InputPath, help="Positions exported apart from MEAS.csv.")
     @functools.wraps(function)
     def with_points(points_path: Path | None, points_unit: str | None, points_frame: str | None, **rest: Any) -> Any:
         if points_path is None and (points_unit or points_frame):

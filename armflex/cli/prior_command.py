@@ -20,13 +20,14 @@ MOST_LINES = 20
 
 @click.command(cls=options.Command)
 @click.argument("paths", metavar="ARM.toml ...", nargs=-1, required=True, type=options.InputPath)
-@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Arm file of the next one to write.")
+@click.option("-o", "--output", required=True, type=options.OutputPath(), help="Arm file to write, for the next one.")
 @click.option("--all", "show_all", is_flag=True, help="List every parameter.")
 def command(paths: tuple[Path, ...], output: Path, show_all: bool) -> None:
-    """Write what calibrated sister arms have in common as [prior.each] of the next one: calibrate it with fewer rows.
+    """Write what calibrated sister arms have in common as the prior of the next one, which then needs fewer rows.
 
     Mean and spread of offsets, geometry, masses and compliance are estimated from the sisters' own uncertainties, and
-    the prior of the next one is as wide as so few sisters leave it. An arm that is none of their make is left out.
+    the prior of the next one is as wide as so few sisters leave it. It is [prior.each] in its arm file. An arm that
+    does not belong with the others is left out.
     """
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise InputError("an arm file is given twice: each sister counts once")

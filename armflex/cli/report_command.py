@@ -41,7 +41,8 @@ def command(
 ) -> None:
     """Pose characteristics of a campaign with repeats, as ISO 9283 defines them.
 
-    AP is the distance from the tip in the controller's model; for a calibrated arm also from that in its own model.
+    AP, the pose accuracy, is the distance of the mean measured position from the tip in the controller's model; for a
+    calibrated arm also from the tip in its own model.
     """
     if not standard:
         raise InputError("which report? --iso9283 is known; of a trace it is written by `armflex trace --report`")

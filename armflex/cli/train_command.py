@@ -32,11 +32,11 @@ def learning_options(command: Callable) -> Callable:
     for name, kind, default, text in reversed(
         [
             ("structure", chosen(STRUCTURES), "full", "Form of the compliance"),
-            ("features", str, "radial,magnitude", "Features in which deflections are linear; found searches for them"),
-            ("neurons", whole(1, 200), 20, "In the hidden layer"),
-            ("starts", whole(1, 100), 10, "Trainings, of which the best is kept"),
-            ("prior", chosen(("evidence", "none")), "evidence", "none trains plainly, as the paper does"),
-            ("sampler", chosen(SAMPLERS), None, "How a posterior is found"),
+            ("features", str, "radial,magnitude", "Features in which deflections are linear; found: search for them"),
+            ("neurons", whole(1, 200), 20, "Neurons in the hidden layer"),
+            ("starts", whole(1, 100), 10, "Number of trainings, of which the best is kept"),
+            ("prior", chosen(("evidence", "none")), "evidence", "none: plain training, as in the paper"),
+            ("sampler", chosen(SAMPLERS), None, "How the posterior is found"),
             ("seed", whole(0), 0, "Seed of everything random"),
             ("assembly", options.InputPath, None, "TOML with nodes, sub-joints and beams"),
             ("module", str, None, "FILE.py:CLASS of your own torch.nn.Module, made without arguments; its code is run"),
@@ -45,7 +45,7 @@ def learning_options(command: Callable) -> Callable:
         given = {"type": kind, "default": default, "show_default": True}
         concerned = f" ({', '.join(CONCERNS[name])})" if name in CONCERNS else ""
         command = click.option(f"--{name}", help=f"{text}{concerned}.", **given)(command)
-    text = f"Take a chain that has not converged ({', '.join(CONCERNS['allow_unconverged'])})."
+    text = f"Write the law even if its Markov chain has not converged ({', '.join(CONCERNS['allow_unconverged'])})."
     return click.option("--allow-unconverged", is_flag=True, help=text)(command)
 
 
@@ -55,7 +55,7 @@ def learning_options(command: Callable) -> Callable:
 @learning_options
 @click.option("--read-as", multiple=True, metavar="mm=um", help="Read one unit of the header as another.")
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Law to write (.safetensors).")
-@click.option("--picture", type=options.OutputPath(), help="Drawing of it: law, bands, posterior, residuals, errors.")
+@click.option("--picture", type=options.OutputPath(), help="Picture: law, bands, posterior, residuals, errors.")
 def command(
     data_path: Path,
     model: str,

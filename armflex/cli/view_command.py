@@ -25,7 +25,7 @@ from armflex.trajectory import read_trajectory
               help="Colour the via-points by their verdict.")  # fmt: skip
 @click.option("--q", "positions", multiple=True, metavar="A1=0.3", help="Joint positions where no path is given.")
 @click.option("--magnify", "magnification", type=float,
-              help="Factor on the deflections shown; a round one is chosen otherwise.")  # fmt: skip
+              help="Factor by which deflections are enlarged; a round one is chosen otherwise.")  # fmt: skip
 @click.option("--meshes", is_flag=True, help="Draw the URDF's mesh files where they lie beside it.")
 @click.option("-o", "--output", "path", required=True, type=options.OutputPath(), help="HTML page to write.")
 @options.loads
@@ -38,7 +38,7 @@ def command(
     positions: tuple[str, ...],
     **shown: Any,
 ) -> None:
-    """One self-contained page, made without a display, opened by any browser."""
+    """Write one self-contained page of the arm, which any browser opens. No display is needed."""
     if trajectory_path is None and tolerance is not None:
         raise InputError("--tolerance needs --traj")
     if trajectory_path is not None and positions:
