@@ -54,6 +54,9 @@ CLOSEST = 1e-6
 ENDLESS = 1e9
 """Tolerances that an infinite uncertainty counts as."""
 
+ROUNDING = 1e-9
+"""Fraction of the tolerance within which points are equally bad: a row is named, not the end of a stretch."""
+
 MOST_RELATIVE = 200
 """Rows that `relative_sigma_m` is looked for in."""
 
@@ -209,6 +212,8 @@ def check(
     rows, segments = points[:count], points[count:]
     vias = sorted((row for row in rows if row.name), key=lambda point: point.badness)
     worst = min(points, key=lambda point: point.badness)
+    verdict, least = worst.badness
+    worst = next((point for point in points if point.badness <= (verdict, least + ROUNDING)), worst)
     ok = all(point.verdict == "ok" for point in points)
     held_only = trajectory.target is not None and angle is None and len(arm.joint_names) >= 6  # a pose takes six
     turned = turned_further(*turns.tolist()) if held_only else ()

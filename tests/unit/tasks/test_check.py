@@ -12,9 +12,9 @@ from time import process_time
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from support.small_arms import one_joint
+from support.small_arms import ROBOTS, one_joint
 
-from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, compensate, predict
+from armflex import Arm, InputError, Measurements, Payload, Trajectory, check, compensate, load_arm, predict
 from armflex.errors import ExtrapolationError, JointLimitError, NotFiniteError, Place
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
@@ -501,3 +501,12 @@ def test_what_nothing_determines_makes_every_verdict_uncertain(heavy: Arm, heavy
     exact = tuple(replace(one, law=replace(one.law, relative_std=0.0)) for one in heavy.flexures)
     nobody = compensate(replace(heavy, flexures=exact), path)
     assert nobody.remains_m[1] is None and "no_uncertainty" in [flag.code for flag in nobody.flags]
+
+
+@pytest.mark.slow
+def test_the_worst_of_the_path_has_the_name_of_its_row() -> None:
+    """Also where a stretch that ends there is worse in the last digit."""
+    arm = load_arm(ROBOTS / "palletizer" / "arm.toml")
+    report = check(arm, read_trajectory(ROBOTS / "palletizer" / "trajectory.csv", arm), tolerance=5e-3)
+    assert (report.path_worst.name, report.path_worst.time) == ("place", 4.0)
+    assert min(point.badness for point in report.segments) == pytest.approx(report.path_worst.badness, abs=1e-9)
