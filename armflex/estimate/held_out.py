@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import Any, cast
@@ -87,11 +87,10 @@ def held_out(
         judged: (M, d) readings that count, see `judged_by`; when not given all, in the rows that this fit believes.
     """
     data, rows = fit.residual + fit.regressors @ fit.values, _readings_of(fit, folds)
-    left, known = np.empty(len(data)), known_of_others(fit, folds)
-    scores = _of_others([fit.regressors[own].T @ data[own] for own in rows])
-    for number, own in enumerate(rows):
+    left, scores = np.empty(len(data)), _of_others([fit.regressors[own].T @ data[own] for own in rows])
+    for number, (own, known, score) in enumerate(zip(rows, known_of_others(fit, folds), scores, strict=True)):
         regressors = fit.regressors[own]
-        error = data[own] - regressors @ known[number].solve(scores[number])
+        error = data[own] - regressors @ known.solve(score)
         if refitted is not None and len(refitted[number]):
             some = refitted[number]
             follow = regressors[:, some]
@@ -171,13 +170,14 @@ def errors_of(fit: Fit, whitened: Array) -> Array:
     return own * np.where(np.isfinite(sigma), sigma, 0.0)
 
 
-def known_of_others(fit: Fit, folds: np.ndarray, noise: float = 1.0) -> list[LinearGaussian]:
-    """Return the information of all other folds' rows on a fit's values, for every fold, from (M,) folds.
+def known_of_others(fit: Fit, folds: np.ndarray, noise: float = 1.0) -> Iterator[LinearGaussian]:
+    """Yield the information of all other folds' rows on a fit's values, for every fold, from (M,) folds.
 
     `noise` is the variance of a whitened reading.
     """
     own = [squared(fit.regressors[rows]) / noise for rows in _readings_of(fit, folds)]
-    return [LinearGaussian(one).with_precision(fit.precision) for one in _of_others(own)]
+    for one in _of_others(own):  # one after the other: a random twist has as many values as there are poses
+        yield LinearGaussian(one).with_precision(fit.precision)
 
 
 def _readings_of(fit: Fit, folds: np.ndarray) -> list[np.ndarray]:
@@ -186,11 +186,11 @@ def _readings_of(fit: Fit, folds: np.ndarray) -> list[np.ndarray]:
     return [np.flatnonzero(every == number) for number in range(int(folds.max()) + 1)]
 
 
-def _of_others(parts: Sequence[Array]) -> list[Array]:
-    """Return for each part the sum of all others; taken off the sum of all it would leave its rounding there."""
-    before = accumulate(parts[:-1], initial=np.zeros_like(parts[0]))
-    after = list(accumulate(parts[:0:-1], initial=np.zeros_like(parts[0])))[::-1]
-    return [one + other for one, other in zip(before, after, strict=True)]
+def _of_others(parts: Sequence[Array]) -> Iterator[Array]:
+    """Yield for each part the sum of all others; taken off the sum of all it would leave its rounding there."""
+    after = list(accumulate(parts[:0:-1], initial=np.zeros_like(parts[0])))
+    for before in accumulate(parts[:-1], initial=np.zeros_like(parts[0])):
+        yield before + after.pop()
 
 
 def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0) -> float:

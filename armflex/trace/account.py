@@ -143,6 +143,7 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
     here.state.teller.stage("fitting to the end")
     known, withdrawn = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
+    here.screen.forget()
     found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
     left = unexplained(state, here.places)
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)

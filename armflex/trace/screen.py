@@ -322,21 +322,25 @@ class Screen(Evidence):
             charges: What the size of each counts against it [nats].
             mask: (n,) which readings; all where not given.
         """
-        projection, kept = self.projection, slice(None) if mask is None else mask
+        projection, held = self.projection, self._held
+        kept = np.arange(len(projection.data)) if mask is None else np.flatnonzero(mask)
         known = [self.groups[i] for i in numbers]
         places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in known)])
         ends = np.cumsum([0, *(len(one.places) for one in known)]).tolist()
         groups = [
             Group(one.hypothesis, np.arange(*pair), one.scale) for one, pair in zip(known, pairwise(ends), strict=True)
         ]
-        every = np.hstack([self.columns(places), projection.data[:, None]])
-        columns, cleared = every[kept], projection.cleared(every)[kept]
         own, shared = projection.regressors[kept], projection.shared[kept]
         root = LinearGaussian(own.T @ shared + np.diag(projection.precision)).root
-        seen = columns.T @ shared @ root
-        whole = columns.T @ cleared - seen @ seen.T
+        data, read = projection.data[kept], projection.cleared(projection.data)[kept]
+        some = np.ix_(self._held_at(places), kept)
+        columns = held.columns[some]
+        cleared = columns if projection.apart is None else held.cleared[some]
+        seen, taken = columns @ shared @ root, data @ shared @ root
+        gram, scores = columns @ cleared.T - seen @ seen.T, columns @ read - seen @ taken
+        objective = float(data @ read - taken @ taken)
         count = self.count if mask is None else round(self.count * float(np.mean(mask)))
-        return Dense(groups, whole[:-1, :-1], whole[:-1, -1], float(whole[-1, -1]), count, np.asarray(charges))
+        return Dense(groups, gram, scores, objective, count, np.asarray(charges))
 
     def charge(self, number: int, amplitudes: Array) -> float:
         sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())
