@@ -98,6 +98,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         null = chance(here)
         if not model:
             return Weighed(here, found, None, null), tuple(withdrawn)
+        here.screen.forget()
         here.state.teller.stage("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
@@ -143,7 +144,6 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
     here.state.teller.stage("fitting to the end")
     known, withdrawn = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
-    here.screen.forget()
     found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
     left = unexplained(state, here.places)
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
