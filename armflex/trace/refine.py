@@ -54,7 +54,7 @@ class Refiner:
             found += self._best(beside, starts, SCALES[rival.chosen.scale])
         screen.extend(found)
         lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
-        law, led = lead.one.law, others | {lead.spot}
+        law, led = lead.one.law, others | {("led by", lead.spot)}
         if law.spatial:  # a point of the grid is near the place from some links, and far from it from others
             inner = tuple(
                 value if one.spread is None or one.default is None else one.default
