@@ -24,7 +24,7 @@ from armflex.track.state_space import Model, Sight, model_of
 def test_same_as_least_squares_on_all_readings_together(known, machine):
     """By LAPACK's least squares on the stacked rows, prior included; to rounding."""
     model, readings = model_of(known), machine.readings(3, 150)
-    tracker, sight = Tracker(known), Sight(model.declared, model.blocks, None, 0.0)
+    tracker, sight = Tracker(known), Sight(model.declared, model.blocks, (), 0.0)
     assert all(tracker.update(reading).weight == 1.0 for reading in readings)
     seen = [sight(reading) for reading in readings]
     prior = np.linalg.cholesky(np.linalg.inv(known.certainty.covariance)).T

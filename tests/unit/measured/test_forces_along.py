@@ -216,10 +216,12 @@ def test_a_table_of_forces_in_other_commands(armflex: Run, heavy: Arm, tmp_path:
     fine(armflex("predict", arm, file, "-o", "c.csv"))
     assert (tmp_path / "c.csv").read_text() != (tmp_path / "b.csv").read_text()
     command = ("export", arm, "--to", "urscript", "--compensate", "-o")
-    fine(armflex(*command, "a.script", "--traj", file, *table))
-    fine(armflex(*command, "b.script", "--traj", own))
-    assert (tmp_path / "a.script").read_text() == (tmp_path / "b.script").read_text()
-    assert "loads from outside up to" in (tmp_path / "a.script").read_text()
+    programs = []
+    for some in ((file, *table), (own,)):  # a program is named as its file
+        fine(armflex(*command, "path.script", "--traj", *some))
+        programs.append((tmp_path / "path.script").read_text())
+    assert programs[0] == programs[1]
+    assert "loads from outside up to" in programs[0]
     result = fine(armflex("export", arm, "--to", "krl", "-o", "c.src", "--traj", file, *table), 2)
     assert "--force-table need --compensate" in result.stderr
 
