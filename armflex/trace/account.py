@@ -87,7 +87,8 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
         found, visited = sampled(evidence, model)
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.doubtful]
-        if not is_full(here) and idle(here.state) is None and doubted:
+        zero = idle(here.state)
+        if not is_full(here) and zero is None and doubted:
             back, tried = {place: number for number, place in numbers.items()}, len(here.rejected)
             models = [tuple(replace(one, number=back[one.number]) for one in some) for some in visited]
             known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
@@ -102,7 +103,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         here.state.teller.stage("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
-        last = weakest(model, evidence) if seen.compared.worse else idle(here.state)
+        last = weakest(model, evidence) if seen.compared.worse else zero
         if last is None:
             return Weighed(here, found, seen, null), tuple(withdrawn)
         worse = seen.compared.worse

@@ -233,7 +233,7 @@ def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
     """Return (M,) whether the rows of other folds than a row's own still show some parameters."""
     values, able = fit.values[some], np.zeros(len(folds), bool)
     for number, left in enumerate(known_of_others(fit, folds)):
-        told = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
-        known = left.covariance[np.ix_(some[told], some[told])]
-        able[folds == number] = told.any() and from_zero(values[told], known) > 1.0
+        determined = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
+        known = left.covariance[np.ix_(some[determined], some[determined])]
+        able[folds == number] = determined.any() and from_zero(values[determined], known) > 1.0
     return able
