@@ -61,6 +61,13 @@ class Measured:
     weights: Array
     fit: Fit
 
+    @staticmethod
+    def of(fitted: Fit, campaign: Measurements, certainty: Certainty, setup: Setup) -> Measured:
+        """Return what a campaign says of an arm as a fit left it; readings that repeat one another count less."""
+        weights = np.zeros((len(campaign), fitted.view.readings.size))
+        weights[fitted.view.rows] = fitted.weights / certainty.design_effect
+        return Measured(campaign, look(setup, campaign), weights, fitted)
+
 
 @dataclass(frozen=True, eq=False)
 class Before:
@@ -118,10 +125,9 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
     found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
-    fitted, weights = found.fit, np.zeros((len(after), found.fit.view.readings.size))
+    fitted = found.fit
     assert found.arm.certainty is not None
-    weights[fitted.view.rows] = fitted.weights / found.arm.certainty.design_effect  # readings that repeat one another
-    measured = Measured(after, look(fitted.setup, after), weights, fitted)
+    measured = Measured.of(fitted, after, found.arm.certainty, fitted.setup)
     return Before(fitted.setup, measured, noises_of(fitted), found.flags)
 
 

@@ -68,7 +68,6 @@ def trace(
     from armflex.estimate.calibrate import calibrate
     from armflex.estimate.misread import check_scatter
     from armflex.trace.account import conclude, so_far
-    from armflex.trace.asking import Ask
     from armflex.trace.search import resumed, search, standing
     from armflex.trace.state import begin
     from armflex.trace.telling import Teller
@@ -97,7 +96,7 @@ def trace(
             teller.stage(f"no account so far: {error}")
 
     begun = resumed(begun, accepted) if accepted else begun
-    traced = conclude(search(begun, passing), places, Ask(ask, covariates or {}))
+    traced = conclude(search(begun, passing), places, ask, covariates)
     if not anyway:
         check_scatter(traced.state.fit)
     if account is not None:

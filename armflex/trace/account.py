@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,9 @@ from armflex.estimate.robust import robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter
-from armflex.trace.asking import Ask, lacking, misplaced_centres, next_measurement
+from armflex.plan.asking import Cause
+from armflex.plan.design_model import Before, Measured, noises_of
+from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement
 from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
@@ -29,7 +32,6 @@ from armflex.trace.findings import (
     Withdrawn,
     unexplained,
 )
-from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, standing
@@ -134,13 +136,19 @@ def settled_exactly(here: Standing) -> Standing:
     return here if state is here.state else standing(state, here)
 
 
-def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = None) -> Trace:
+def conclude(
+    here: Standing,
+    places: tuple[RandomTwist, ...],
+    ask: int = 0,
+    settable: Mapping[str, Sequence[float]] | None = None,
+) -> Trace:
     """Return the account of a search that has come to its end.
 
     Args:
         here: The state.
         places: Where a random twist would have explained what was left at first.
-        ask: Whether rows are wanted that decide what is in question.
+        ask: How many rows are wanted that decide what is in question.
+        settable: Values that can be set of recorded columns in those, by name.
     """
     here.state.teller.stage("fitting to the end")
     known, withdrawn = weighed(settled_exactly(here))
@@ -153,7 +161,9 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     state.teller.stage("looking what would decide what is in question")
-    following = next_measurement(state, known.credible, ask or Ask())
+    open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
+    if open_places:
+        texts, asked = next_measurement(_before(state), open_places, ask, settable or {})
     wrong, seen = misplaced_centres(state.fitted, state.fit.setup.arm.robot), known.validated
     return Trace(
         **_errors(state, seen),
@@ -164,8 +174,8 @@ def conclude(here: Standing, places: tuple[RandomTwist, ...], ask: Ask | None = 
         undecided=None if state.effects or left is not None else _undecided(known),
         not_identifiable=not_identifiable(here),
         smallest=smallest(here),
-        next_measurement=(*wrong, *following.texts, *lacking(state.measurements, state.context)),
-        asked=following.asked,
+        next_measurement=(*wrong, *texts, *lacking(state.measurements, state.context)),
+        asked=asked,
         compared=None if seen is None else seen.compared,
         withdrawn=withdrawn,
         nothing=0.0 if state.known or left is not None else known.credible[-1].nothing,
@@ -202,7 +212,6 @@ def _found(known: Weighed, number: int) -> Found:
     state, credible, seen = known.here.state, known.credible[number], known.validated
     assert seen is not None
     index = state.units[number][0]
-    others = tuple((_effect(one), chance) for one, chance in credible.others if not one.family)
     best = credible.ranking[0][1]
     ranking = tuple((one, 2.0 * odds) for one, odds in credible.ranking if not one.family)
     return Found(
@@ -214,12 +223,38 @@ def _found(known: Weighed, number: int) -> Found:
         index=index,
         survives=seen.names[number],
         probability=credible.probability,
-        credible=others,
+        credible=_others(credible),
     )
 
 
-def _effect(one: Hypothesis) -> Effect:
-    return one.one.effect(np.zeros(len(one.one.location.terms)))
+def _others(credible: Credible) -> tuple[tuple[Effect, float], ...]:
+    """Return what else may be in a place, single effects without a size, with the probability of each."""
+    single = [(one.one, chance) for one, chance in credible.others if not one.family]
+    return tuple((one.effect(np.zeros(len(one.location.terms))), chance) for one, chance in single)
+
+
+def _places(known: Weighed, found: Sequence[Found]) -> list[Place]:
+    """Return what may be in the place of every effect that was found, or what may be missing where nothing was."""
+    count = len(known.here.state.declared.arm.effects)
+    causes: Sequence[Cause | None] = [Cause(one.effect, one.probability, count + one.index) for one in found]
+    single = [known.credible[i] for i, one in enumerate(known.here.state.known) if not one.family]
+    if not known.here.state.known:
+        causes, single = [None], [known.credible[-1]]
+    return [
+        Place(cause, [Cause(*pair) for pair in _others(credible)], credible.nothing)
+        for cause, credible in zip(causes, single, strict=True)
+    ]
+
+
+def _before(state: State) -> Before:
+    """Return arm and campaign as a plan takes them; a random twist knows only the poses it was fitted to."""
+    fit, count = state.fit, len(state.declared.arm.effects) + len(state.effects)
+    setup = replace(fit.setup, arm=replace(fit.setup.arm, effects=fit.setup.arm.effects[:count]))
+    measured, least = Measured.of(fit, state.measurements, certainty_of(fit), setup), 1.0
+    if state.random is not None:
+        left = measured.view.whitened[fit.view.rows] * np.sqrt(fit.weights)
+        least = float(np.sqrt(fit.view.readings.row_squares(left).sum() / max(fit.view.count, 1)))
+    return Before(setup, measured, {name: max(noise, least) for name, noise in noises_of(fit).items()})
 
 
 def _family(known: Weighed, number: int) -> FoundFamily:

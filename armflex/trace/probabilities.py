@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from armflex.plan.next_measurement import DOUBT
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import ALMOST, Dense, Screen
@@ -24,8 +25,8 @@ SWEEPS = 60
 MOST_COMPETING = 40
 """Tolerance: hypotheses that compete for a place at most."""
 
-CREDIBLE = 0.95
-"""Confidence: probability of a credible set."""
+CREDIBLE = 1.0 - DOUBT
+"""Confidence: probability of a credible set, beside which nothing is in question."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,16 +8,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import norm
+from support.arms import bundled
 from support.command_line import few_rows
 from support.small_arms import ROBOTS
 
 from armflex import load_arm, read_measurements, write_plan
+from armflex.laws.effects import Effect, Location
+from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.plan.asking import Cause, Question
 from armflex.plan.design import Named, Truth
 from armflex.plan.design_model import Before, known_before
 from armflex.plan.hypotheses import named_effect
+from armflex.plan.next_measurement import misplaced_centres
 from armflex.rows.rows import last_motion
 
 
@@ -104,3 +108,14 @@ def test_what_remembers_the_rows_before_is_asked_in_an_order(before: Before) -> 
     values = found._values(asked.rows, orders)
     assert -values[0] == pytest.approx(asked.after, rel=1e-6) and np.ptp(values) > 0.0
     assert values[0] >= np.median(values)
+
+
+def test_masses_that_no_link_has_point_to_the_centres_of_mass() -> None:
+    robot = bundled("heavy_six").robot
+
+    def said(*masses: float) -> str:
+        found = [Effect(LINK_MASS, Location("link:J3", terms=(0,)), (mass, 0.0, 0.0, 0.0)) for mass in masses]
+        return " ".join(misplaced_centres(found, robot))
+
+    assert said() == said(20.0) == ""
+    assert "link2 by -81 kg of 240 kg" in said(-81.0) and "centres of mass" in said(-81.0)

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.arms import bundled
 
 from armflex import Arm, Measurements, predict, trace
 from armflex.conventions import TWIST_NAMES, Array
@@ -17,13 +16,11 @@ from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.laws.effects.location import resolve
 from armflex.laws.effects.payload_mass import EACH
 from armflex.laws.effects.shapes import free_of_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
-from armflex.trace.asking import misplaced_centres
 from armflex.trace.candidates import Candidate, grid
 from armflex.trace.sensible import MOST_GIVE, SOFTER, sensible, unusual
 from armflex.trace.state import State
@@ -74,17 +71,6 @@ def test_a_link_keeps_a_mass_and_weighs_no_more_than_the_arm(before):
         assert is_sensible(before, mass, possible), possible
     for impossible in (-1.01 * own, -40_000.0, 1.01 * whole, 40_000.0):
         assert not is_sensible(before, mass, impossible), impossible
-
-
-def test_masses_that_no_link_has_point_to_the_centres_of_mass() -> None:
-    robot = bundled("heavy_six").robot
-
-    def said(*masses: float) -> str:
-        found = [Effect(LINK_MASS, Location("link:J3", terms=(0,)), (mass, 0.0, 0.0, 0.0)) for mass in masses]
-        return " ".join(misplaced_centres(found, robot))
-
-    assert said() == said(20.0) == ""
-    assert "link2 by -81 kg of 240 kg" in said(-81.0) and "centres of mass" in said(-81.0)
 
 
 @pytest.mark.parametrize("share", [0.6, 0.99, 1.01])

@@ -1,20 +1,17 @@
-"""What to measure next: what is still in question after a trace, and the rows that decide it.
+"""What to measure next: which causes are in question, the rows that decide between them, and what a campaign lacks.
 
-In question are an effect and what else it may be, and, where nothing was found, what may be missing.
 `armflex.plan.asking` has the rows, and says what no row of this kind distinguishes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 
 from armflex.errors import ArmflexError, listing
-from armflex.estimate.posterior import certainty_of
-from armflex.estimate.view import look
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.link_mass import LINK_MASS
@@ -22,14 +19,11 @@ from armflex.laws.effects.location import link_of
 from armflex.measured.measurements import Measurements
 from armflex.plan.asking import OFFERED, Asked, Cause, Pair, Question
 from armflex.plan.design import instead
-from armflex.plan.design_model import Before, Measured, noises_of
+from armflex.plan.design_model import Before
 from armflex.plan.instruments import informing_levels
 from armflex.robot.robot import Robot
-from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import CREDIBLE, Credible
-from armflex.trace.state import State
 
-DOUBT = 1.0 - CREDIBLE
+DOUBT = 0.05
 """Confidence: probability from which it is in question whether something is missing."""
 
 POSSIBLE, RIVALS = 0.01, 4
@@ -46,67 +40,70 @@ STEMS = ("ask", "ask_2")
 
 
 @dataclass(frozen=True, eq=False)
-class Ask:
-    """That rows are wanted.
+class Place:
+    """What may be in one place of a model.
 
     Attributes:
-        rows: How many; none where 0.
-        settable: Values that can be set of recorded columns, by name.
+        found: The cause that was found; None where nothing was.
+        others: What else it may be, the likeliest first.
+        nothing: Probability that there is no effect.
     """
 
-    rows: int = 0
-    settable: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    found: Cause | None
+    others: Sequence[Cause]
+    nothing: float
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """The pairs of causes that are in question."""
+        rivals = [one for one in self.others if one.probability >= POSSIBLE][:RIVALS]
+        none = Cause(None, self.nothing)
+        if self.found is not None:
+            return [(self.found, other) for other in [*rivals, *([none] if self.nothing >= DOUBT else [])]]
+        if not DOUBT < self.nothing < 1.0 - DOUBT:
+            return []
+        return [*((one, none) for one in rivals), *combinations(rivals, 2)]
 
 
-@dataclass(frozen=True, eq=False)
-class Next:
-    """What to measure next.
-
-    Attributes:
-        texts: In words.
-        asked: The rows; None where none were wanted, or none decide anything.
-    """
-
-    texts: tuple[str, ...]
-    asked: Asked | None = None
-
-
-def next_measurement(state: State, credible: Sequence[Credible], wanted: Ask) -> Next:
-    """Return what would decide what is in question.
+def next_measurement(
+    before: Before, places: Sequence[Place], rows: int, settable: Mapping[str, Sequence[float]]
+) -> tuple[tuple[str, ...], Asked | None]:
+    """Return in words what would decide what is in question, and the rows that do.
 
     Args:
-        state: The final fit.
-        credible: What every hypothesis may be, and last what may be missing.
-        wanted: Whether rows are.
+        before: Arm and campaign, everything that was found in it.
+        places: What may be in every place where something is in question.
+        rows: How many rows are wanted; None are returned where 0, or where none decide anything.
+        settable: Values that can be set of recorded columns; others stay as they were last.
     """
-    stem = next((one for one in STEMS if not any(f"{one} " in pose for pose in state.measurements.pose)), None)
-    groups = _groups(state, credible)
+    assert before.measured is not None
+    poses = before.measured.campaign.pose
+    stem = next((one for one in STEMS if not any(f"{one} " in pose for pose in poses)), None)
+    groups = [place.pairs for place in places]
     pairs = [pair for group in groups for pair in group]
-    if not pairs:
-        return Next(())
     try:
-        question = Question.of(_before(state), pairs, wanted.settable, OFFERED if wanted.rows else LOOKED)
-        asked = question.rows(wanted.rows, stem) if wanted.rows and stem is not None else None
+        question = Question.of(before, pairs, settable, OFFERED if rows else LOOKED)
+        asked = question.rows(rows, stem) if rows and stem is not None else None
     except ArmflexError as error:  # no proposal is better than a wrong one
-        return Next((f"No rows are proposed: {error}",))
+        return (f"No rows are proposed: {error}",), None
     texts, first = list[str](), 0
     for group in groups:
-        told = question.open[first : first + len(group)]
-        if told.any():
-            texts.append(f"{_odds(group)}: {_how(asked, wanted, stem)}")
-        for i in np.flatnonzero(~told)[:RIVALS]:
+        open_of_it = question.open[first : first + len(group)]
+        if open_of_it.any():
+            texts.append(f"{_odds(group)}: {_how(asked, rows, stem)}")
+        for i in np.flatnonzero(~open_of_it)[:RIVALS]:
             texts.append(_elsewhere(question, first + int(i)))
         first += len(group)
-    return Next(tuple(texts), asked)
+    return tuple(texts), asked
 
 
-def _how(asked: Asked | None, wanted: Ask, stem: str | None) -> str:
+def _how(asked: Asked | None, rows: int, stem: str | None) -> str:
     if stem is None:
         return "rows were asked for twice already; more of this kind hardly decide it."
     if asked is None:
         return "`armflex trace --ask 12` writes the rows to measure that decide."
     return (
-        f"measure these {wanted.rows} rows to decide ({stem}.csv; the probability of a wrong name is then at most "
+        f"measure these {rows} rows to decide ({stem}.csv; the probability of a wrong name is then at most "
         f"{min(asked.after, 1.0):.1%}, now {min(asked.before, 1.0):.1%})."
     )
 
@@ -134,46 +131,6 @@ def _elsewhere(question: Question, number: int) -> str:
     return f"{alike}; instead, {instead(one.effect, other.effect, levels)}."
 
 
-def _groups(state: State, credible: Sequence[Credible]) -> list[list[Pair]]:
-    """Return for every effect, or for what may be missing, the pairs of causes that are in question."""
-    found, known = list[list[Pair]](), len(state.declared.arm.effects)
-    for number, (unit, one) in enumerate(zip(state.units, credible, strict=False)):
-        if state.known[number].family:
-            continue
-        own = Cause(state.fitted[unit[0]], one.probability, known + unit[0])
-        rivals = [Cause(*pair) for pair in _possible(one)]
-        rivals += [Cause(None, one.nothing)] if one.nothing >= DOUBT else []
-        found.append([(own, other) for other in rivals])
-    missing = credible[-1]
-    if not state.known and DOUBT < 1.0 - missing.nothing < CREDIBLE:
-        some, none = [Cause(*pair) for pair in _possible(missing)], Cause(None, missing.nothing)
-        found.append([*((one, none) for one in some), *combinations(some, 2)])
-    return [group for group in found if group]
-
-
-def _possible(one: Credible) -> list[tuple[Effect, float]]:
-    pairs = [(_effect(each), chance) for each, chance in one.others if not each.family and chance >= POSSIBLE]
-    return pairs[:RIVALS]
-
-
-def _effect(one: Hypothesis) -> Effect:
-    return one.one.effect(np.zeros(len(one.one.location.terms)))
-
-
-def _before(state: State) -> Before:
-    """Return arm and campaign as a plan takes them; a random twist knows only the poses it was fitted to."""
-    fit, campaign = state.fit, state.measurements
-    count = len(state.declared.arm.effects) + len(state.effects)
-    setup = replace(fit.setup, arm=replace(fit.setup.arm, effects=fit.setup.arm.effects[:count]))
-    weights = np.zeros((len(campaign), fit.view.readings.size))
-    weights[fit.view.rows] = fit.weights / certainty_of(fit).design_effect
-    view = look(setup, campaign)
-    left = fit.view.readings.row_squares(view.whitened[fit.view.rows] * np.sqrt(fit.weights))
-    scatter = float(np.sqrt(left.sum() / max(fit.view.count, 1)))
-    noises = {name: max(noise, scatter if state.random is not None else 1.0) for name, noise in noises_of(fit).items()}
-    return Before(setup, Measured(campaign, view, weights, fit), noises)
-
-
 def misplaced_centres(effects: Sequence[Effect], robot: Robot) -> tuple[str, ...]:
     """Return in words that masses which no link has may be centres of mass at wrong places: they load joints alike."""
     far = {}
@@ -193,34 +150,34 @@ def misplaced_centres(effects: Sequence[Effect], robot: Robot) -> tuple[str, ...
 
 def lacking(measurements: Measurements, context: Context) -> tuple[str, ...]:
     """Return in words what would make a campaign able to show more."""
-    told, used = [], measurements.measured
+    texts, used = [], measurements.measured
     kinds = len({payload for payload, read in zip(measurements.payload, used, strict=True) if read})
     if kinds < 3:
-        told.append(
+        texts.append(
             f"Measure with three payloads, one in between: {kinds} cannot distinguish a curved law from a linear one."
         )
     if len(set(measurements.session)) < 2:
-        told.append(
+        texts.append(
             "Set the instrument up again half way: one session cannot distinguish a drift of the base "
             "from one of the arm."
         )
     turned = measurements.approach[used]
     one_way = [name for i, name in enumerate(measurements.joint_names) if len(set(turned[:, i].tolist()) - {0.0}) < 2]
     if one_way:
-        told.append(f"Approach poses from both sides with {', '.join(one_way[:4])}: backlash does not show otherwise.")
+        texts.append(f"Approach poses from both sides with {', '.join(one_way[:4])}: backlash does not show otherwise.")
     derived = [name for name in measurements.derived if name != "time"]
     if derived:
-        told.append(
+        texts.append(
             f"Write down {', '.join(derived[:4])}: the direction a joint came from was taken from the rows before."
         )
     if "time" in measurements.derived:
-        told.append("Write down the time of every row: nothing that drifts, lags or slips was looked for.")
+        texts.append("Write down the time of every row: nothing that drifts, lags or slips was looked for.")
     cylinders = [one.name for one in context.robot.linkage.cylinders]
     if cylinders and "hold" not in context.recorded:
-        told.append(
+        texts.append(
             f"Write down in a column `hold` how long each pose has stood [s], and let it differ: whether "
             f"{listing(cylinders)} leaks was not looked for."
         )
     if len(set(zip(measurements.pose, measurements.payload, strict=True))) == len(measurements):
-        told.append("Repeat ten poses or more: repeats give the noise without any model.")
-    return tuple(told)
+        texts.append("Repeat ten poses or more: repeats give the noise without any model.")
+    return tuple(texts)
