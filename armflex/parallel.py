@@ -22,9 +22,6 @@ import numpy as np
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
-Progress = Callable[[int, int], None]
-"""Called with how many pieces of work are done, and of how many."""
-
 MANY = 6
 """Pieces from which threads are worth what it takes to begin them; fewer are done one after the other."""
 

@@ -26,16 +26,16 @@ class Result:
     """A result that shows itself; a class says what of it is shown.
 
     Attributes:
-        TOLD: Names of the fields and properties that `to_dict` has.
+        FIELDS: Names of the fields and properties that `to_dict` has.
         ROWS: Which of its attributes is a table: a sequence with a row each, or columns by name.
     """
 
-    TOLD: ClassVar[tuple[str, ...]] = ()
+    FIELDS: ClassVar[tuple[str, ...]] = ()
     ROWS: ClassVar[str] = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result in plain values, as strict JSON takes them: SI units, None for what is not finite."""
-        found = {name: plain(getattr(self, name)) for name in self.TOLD}
+        found = {name: plain(getattr(self, name)) for name in self.FIELDS}
         return {name: value for name, value in found.items() if value is not LEFT_OUT}
 
     def to_frame(self) -> pandas.DataFrame:

@@ -112,7 +112,7 @@ class Trajectory(Result):
             those are q.
     """
 
-    TOLD = ("joint_names", "time", "q", "target", "payload", "via", "v", "a", "covariates")
+    FIELDS = ("joint_names", "time", "q", "target", "payload", "via", "v", "a", "covariates")
     ROWS = "table"
 
     joint_names: tuple[str, ...]

@@ -33,7 +33,7 @@ from armflex.laws.law import Law
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData, as_joint_data
 from armflex.measured.table import Tabular
-from armflex.parallel import Progress
+from armflex.progress import Progress
 from armflex.result import Result
 from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
@@ -80,7 +80,17 @@ class TrainResult(Result):
         seconds: How long each model that was compared took, and the choice anew in every fold; of "auto" alone.
     """
 
-    TOLD = ("rows", "units", "train_rms", "held_out_rms", "held_out", "coverage_95", "parameters", "compared", "flags")
+    FIELDS = (
+        "rows",
+        "units",
+        "train_rms",
+        "held_out_rms",
+        "held_out",
+        "coverage_95",
+        "parameters",
+        "compared",
+        "flags",
+    )
     ROWS = "table"
 
     trained: TrainedLaw

@@ -17,7 +17,7 @@ from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
 from armflex.result import record
 
-TOLD = (
+KEYS = (
     "method q joint_loads wrenches twists contributions corrected remainder displacement compliance load_factor "
     "passive loop_loads cylinder_states spring_states"
 )
@@ -40,7 +40,7 @@ def command(arm: Arm, q: Array, payload: str, **how: Any) -> None:
     named |= {"pose": "pose.homogeneous", "rigid_pose": "rigid_pose.homogeneous"}
 
     def content() -> dict[str, Any]:
-        return {"payload": payload, "covariance": covariance, **record(found, TOLD, **named)}
+        return {"payload": payload, "covariance": covariance, **record(found, KEYS, **named)}
 
     options.conclude(content, (*found.flags, *found.overload, *flags), arm)
     print_deflection(arm, found, covariance)

@@ -205,7 +205,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
         yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
     if found.outliers:
-        lost, less = found.told("lost beam"), found.told("counted less")
+        lost, less = found.outlier_count("lost beam"), found.outlier_count("counted less")
         yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."
     if pairs := [one for one in found.outliers if one.fellow]:
         said = listing(f"{one.place or one.row} and {one.fellow}" for one in pairs[::2])

@@ -19,8 +19,9 @@ from armflex.estimate.calibrate import FEWEST_ROWS, fitted_to, loads_seen
 from armflex.laws.learned import Seen
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
-from armflex.parallel import Progress, in_order
+from armflex.parallel import in_order
 from armflex.parameters import ParameterKind
+from armflex.progress import Progress
 from armflex.result import Result
 from armflex.storage.array_file import Layout
 from armflex.storage.digest import digest
@@ -55,7 +56,7 @@ class Bootstrap(Result):
         values: (n, P) what each of n fits found, in the parameters' units.
     """
 
-    TOLD = ("names", "std")
+    FIELDS = ("names", "std")
     ROWS = "table"
 
     names: tuple[str, ...]

@@ -39,8 +39,8 @@ from armflex.laws.learned import Seen
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
-from armflex.parallel import Progress
 from armflex.parameters import FRAMES, OF_SESSION, ArmParameter, Group, ParameterKind, beyond_priors
+from armflex.progress import Progress
 from armflex.readings import Kind
 from armflex.result import Result
 from armflex.robot.urdf import drive_of
@@ -73,7 +73,7 @@ class Calibration(Result):
         scattered: The fit in which each joint stands off at random in every pose, None where none does.
     """
 
-    TOLD = ("declared_rms", "rms", "noise_rms", "held_out", "weighed", "scatter", "fitted", "flags")
+    FIELDS = ("declared_rms", "rms", "noise_rms", "held_out", "weighed", "scatter", "fitted", "flags")
     ROWS = "fitted"
 
     arm: Arm

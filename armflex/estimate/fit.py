@@ -26,8 +26,8 @@ from armflex.estimate.robust import (
 from armflex.estimate.view import View, look
 from armflex.linear_gaussian import LinearGaussian, squared
 from armflex.measured.measurements import Measurements
-from armflex.parallel import Progress
 from armflex.parameters import ArmParameter
+from armflex.progress import Progress
 
 SETTLED = 1e-3
 """Tolerance: steps below this many posterior standard deviations end the iteration."""

@@ -19,8 +19,8 @@ from armflex.estimate.block import Block, LawBlock, learned_laws, with_laws
 from armflex.estimate.fit import Effort, Fit, Weighed, fit
 from armflex.estimate.sample import LawSamples
 from armflex.laws.learned import LearnedLaw
-from armflex.parallel import Progress
 from armflex.parameters import Certainty
+from armflex.progress import Progress
 
 FIRM = 4.0
 """Prior: how many values' worth the expected size of a group is: a scale that the data hardly determine must not run to
@@ -43,7 +43,7 @@ its own; only where nothing is gained but rounding it is no matter where one end
 SETTLED = 0.2
 """Tolerance: logarithm of a change of every scale below which the search ends."""
 
-TOLD = 0.5
+NARROWED = 0.5
 """Confidence: part of the declared law's uncertainty that must be gone for an axis to count as determined by the
 readings."""
 
@@ -178,7 +178,7 @@ class LearnedAxis:
     @property
     def determined(self) -> bool:
         """Whether the readings say anything about it; else its prior holds it."""
-        return self.std < TOLD * self.before
+        return self.std < NARROWED * self.before
 
 
 def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples | None) -> tuple[LearnedAxis, ...]:

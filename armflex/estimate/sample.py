@@ -17,7 +17,7 @@ from armflex.estimate.fit import Fit
 from armflex.laws import Row
 from armflex.laws.learned import LearnedLaw
 from armflex.linear_gaussian import ROUNDING
-from armflex.parallel import Progress
+from armflex.progress import Progress
 from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4

@@ -93,7 +93,7 @@ class Part(Result):
     flags: tuple[Flag, ...] = ()
     surface: Mapping[str, Array] | None = None
 
-    TOLD = (
+    FIELDS = (
         *("mesh", "sha256", "nodes", "fixed", "fixed_origin", "loaded", "interface", "origin", "compliance"),
         *("stiffness", "mass", "com", "inertia", "mass_matrix", "weight", "frequencies_hz", "young_std", "flags"),
     )

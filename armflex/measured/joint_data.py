@@ -54,7 +54,7 @@ class JointData(Result):
     path: Path | Frame
     covariates: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
-    TOLD = ("table", "units", "sha256")
+    FIELDS = ("table", "units", "sha256")
     ROWS = "table"
 
     @property

@@ -81,7 +81,7 @@ class Measurements(Rows, Result):
     frame: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
 
-    TOLD = ("table", "sha256", "frame", "flags")
+    FIELDS = ("table", "sha256", "frame", "flags")
     ROWS = "table"
 
     @property

@@ -70,7 +70,7 @@ class Repeats(Result):
     across_sessions: Scatter | None
     flags: tuple[Flag, ...]
 
-    TOLD = ("same_session", "same_approach", "across_sessions", "flags")
+    FIELDS = ("same_session", "same_approach", "across_sessions", "flags")
     ROWS = "table"
 
     @property

@@ -91,7 +91,7 @@ class _Result(Result, Generic[Length]):
         wrenches, twists: (..., n_flexures, 6) load on [N, Nm] and deflection of [m, rad] every flexure, local axes.
     """
 
-    TOLD = ("q", "displacement", "covariance", "contributions", "wrenches", "twists")
+    FIELDS = ("q", "displacement", "covariance", "contributions", "wrenches", "twists")
     ROWS = "table"
 
     arm: Structure
@@ -194,7 +194,7 @@ class Deflection(_Result[float]):
         asked_flags: Flags of the question.
     """
 
-    TOLD = (*_Result.TOLD, "load_factor", "passive", "loop_loads", "cylinder_states", "spring_states")
+    FIELDS = (*_Result.FIELDS, "load_factor", "passive", "loop_loads", "cylinder_states", "spring_states")
 
     solved: Equilibrium
     asked_flags: tuple[Flag, ...] = ()

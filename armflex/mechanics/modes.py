@@ -69,7 +69,7 @@ class Modes(Result):
         flags: What is missing of the inertias, and where the damping comes from.
     """
 
-    TOLD = ("frequencies", "damping_ratios", "shapes", "masses", "sensitivities", "flags")
+    FIELDS = ("frequencies", "damping_ratios", "shapes", "masses", "sensitivities", "flags")
     ROWS = "table"
 
     frequencies: Array

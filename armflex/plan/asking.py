@@ -26,7 +26,7 @@ from armflex.plan.design_model import NOWHERE, Before, CandidateBlock, Model, an
 from armflex.plan.drive import driving_order
 from armflex.plan.instruments import unlike
 from armflex.plan.offer import Offer, Reach, around, spread_evenly
-from armflex.plan.planned_rows import TOLD
+from armflex.plan.planned_rows import DISTINGUISHED
 from armflex.plan.planning import reach_of
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
@@ -144,7 +144,7 @@ class Question:
         now = np.array([one.chi_square(model.known, one.departure(model.known)) for one in truths])
         chances = np.sqrt([one.probability * other.probability for one, other in pairs])
         goal = Named(tuple(truths), chances, now)
-        distinct = goal.apart(model.known.with_rows(model.rows(offer))) >= TOLD**2
+        distinct = goal.apart(model.known.with_rows(model.rows(offer))) >= DISTINGUISHED**2
         goal = replace(goal, chances=np.where(distinct, chances, 0.0))
         return Question(before, reach, tuple(pairs), offer, model, goal, distinct)
 

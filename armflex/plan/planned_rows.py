@@ -27,7 +27,7 @@ from armflex.plan.offer import Offer, Reach
 from armflex.result import Result
 from armflex.rows import Rows
 
-TOLD = 3.0
+DISTINGUISHED = 3.0
 """Standard deviations at which two effects are distinguished."""
 
 UNKNOWN = 1.0
@@ -129,7 +129,7 @@ class Plan(Result):
     mounts: tuple[Mounted, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
 
-    TOLD = ("table", "reached", "random_rows", "advice", "flags")
+    FIELDS = ("table", "reached", "random_rows", "advice", "flags")
     ROWS = "table"
 
     @property
@@ -208,7 +208,7 @@ def _between(plan: Plan) -> Iterator[str]:
         said = " from ".join(named[i] for i in pair)
         one, other = (plan.hypotheses[i].candidate.effect for i in pair)
         otherwise = instead(one, other, levels)
-        if not truths or goal.shown(plan.everything) < TOLD:
+        if not truths or goal.shown(plan.everything) < DISTINGUISHED:
             yield f"{readings} distinguishes {said}; instead, {otherwise}."
             continue
         if len(truths) == 1:
@@ -219,6 +219,6 @@ def _between(plan: Plan) -> Iterator[str]:
                 f"read; these rows are for the case that it is {named[true]}. Otherwise, {otherwise}."
             )
         apart = float(goal.shown(TOptimal(tuple(truths.values())).value(plan.known)))
-        if apart < TOLD:
-            more = int(np.ceil((len(plan.reached) - 1) * (TOLD / max(apart, 1e-9)) ** 2))
+        if apart < DISTINGUISHED:
+            more = int(np.ceil((len(plan.reached) - 1) * (DISTINGUISHED / max(apart, 1e-9)) ** 2))
             yield (f"These rows do not distinguish {said}: {apart:.2g} standard deviations; about {more} rows would.")

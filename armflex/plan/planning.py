@@ -27,7 +27,7 @@ from armflex.plan.drive import driven
 from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, named_effect, refitted, spelled
 from armflex.plan.instruments import TRACKER, Mounted, choose, informing_levels, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
-from armflex.plan.planned_rows import TOLD, UNKNOWN, Plan, blind_spots
+from armflex.plan.planned_rows import DISTINGUISHED, UNKNOWN, Plan, blind_spots
 from armflex.readings import Position, unread
 from armflex.readings.sensor import LONGEST, Sensor
 from armflex.rows.rows import APPROACH
@@ -319,7 +319,7 @@ def _goal(
             truths.append(Truth(own, np.setdiff1d(np.arange(len(own)), np.concatenate(gone)), float(own @ own)))
         # One law may hold the other as a special case: then rows are for the case that the wider one is true.
         whole = model.known.with_rows(every)
-        distinguished = [truth for truth in truths if TOptimal((truth,)).value(whole) >= TOLD**2]
+        distinguished = [truth for truth in truths if TOptimal((truth,)).value(whole) >= DISTINGUISHED**2]
         return TOptimal(tuple(distinguished or truths))
     if along is None:
         return DsOptimal(np.flatnonzero(model.moving))

@@ -89,7 +89,7 @@ class Calmed(Result):
             where the damping comes from.
     """
 
-    TOLD = ("motions", "flags")
+    FIELDS = ("motions", "flags")
     ROWS = "motions"
 
     trajectory: Trajectory

@@ -19,7 +19,8 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.equilibrium import MAX_ROTATION
 from armflex.mechanics.many_rows import displaced_from, rigid_tips
-from armflex.parallel import Progress, in_pieces, in_threads
+from armflex.parallel import in_pieces, in_threads
+from armflex.progress import Progress
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Points, Trajectory, as_trajectory
@@ -120,7 +121,7 @@ class CheckReport(Result):
         rows: Every row, in order, via-points among them.
     """
 
-    TOLD = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst", "flags")
+    FIELDS = ("ok", "tolerance_m", "angle_rad", "samples", "load_factor", "via_points", "path_worst", "flags")
     ROWS = "via_points"
 
     ok: bool

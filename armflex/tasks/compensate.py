@@ -24,7 +24,8 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import kernel_pays, rigid_tips
 from armflex.mechanics.response import respond
-from armflex.parallel import Progress, in_pieces, in_threads
+from armflex.parallel import in_pieces, in_threads
+from armflex.progress import Progress
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.tasks.check import turned_further
@@ -107,7 +108,7 @@ class Compensation(Result):
             changes that may not be the smallest; no uncertainty that anybody states.
     """
 
-    TOLD = ("ok", "match", "between_m", "rows", "flags")
+    FIELDS = ("ok", "match", "between_m", "rows", "flags")
     ROWS = "rows"
 
     trajectory: Trajectory

@@ -146,7 +146,7 @@ class PosePerformance(Result):
     remarks: tuple[str, ...]
     excluded: tuple[int, ...] = ()
 
-    TOLD = ("poses", "directions", "drifts", "remarks", "excluded")
+    FIELDS = ("poses", "directions", "drifts", "remarks", "excluded")
     ROWS = "table"
 
     @property

@@ -62,7 +62,7 @@ class Prediction(Result):
             range; empty where the arm has nothing that was found in one.
     """
 
-    TOLD = ("position", "rotation", "sigma", "displacement", "flags")
+    FIELDS = ("position", "rotation", "sigma", "displacement", "flags")
     ROWS = "table"
 
     rows: Measurements

@@ -88,7 +88,7 @@ class Rehearsal(Result):
         effects: Every effect that was hidden, in the order of the catalogue.
     """
 
-    TOLD = ("size", "sigma", "read", "effects")
+    FIELDS = ("size", "sigma", "read", "effects")
     ROWS = "effects"
 
     rows: Rows

@@ -74,7 +74,7 @@ class SettlingReport(Result):
         flags: Flags met on the way.
     """
 
-    TOLD = ("within_m", "via_points", "flags")
+    FIELDS = ("within_m", "via_points", "flags")
     ROWS = "via_points"
 
     within_m: float

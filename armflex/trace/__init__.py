@@ -16,9 +16,9 @@ from armflex.measured.table import Tabular
 
 if TYPE_CHECKING:
     from armflex.laws.effects.effect import Effect
+    from armflex.progress import Doing
     from armflex.trace.findings import Trace
     from armflex.trace.search import Standing
-    from armflex.trace.telling import Doing
 
 MOST_ASKED = 100
 """Tolerance: rows that can be asked for at once."""
@@ -67,23 +67,23 @@ def trace(
     """
     from armflex.estimate.calibrate import calibrate
     from armflex.estimate.misread import check_scatter
+    from armflex.progress import Reporter
     from armflex.trace.account import conclude, so_far
     from armflex.trace.search import resumed, search, standing
     from armflex.trace.state import begin
-    from armflex.trace.telling import Teller
 
     if not 0 <= ask <= MOST_ASKED:
         raise InputError(f"ask is {ask}, expected 0 to {MOST_ASKED}")
-    teller = Teller(report, progress)
-    teller.stage("calibrating")
+    reporter = Reporter(report, progress)
+    reporter.stage("calibrating")
     campaign = as_campaign(measurements, arm)
-    calibration = calibrate(arm, campaign, rows, teller.steps, keep=keep, as_stated=True, anyway=anyway)
-    begun = standing(begin(calibration, teller))
+    calibration = calibrate(arm, campaign, rows, reporter.steps, keep=keep, as_stated=True, anyway=anyway)
+    begun = standing(begin(calibration, reporter))
     places = begun.places
 
     def passing(here: Standing) -> None:
         effects = tuple(one.title for one in here.state.fitted)
-        teller.say(effects=effects, rms=here.state.fit.rms, unit=here.state.fit.view.readings.unit)
+        reporter.say(effects=effects, rms=here.state.fit.rms, unit=here.state.fit.view.readings.unit)
         if account is None:
             return
         try:
@@ -93,7 +93,7 @@ def trace(
         except ConventionError:
             return
         except ArmflexError as error:  # a search is not ended because there is no account yet
-            teller.stage(f"no account so far: {error}")
+            reporter.stage(f"no account so far: {error}")
 
     begun = resumed(begun, accepted) if accepted else begun
     traced = conclude(search(begun, passing), places, ask, covariates)

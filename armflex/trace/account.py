@@ -84,7 +84,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """
     withdrawn = list[Withdrawn]()
     while True:
-        here.state.teller.stage("weighing what else the effects may be")
+        here.state.reporter.stage("weighing what else the effects may be")
         evidence, own, numbers = competing(here.screen, here.model)
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
         found, visited = sampled(evidence, model)
@@ -102,7 +102,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         if not model:
             return Weighed(here, found, None, null), tuple(withdrawn)
         here.screen.forget()
-        here.state.teller.stage("predicting held-out poses, with what is chosen and fitted without them")
+        here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
         charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
         seen = validated(here, tuple(numbers), model, charges, null)
         last = weakest(model, evidence) if seen.compared.worse else zero
@@ -119,7 +119,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         for unit in (here.state.units[i] for i in gone):
             one = Withdrawn(here.state.fitted[unit[0]], seen.compared, len(unit) > 1)
             withdrawn += [one] if worse else []
-            here.state.teller.stage(f"withdrawing {one.title}: {why}")
+            here.state.reporter.stage(f"withdrawing {one.title}: {why}")
         here = standing(after, here)
 
 
@@ -150,17 +150,17 @@ def conclude(
         ask: How many rows are wanted that decide what is in question.
         settable: Values that can be set of recorded columns in those, by name.
     """
-    here.state.teller.stage("fitting to the end")
+    here.state.reporter.stage("fitting to the end")
     known, withdrawn = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
     found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
     left = unexplained(state, here.places)
-    together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.untold)], state.rows)
+    together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.undirected)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
         view = look(state.fit.setup, state.measurements, together)
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
-    state.teller.stage("looking what would decide what is in question")
+    state.reporter.stage("looking what would decide what is in question")
     open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
     if open_places:
         texts, asked = next_measurement(_before(state), open_places, ask, settable or {})

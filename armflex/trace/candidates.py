@@ -15,7 +15,7 @@ from armflex.estimate.fit import Fit
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Inner, Values, full
 from armflex.laws.effects.location import Location
-from armflex.trace.telling import SILENT, Teller
+from armflex.progress import SILENT, Reporter
 
 
 def _is_searched(inner: Inner, value: float) -> bool:
@@ -90,8 +90,8 @@ class Part:
             return (others @ self.shapes.T).T[self.of]
         if not isinstance(others, np.ndarray):
             count, depth = self.answer.shape
-            told = others.data * self.answer.ravel()[others.indices], others.indices // depth, others.indptr
-            return (type(others)(told, shape=(others.shape[0], count)) @ self.shapes.T).T[self.of]
+            answered = others.data * self.answer.ravel()[others.indices], others.indices // depth, others.indptr
+            return (type(others)(answered, shape=(others.shape[0], count)) @ self.shapes.T).T[self.of]
         answered = np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer)
         return (self.shapes @ answered.T)[self.of]
 
@@ -117,13 +117,13 @@ class Bank:
     Attributes:
         candidates: One per group of columns.
         fit, context: Where the columns are made.
-        teller: Hears how many of them are.
+        reporter: Hears how many of them are.
     """
 
     candidates: tuple[Candidate, ...]
     fit: Fit = field(repr=False)
     context: Context = field(repr=False)
-    teller: Teller = field(default=SILENT, repr=False)
+    reporter: Reporter = field(default=SILENT, repr=False)
 
     @cached_property
     def sizes(self) -> np.ndarray:
@@ -208,7 +208,7 @@ class Bank:
         here: Any = None  # of the law and place before
         of_load, before = False, None
         for index, candidate in enumerate(self.candidates):
-            self.teller.step("screening candidates", index, len(self.candidates))
+            self.reporter.step("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
             place = (law.name, location.site, location.axis, location.covariates, location.partner)
             if before != place:  # they come in a row

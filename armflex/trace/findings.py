@@ -291,7 +291,7 @@ class Trace(Result):
         nothing: Probability that no effect is missing at all; None while a search goes on.
     """
 
-    TOLD = (
+    FIELDS = (
         *("unfinished", "declared_rms", "calibrated_rms", "rms", "noise_rms", "held_out"),
         *("effects", "common", "unexplained", "not_identifiable", "next_measurement"),
     )
@@ -366,7 +366,7 @@ class Trace(Result):
         There the effect is predicted halfway, as the search takes it.
         """
         state = self.state
-        return state.asked[state.untold & ~lost_rows(state, heed=False)]
+        return state.asked[state.undirected & ~lost_rows(state, heed=False)]
 
     def _rms(self, view: View, errors: Array, others: Setup) -> float:
         """Return the RMS of (M, d) errors [m] of the fitted rows, and of what is left of the others at a setup."""
@@ -444,7 +444,7 @@ class Trace(Result):
         for block, effect in zip(self.state.effects, self.state.fitted, strict=True):
             yield effect, self.state.std_of(block)
 
-    def told(self, kind: str) -> int:
+    def outlier_count(self, kind: str) -> int:
         """Return how many outliers are of one kind."""
         return sum(one.kind == kind for one in self.outliers)
 

@@ -85,9 +85,9 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     """Return a state with its linear problem; `last` is that before, whose columns are dropped first."""
     if last is not None:
         last.screen.forget()
-    state.teller.stage(f"screening what {len(state.rows)} rows still show")
+    state.reporter.stage(f"screening what {len(state.rows)} rows still show")
     known = hypotheses(state.context)  # grids of loads follow the fit
-    columns = Bank(tuple(one.one for one in known), state.fit, state.context, state.teller)
+    columns = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter)
     screen = Screen(known, columns, state.bare, state.quiet)
     screen.extend(families(state.fit.view, state.context))
     model = own_model(screen, state.hypotheses)
@@ -214,7 +214,7 @@ def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standin
     shaped = _shaped(screen, here.model)
     if not shaped:
         return None
-    here.state.teller.stage("searching waves and bumps")
+    here.state.reporter.stage("searching waves and bumps")
     for law in (WAVE, BUMP):
         screen.extend(screen.likeliest(sought(law, shaped, here.state.context), ((), here.model), SOUGHT))
     model = climbed(screen, here.model, refiner)
@@ -290,7 +290,7 @@ def refitted(here: Standing, model: Model) -> State | None:
         std = np.where(group.scale > 0.0, SCALES[one.scale] * group.scale / (beside.noise * screen.quiet), 1e-12)
         added.append(Added(group.hypothesis, amplitudes, std))
     names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
-    state.teller.stage(f"refitting with {names or 'nothing'}")
+    state.reporter.stage(f"refitting with {names or 'nothing'}")
     try:
         return sorted_out(with_hypotheses(replace(state, heed=True), added, screen.explained(beside)))
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
@@ -323,7 +323,7 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
     pairs = list(permutations(candidate_columns(context.records), 2))
     free = set(shaped_places(context.records))
     likely = [place for place in here.places if (place.site, place.axis) in free][:LIKELY]
-    here.state.teller.stage("searching products of columns")
+    here.state.reporter.stage("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
         locations = [Location(place.site, place.axis, pair) for place in likely for pair in pairs]
         screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), SOUGHT))
@@ -350,13 +350,13 @@ def _withdrawn(here: Standing, passing: Callable[[Standing], None]) -> Standing 
         return None
     if bare.unrecorded is not None:
         return None
-    here.state.teller.stage("withdrawing the random twist that was set aside")
+    here.state.reporter.stage("withdrawing the random twist that was set aside")
     passing(bare)
     return _settled(bare, passing)
 
 
 def _with_twist(state: State, place: RandomTwist, places: tuple[RandomTwist, ...]) -> State:
-    state.teller.stage(f"setting aside a random twist at {place.site} {place.axis}")
+    state.reporter.stage(f"setting aside a random twist at {place.site} {place.axis}")
     groups = state.context.column(POSE).astype(int)
     return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(places)))
 

@@ -25,10 +25,10 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
+from armflex.progress import SILENT, Reporter
 from armflex.rows.rows import POSE
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection, projected
-from armflex.trace.telling import SILENT, Teller
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class State:
         fit: All of them together.
         context: The campaign as the catalogue sees it, at this fit.
         heed: Whether rows that are far off in company stay in use; see `lost_readings`.
-        teller: Hears what is being done.
+        reporter: Hears what is being done.
     """
 
     calibration: Calibration
@@ -63,7 +63,7 @@ class State:
     fit: Fit
     context: Context
     heed: bool = True
-    teller: Teller = SILENT
+    reporter: Reporter = SILENT
 
     @property
     def declared(self) -> Setup:
@@ -89,7 +89,7 @@ class State:
         return np.unique(self.measurements.pose_number[self.rows], return_inverse=True)[1]
 
     @cached_property
-    def untold(self) -> np.ndarray:
+    def undirected(self) -> np.ndarray:
         """(A,) which of the rows asked for do not say the direction that an added effect depends on.
 
         The search takes them as halfway, as what may be either; once the effect is there `predict` refuses such rows.
@@ -155,7 +155,7 @@ class State:
         return projected(regressors, precision, data / self.quiet, fitted.view.count)
 
 
-def begin(calibration: Calibration, teller: Teller = SILENT) -> State:
+def begin(calibration: Calibration, reporter: Reporter = SILENT) -> State:
     """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
     fitted, measurements = calibration.fit, calibration.measurements
     state = State(
@@ -170,7 +170,7 @@ def begin(calibration: Calibration, teller: Teller = SILENT) -> State:
         random=None,
         fit=fitted,
         context=context_at(fitted, measurements),
-        teller=teller,
+        reporter=reporter,
     )
     state = sorted_out(state, THOROUGH)
     return replace(state, first=state.fit)
@@ -183,7 +183,7 @@ def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     Rows before a joint's first motion leave with the first effect that must know its direction.
     """
     lost, whole = lost_of(state, state.heed), state.calibration.measurements
-    used = ~(only_lost(state, lost) | state.untold)
+    used = ~(only_lost(state, lost) | state.undirected)
     if np.array_equal(state.asked[used], state.rows) and np.array_equal(lost[used], state.lost[used]):
         return state
     lost &= used[:, None]
@@ -316,6 +316,6 @@ def refit(
     numbers = numbers_of((*known, *(block.effect for block in effects)))[len(known) :]
     effects = tuple(replace(block, number=number) for block, number in zip(effects, numbers, strict=True))
     blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
-    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, state.teller.steps, effort)
+    fitted = fit(state.declared, blocks, state.measurements, state.rows, start, state.reporter.steps, effort)
     context = context_at(fitted, state.measurements)
     return replace(state, effects=effects, random=random, fit=fitted, context=context)

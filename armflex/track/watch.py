@@ -79,7 +79,7 @@ class Change(Result):
     std: Array
     others: tuple[tuple[str, float], ...] = ()
 
-    TOLD = ("name", "probability", "reading", "since", "labels", "size", "std", "others")
+    FIELDS = ("name", "probability", "reading", "since", "labels", "size", "std", "others")
     ROWS = "table"
 
     @property

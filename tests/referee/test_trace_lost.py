@@ -98,7 +98,7 @@ def test_rows_far_off_together_that_nothing_explains_are_left_out_at_last_and_sa
     together = [40, 41, 42]
     position[together] += np.random.default_rng(4).normal(0.0, 0.3, (3, 3))
     told = trace(arm, replace(rows, position=position))
-    assert not told.found and told.told("unexplained") == 3 and told.told("lost beam") == len(LOST)
+    assert not told.found and told.outlier_count("unexplained") == 3 and told.outlier_count("lost beam") == len(LOST)
     assert set(told.rows) == set(range(len(rows))) - {*together, *LOST}
     assert told.unexplained.site is None and told.unexplained.rms > 0.02
     assert told.rms < 1.1 * SIGMA * np.sqrt(3.0)

@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parents[2] / "armflex"
 TESTS = Path(__file__).parents[1]
 
 ROOMS = (
-    *("errors", "arguments", "conventions", "version", "linear_gaussian", "result"),
+    *("errors", "arguments", "conventions", "version", "linear_gaussian", "result", "progress"),
     *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "plotting"),
     *("robot", "rows", "readings"),

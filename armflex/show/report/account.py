@@ -34,7 +34,7 @@ def account(trace: Trace) -> SimpleNamespace:
     left_over = view.residual[trace.believed][:, view.foremost]
     places, used = trace.state.measurements.places, f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
     if trace.outliers:
-        out = len(trace.outliers) - trace.told("counted less")
+        out = len(trace.outliers) - trace.outlier_count("counted less")
         used += f"; {len(trace.outliers)} outliers, in none of the errors here, {out} of them excluded from the fit"
     left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(

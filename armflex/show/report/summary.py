@@ -84,10 +84,8 @@ def further(trace: Trace) -> list[str]:
         f"{change(one.errors[1], one.errors[0], unit)} (the calibrated arm)."
         for one in trace.withdrawn
     ]
-    if trace.told("unexplained"):
-        said.append(
-            f"{trace.told('unexplained')} readings, far off together, are excluded: no candidate explains them."
-        )
+    if far := trace.outlier_count("unexplained"):
+        said.append(f"{far} readings, far off together, are excluded: no candidate explains them.")
     if trace.unexplained:
         said.append(left(trace.unexplained, readings))
     elif not 0.8 < trace.noise < 1.2:

@@ -25,7 +25,7 @@ from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.loaded import Payload
 from armflex.mechanics.modes import modes_of
-from armflex.parallel import Progress
+from armflex.progress import Progress
 from armflex.rows.wrench import Wrench
 from armflex.show.view.scene_3d import (
     LegendRow,

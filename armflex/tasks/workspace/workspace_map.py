@@ -23,7 +23,8 @@ from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.laws.effects.in_arm import settled_covariates
 from armflex.measured.table import write_table
 from armflex.mechanics.equilibrium import METHODS
-from armflex.parallel import Progress, in_order, in_pieces
+from armflex.parallel import in_order, in_pieces
+from armflex.progress import Progress
 from armflex.result import Result
 from armflex.rows.wrench import Wrench
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
@@ -118,7 +119,7 @@ class WorkspaceMap(Result):
     draws: int
     flags: tuple[Flag, ...]
 
-    TOLD = ("voxel", "rows", "seed", "draws", "payloads", "reasons", "base", "tip", "table", "flags")
+    FIELDS = ("voxel", "rows", "seed", "draws", "payloads", "reasons", "base", "tip", "table", "flags")
     ROWS = "table"
 
     @property

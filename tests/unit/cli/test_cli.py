@@ -23,8 +23,8 @@ from armflex import Arm, Trajectory, Wrench, compensate, load_arm, load_law, rea
 from armflex.cli import terminal
 from armflex.cli.main import COMMANDS
 from armflex.errors import Flag
+from armflex.progress import Doing
 from armflex.trace.findings import Trace
-from armflex.trace.telling import Doing
 from armflex.trajectory import write_trajectory
 
 TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"

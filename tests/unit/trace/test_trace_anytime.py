@@ -24,6 +24,7 @@ from armflex.cli.calibrate_command import as_json as calibrated_json
 from armflex.cli.trace_command import Outputs, as_json, command, print_trace
 from armflex.errors import FileError
 from armflex.measured.measurements import Measurements
+from armflex.progress import Doing
 from armflex.show.report import render_report
 from armflex.trace.account import conclude, idle
 from armflex.trace.findings import Trace
@@ -31,7 +32,6 @@ from armflex.trace.screen import ALMOST
 from armflex.trace.search import refitted, standing
 from armflex.trace.selection import SCALES, Chosen
 from armflex.trace.state import begin
-from armflex.trace.telling import Doing
 
 pytestmark = pytest.mark.slow
 

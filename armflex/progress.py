@@ -1,4 +1,4 @@
-"""What a search says while it goes on: which stage it is at, how far in it, and what it has so far."""
+"""What long work says while it goes on: how much is done; or which stage it is at, how far in it, and what it has."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from armflex.conventions import said_of
+
+Progress = Callable[[int, int], None]
+"""Called with how many pieces of work are done, and of how many."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Doing:
         return f"{text} [{effects}; RMS {said_of(self.rms, self.unit)}]"
 
 
-class Teller:
+class Reporter:
     """Hands on what a search is at; it costs a call, so that the innermost loops may say it.
 
     Attributes:
@@ -74,5 +77,5 @@ class Teller:
             self.progress(self.doing)
 
 
-SILENT = Teller()
+SILENT = Reporter()
 """Nobody listens."""
