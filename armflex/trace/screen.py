@@ -10,6 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.laws.effects.possible import sensible, unusual
 from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.candidates import Bank, Candidate, candidate_regressors
 from armflex.trace.hypotheses import Hypothesis
@@ -27,7 +28,6 @@ from armflex.trace.selection import (
     prior_of,
     reduced,
 )
-from armflex.trace.sensible import sensible, unusual
 
 UNIT_MOTION = 1e-3
 """Prior: by how much an amplitude of 1 moves the target, RMS [m]; what an instrument reads otherwise, by as much."""
@@ -349,8 +349,9 @@ class Screen(Evidence):
             one = self.groups[number].hypothesis
             cost = 0.0
             if not one.family:
-                cost = 0.5 * unusual(one.one, amplitudes, self.fit.view, self.context)
-                cost += IMPOSSIBLE * (not sensible(one.one, amplitudes, self.fit, self.context))
+                effect, view = one.one.effect(amplitudes), self.fit.view
+                cost = 0.5 * unusual(effect, view, self.context)
+                cost += IMPOSSIBLE * (not sensible(effect, view, self.context, self.fit.declared.arm))
             self._charges[key] = cost
         return self._charges[key] + self._short.get(self.groups[number].hypothesis.spot, 0.0)
 

@@ -15,8 +15,8 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import LINK
+from armflex.laws.effects.possible import USUAL_SHIFT, USUAL_TURN
 from armflex.trace.projection import Projection
-from armflex.trace.sensible import USUAL_SHIFT, USUAL_TURN
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
 """Tolerance: variances tried, in units of what the mean pose could show at all."""

@@ -12,11 +12,11 @@ from support.scoring import score
 from armflex import load_arm, read_measurements
 from armflex.estimate.calibrate import calibrate
 from armflex.laws.effects import CATALOGUE
+from armflex.laws.effects.possible import unusual
 from armflex.trace.account import weighed
 from armflex.trace.candidates import Candidate
 from armflex.trace.search import refitted, standing
 from armflex.trace.selection import Chosen, rivals
-from armflex.trace.sensible import unusual
 from armflex.trace.state import State, begin
 
 
@@ -108,5 +108,7 @@ def test_what_came_out_below_its_promise_is_as_unlikely_as_that(missing):
 def test_a_joint_that_turns_by_more_than_joints_do_is_unlikely(missing):
     law = CATALOGUE["backlash"]
     candidate = Candidate(law, next(one for one in law.places(missing.context.records) if one.site == "A3"), ())
-    play, broken = (unusual(candidate, np.array([gap]), missing.fit.view, missing.context) for gap in (1e-3, 0.3))
+    play, broken = (
+        unusual(candidate.effect(np.array([gap])), missing.fit.view, missing.context) for gap in (1e-3, 0.3)
+    )
     assert play == 0.0 and broken > 10.0

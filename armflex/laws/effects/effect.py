@@ -128,7 +128,7 @@ class Manipulator(Protocol):
 
     Attributes:
         robot: The robot.
-        flexures: Where it gives and how, without effects.
+        flexures, modelled: Where it gives and how, without effects and with them.
         effects: What it does beyond them.
         corrections: Of geometry and masses that were found.
         springs: Between points of its links; see `armflex.mechanics.spring`.
@@ -139,6 +139,8 @@ class Manipulator(Protocol):
     def robot(self) -> Robot: ...
     @property
     def flexures(self) -> Sequence[Flexure]: ...
+    @property
+    def modelled(self) -> Sequence[Flexure]: ...
     @property
     def effects(self) -> Sequence[Effect]: ...
     @property

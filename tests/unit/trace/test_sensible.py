@@ -18,11 +18,11 @@ from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import resolve
 from armflex.laws.effects.payload_mass import EACH
+from armflex.laws.effects.possible import MOST_GIVE, SOFTER, sensible, unusual
 from armflex.laws.effects.shapes import free_of_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
 from armflex.trace.candidates import Candidate, grid
-from armflex.trace.sensible import MOST_GIVE, SOFTER, sensible, unusual
 from armflex.trace.state import State
 from armflex.trace.validate import session_folds
 
@@ -37,7 +37,11 @@ def candidate_of(state: State, name: str, site: str, axis: str | None, terms: tu
 
 
 def is_sensible(state: State, candidate: Candidate, *amplitudes: float) -> bool:
-    return sensible(candidate, np.array(amplitudes), state.fit, state.context)
+    return sensible(candidate.effect(np.array(amplitudes)), state.fit.view, state.context, state.declared.arm)
+
+
+def against_it(state: State, candidate: Candidate, amplitude: float) -> float:
+    return unusual(candidate.effect(np.array([amplitude])), state.fit.view, state.context)
 
 
 # What the rows do not tell.
@@ -78,9 +82,7 @@ def test_a_payload_found_lighter_weighs_what_is_left_of_it_just_once(before, sha
     lightest = min(one.mass for one in before.declared.arm.payloads.values() if one.mass > 0.0)
     places = CATALOGUE["payload_mass"].places(before.context.records)
     lighter = Candidate(CATALOGUE["payload_mass"], next(one for one in places if one.partner == EACH), ())
-    amplitudes = np.array([-share * lightest])
-    assert sensible(lighter, amplitudes, before.fit, before.context) == (share < 1.0)
-    assert is_sensible(before, lighter, *amplitudes) == (share < 1.0)
+    assert is_sensible(before, lighter, -share * lightest) == (share < 1.0)
 
 
 def pulled(campaign, aside: tuple[float, float, float]) -> tuple[Arm, Measurements]:
@@ -187,13 +189,13 @@ def test_an_axis_that_poses_load_a_little_may_be_soft_which_counts_against_it(be
     soft, plausible = candidate_of(before, "compliance", site, axis), CATALOGUE["compliance"].plausible
     most = MOST_GIVE * (plausible.turn if shows else plausible.shift) / largest
     assert is_sensible(before, soft, 0.99 * most) and is_sensible(before, soft, 3.0 * most) == shows
-    against = [unusual(soft, np.array([share * most]), before.fit.view, before.context) for share in (0.99, 3.0, 30.0)]
+    against = [against_it(before, soft, share * most) for share in (0.99, 3.0, 30.0)]
     assert against == pytest.approx([0.0, 4.0 * np.log(3.0), 4.0 * np.log(30.0)])
 
 
 def test_a_hose_that_pulls_more_than_hoses_do_counts_against_a_dress_pack(before):
     pack = candidate_of(before, "dress_pack", "J2", "ry")
-    usual, large = (unusual(pack, np.array([k]), before.fit.view, before.context) for k in (150.0, 2000.0))
+    usual, large = (against_it(before, pack, k) for k in (150.0, 2000.0))
     assert usual == 0.0 and large > 9.0
 
 
@@ -201,7 +203,7 @@ def test_a_force_is_compared_with_that_of_a_person_where_an_arm_has_no_weight(be
     monkeypatch.setattr(Arm, "weight", property(lambda arm: 0.0))
     force = candidate_of(before, "tip_force", "tool", "dx")
     with np.errstate(all="raise"):
-        against = [unusual(force, np.array([f]), before.fit.view, before.context) for f in (0.0, 5.0, 500.0)]
+        against = [against_it(before, force, f) for f in (0.0, 5.0, 500.0)]
     assert against[0] == against[1] == 0.0 < against[2]
 
 

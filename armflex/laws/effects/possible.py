@@ -10,14 +10,11 @@ from __future__ import annotations
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.fit import Fit
-from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import LEAST_WEIGHT, Act, Effect, EffectLaw
+from armflex.laws.effects.effect import LEAST_WEIGHT, Act, Effect, Manipulator, Solved
 from armflex.laws.effects.in_arm import BoundTwist
-from armflex.laws.effects.location import Location, resolve
+from armflex.laws.effects.location import resolve
 from armflex.laws.joint.linear import SOFTEST
-from armflex.trace.candidates import Candidate
 
 ROWS_ASKED = 15
 """Tolerance: rows looked at."""
@@ -50,51 +47,57 @@ LEAST_LOADED = 1e-3
 """Tolerance: share of the largest load on a joint that is more than what tilts and deflections put on any axis."""
 
 
-def unusual(candidate: Candidate, amplitudes: Array, view: View, context: Context) -> float:
-    """Return the evidence that the size of (k,) acting amplitudes counts against a candidate.
+def unusual(effect: Effect, view: Solved, context: Context) -> float:
+    """Return the evidence that the size of an effect counts against it.
 
     That of the tails of a Cauchy density: nothing where machines have as much, more the larger it is, and never past
     all evidence.
     """
-    law, location = candidate.law, candidate.location
-    sizes = amplitudes / np.array([law.amplitudes[i].usual for i in location.terms])
+    law, location = effect.law, effect.location
+    sizes = effect.acting / np.array([law.amplitudes[i].usual for i in location.terms])
     much = float((sizes**2).sum())
     if law.act in (Act.TWIST, Act.LOAD):
         force = USUAL_SHARE * max(view.arm.weight, LEAST_WEIGHT)
         usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
-        whole = np.einsum("mka,k->ma", law.features(location, candidate.inner, view, context), amplitudes)
+        whole = np.einsum("mka,k->ma", law.features(location, effect.inner, view, context), effect.acting)
         much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))
-    if _is_given(law, location):
-        much = max(much, float((_given(candidate.effect(amplitudes), view, context) ** 2).max()))
+    if _is_given(effect):
+        much = max(much, float((_given(effect, view, context) ** 2).max()))
     return 2.0 * float(np.log(max(much, 1.0)))
 
 
-def sensible(candidate: Candidate, amplitudes: Array, fit: Fit, context: Context) -> bool:
-    """Return whether a candidate with these amplitudes is possible on the fitted arm."""
-    law, location, arm = candidate.law, candidate.location, fit.setup.arm
-    acting = [law.amplitudes[i] for i in location.terms]
-    for amplitude, value in zip(acting, amplitudes.tolist(), strict=True):
+def sensible(effect: Effect, view: Solved, context: Context, declared: Manipulator) -> bool:
+    """Return whether an effect is possible beside those that the arm has already.
+
+    Args:
+        effect: With its values.
+        view: Rows of the campaign at the arm as it was fitted.
+        context: The campaign.
+        declared: The arm as it was declared.
+    """
+    law, location, acting = effect.law, effect.location, effect.acting
+    for amplitude, value in zip((law.amplitudes[i] for i in location.terms), acting.tolist(), strict=True):
         if (value < 0.0 and amplitude.positive) or abs(value) > amplitude.most:
             return False
-    effect = candidate.effect(amplitudes)
-    if not law.possible(effect, context, arm):  # it is in the fitted arm already
+    if not law.possible(effect, context, view.arm):  # it is in the fitted arm already
         return False
-    features = law.features(location, candidate.inner, fit.view, context)
-    if law.size(np.einsum("mkn,k->mn", features, amplitudes), arm) > IMPLAUSIBLE:
+    features = law.features(location, effect.inner, view, context)
+    if law.size(np.einsum("mkn,k->mn", features, acting), view.arm) > IMPLAUSIBLE:
         return False
     if law.act is not Act.TWIST:
         return True
     if law.remembers_load(location):
-        return bool(_is_stiff(np.abs(amplitudes[0]) * resolve(location, arm.robot, ()).direction))
-    return not _is_given(law, location) or _gives(effect, fit, context)
+        return bool(_is_stiff(np.abs(acting[0]) * resolve(location, view.arm.robot, ()).direction))
+    return not _is_given(effect) or _gives(effect, view, context, declared)
 
 
-def _is_given(law: EffectLaw, location: Location) -> bool:
-    """Return whether a law is what a joint gives under its load."""
+def _is_given(effect: Effect) -> bool:
+    """Return whether an effect is what a joint gives under its load."""
+    law, location = effect.law, effect.location
     return law.act is Act.TWIST and law.loaded and law.memory is None and not law.remembers_load(location)
 
 
-def _given(effect: Effect, view: View, context: Context) -> Array:
+def _given(effect: Effect, view: Solved, context: Context) -> Array:
     """Return (R, 6) by how much every axis would give in some rows, were the largest load on its joint along it.
 
     As a share of `MOST_GIVE` times what is plausible of the law.
@@ -103,14 +106,14 @@ def _given(effect: Effect, view: View, context: Context) -> Array:
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
     some = _some(view)
     row, largest = context.row.some(view.rows[some]), _largest(site, context)
-    own = np.broadcast_to(bound.tangent(view.line.load_at(site)[some], row), (len(some), 6, 6))
+    own = np.broadcast_to(bound.tangent(view.load_at(site)[some], row), (len(some), 6, 6))
     given = np.abs(np.einsum("rii->ri", own)) * largest
     if not law.linear:  # what is saturated gives less
         given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(largest, given.shape), row)))
     return given / (MOST_GIVE * np.repeat([law.plausible.shift, law.plausible.turn], 3))
 
 
-def _some(view: View) -> np.ndarray:
+def _some(view: Solved) -> np.ndarray:
     """Return the numbers of the rows looked at."""
     return np.unique(np.linspace(0, len(view.rows) - 1, ROWS_ASKED).astype(int))
 
@@ -120,13 +123,13 @@ def _largest(site: str, context: Context) -> Array:
     return np.repeat(np.linalg.norm(context.wrenches[site].reshape(-1, 2, 3), axis=2).max(axis=0), 3)
 
 
-def _gives(effect: Effect, fit: Fit, context: Context) -> bool:
+def _gives(effect: Effect, view: Solved, context: Context, declared: Manipulator) -> bool:
     """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
-    arm, view, law = fit.setup.arm, fit.view, effect.law
+    arm, law = view.arm, effect.law
     here = resolve(effect.location, arm.robot, arm.modelled)
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
     some = _some(view)
-    wrenches, row = view.line.load_at(effect.location.site)[some], context.row.some(view.rows[some])
+    wrenches, row = view.load_at(effect.location.site)[some], context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     good = _is_stiff(np.abs(np.einsum("...ii->...i", own)))
     # Poses may load an axis hardly at all: it does not give more than the others under their loads.
@@ -143,10 +146,10 @@ def _gives(effect: Effect, fit: Fit, context: Context) -> bool:
             twists, loaded = np.einsum("mkn,k->mn", features, effect.acting), np.abs(wrenches) > 0.0
             slopes = np.divide(twists, wrenches, where=loaded, out=np.zeros_like(wrenches))
             along = along + np.where(loaded, slopes - np.einsum("rii->ri", own), 0.0)
-        declared = resolve(effect.location, arm.robot, fit.declared.arm.modelled).base_law
-        if not (declared is None or here.base_law is None):
+        before = resolve(effect.location, arm.robot, declared.modelled).base_law
+        if not (before is None or here.base_law is None):
             # While a law is missing calibration bends the compliance to make up for it: it had more before.
-            more = declared.tangent(wrenches, row) - here.base_law.tangent(wrenches, row)
+            more = before.tangent(wrenches, row) - here.base_law.tangent(wrenches, row)
             along = along + np.maximum(np.einsum("...ii->...i", more), 0.0)
         held = np.maximum(along, 0.0)
         # While a coupling is missing calibration bends the two compliances to make up for it.
