@@ -24,6 +24,7 @@ from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.law import split
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
+from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, ParameterKind, of_effect, of_law
 
 STEP = 1e-4
@@ -91,6 +92,16 @@ class Block(ABC):
     def stepped(self, setup: Setup, step: Array) -> Setup:
         """Return the setup a (k,) step away, to first order in how the arm bends."""
         return self.apply(setup, step)
+
+    def resized(self, places: np.ndarray, values: Array, known: LinearGaussian) -> Block:
+        """Return the block with a prior as wide as a fit says, where that is open: a step of EM.
+
+        Args:
+            places: (k,) of its parameters among the P of the fit.
+            values: (P,) what the fit found.
+            known: What is known of those.
+        """
+        return self
 
     @property
     def kind(self) -> ParameterKind:

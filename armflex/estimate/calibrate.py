@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -299,7 +299,8 @@ def fitted_to(
             found = replace(found, values=values, view=view, weights=huber_weights(view))
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
-    calibrated = with_posteriors(found.setup.arm, found, certainty_of(scattered or found))
+    certainty = certainty_of(scattered or found)
+    calibrated = with_posteriors(found.setup.arm, found, certainty)
     calibrated = replace(calibrated, instrument=found.setup.instrument)
     errors = _held_out(placed, found, measurements, scattered or found)
     sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
@@ -318,7 +319,7 @@ def fitted_to(
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         *(() if about or judgement or scattered else _worse(errors, found.view.readings.unit)),
-        *(() if scattered is None else _standing_off(scattered)),
+        *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors, scattered)
 
@@ -348,7 +349,8 @@ def _fit(
         start = np.array([known.get(one, 0.0) for one in parameters_of(blocks)])
     found = fit(declared, blocks, weighed.measurements, used, start, progress)
     for _ in range(rounds):
-        better, sized = weighed.again(found), [_sized(block, found) for block in blocks]
+        better = weighed.again(found)
+        sized = [block.resized(found.places(block), found.values, found.posterior) for block in blocks]
         if better.close_to(weighed) and sized == list(blocks):
             break
         weighed, blocks = better, sized
@@ -370,21 +372,11 @@ def _with_play(found: Fit, measurements: Measurements, rounds: int, progress: Pr
     )
 
 
-def _standing_off(found: Fit) -> Iterator[Flag]:
-    """Yield the flag about joints that stand off at random."""
-    blocks = [one for one in found.blocks if isinstance(one, PoseBlock)]
-    sizes = listing(f"{one.site} {1e3 * one.std:.2g} m{one.units[0]}" for one in blocks)
+def _standing_off(twists: Iterable[tuple[str, str, float]]) -> Iterator[Flag]:
+    """Yield the flag about joints that stand off at random, by site, axis and standard deviation [m or rad]."""
+    sizes = listing(f"{site} {1e3 * std:.2g} {'mm' if axis.startswith('d') else 'mrad'}" for site, axis, std in twists)
     text = f"joints stand off at random in each picture, by one standard deviation of {sizes}: errors in px are of that"
     yield Flag("standing_off", f"{text}, and sigma has it in it; `trace` looks for its cause, such as play")
-
-
-def _sized(block: Block, found: Fit) -> Block:
-    """Return a block of random twists with their size as a fit has it (a step of EM), any other as it is."""
-    if not isinstance(block, PoseBlock):
-        return block
-    own = found.places(block)
-    squares = found.values[own] ** 2 + np.diag(found.posterior.covariance)[own]
-    return replace(block, std=float(np.sqrt(squares.mean())))
 
 
 def loads_seen(arm: Arm, measurements: Measurements) -> dict[str, Seen]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -15,6 +15,7 @@ from armflex.estimate.view import View
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
+from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, Group, ParameterKind
 from armflex.rows.rows import POSE
 
@@ -50,6 +51,10 @@ class PoseBlock(Block):
     def prior(self) -> Array:
         """(k,) the size."""
         return np.full(len(self.parameters), self.std)
+
+    def resized(self, places: np.ndarray, values: Array, known: LinearGaussian) -> PoseBlock:
+        """Return the block with the size that the twists of a fit have."""
+        return replace(self, std=float(np.sqrt((values[places] ** 2 + np.diag(known.covariance)[places]).mean())))
 
     def jacobian(self, view: View) -> Array:
         """Return `columns`: what loads and frequencies change by with so small a twist is beyond what is read."""

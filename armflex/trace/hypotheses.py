@@ -9,7 +9,7 @@ one law at every drive `FAMILIAL`.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -29,7 +29,6 @@ from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
 from armflex.laws.effects.shapes import ABOVE
-from armflex.laws.effects.unnamed import candidate_columns, shaped_places
 from armflex.trace.candidates import Candidate, candidates_of, grid
 
 EFFECTS = 2.0
@@ -156,13 +155,11 @@ def _of_law(law: EffectLaw) -> float:
     return float(np.log(EFFECTS * share / len(alike))) - PLAINER * alike.index(law)
 
 
-def sought(law: EffectLaw, locations: Sequence[Location], context: Context) -> Iterator[Hypothesis]:
+def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> Iterator[Hypothesis]:
     """Yield a shape at some places, with every value inside it, as probable as if it had been tried at all."""
-    columns = len(candidate_columns(context.records))
-    places = len(shaped_places(context.records)) * (columns if law.columns == 1 else columns * (columns - 1))
+    places = len(list(law.places(context.records)))
     for location in locations:
-        inners = list(grid(law, location, context))
-        acting = replace(location, terms=tuple(range(len(law.amplitudes))))
+        inners, acting = list(grid(law, location, context)), replace(location, terms=tuple(range(len(law.amplitudes))))
         for inner in inners:
             yield Hypothesis((Candidate(law, acting, inner),), _of_law(law) - float(np.log(places * len(inners))))
 

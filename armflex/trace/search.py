@@ -11,7 +11,6 @@ import contextlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import permutations
 
 import numpy as np
 
@@ -19,15 +18,7 @@ from armflex.errors import ArmflexError
 from armflex.estimate.pose_block import PoseBlock
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.unnamed import (
-    BUMP,
-    LEVEL,
-    PRODUCT,
-    WAVE,
-    WAVE_PRODUCT,
-    candidate_columns,
-    shaped_places,
-)
+from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT
 from armflex.rows.rows import POSE
 from armflex.trace.candidates import Bank, Candidate
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
@@ -320,12 +311,12 @@ def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing 
 def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
     """Return the state with a product of two columns where a random twist would explain most; None where none does."""
     screen, context = here.screen, here.state.context
-    pairs = list(permutations(candidate_columns(context.records), 2))
-    free = set(shaped_places(context.records))
-    likely = [place for place in here.places if (place.site, place.axis) in free][:LIKELY]
     here.state.reporter.stage("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
-        locations = [Location(place.site, place.axis, pair) for place in likely for pair in pairs]
+        every = [((one.site, one.axis), one) for one in law.places(context.records)]
+        free = {place for place, _ in every}
+        likely = [place for one in here.places if (place := (one.site, one.axis)) in free][:LIKELY]
+        locations = [one for place in likely for own, one in every if own == place]
         screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), SOUGHT))
     return _accepted(here, climbed(screen, here.model, Refiner(screen)), passing)
 

@@ -6,8 +6,9 @@ recorded range; outside it they stay at their end values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
+from itertools import permutations
 
 import numpy as np
 
@@ -24,11 +25,6 @@ KNOTS = 8
 
 LEAST_PERIODS, PERIODS = 0.5, 6.0
 """Fewest and most periods of a wave over a column's recorded range; less of one is a trend."""
-
-
-def candidate_columns(records: Records) -> tuple[str, ...]:
-    """Return every column that may be a cause: what was recorded, and every joint's position."""
-    return (*records.recorded, *(f"q_{joint}" for joint in records.joints))
 
 
 def hats(values: Array, low: float, high: float, count: int) -> Array:
@@ -114,21 +110,20 @@ NUMBER = Inner("k", "per recorded", of_column(lambda x: _numbers(np.asarray(x, d
 TENTS = tuple(f"a{i}" for i in range(KNOTS))
 
 
-def shaped_places(records: Records) -> list[tuple[str, str]]:
-    """Return the sites and axes at which free shapes are tried: the base, every joint and the tool."""
-    return [(site, axis) for site in (BASE, *records.joints, TOOL) for axis in records.axes(site)]
+def _at_all(records: Records, columns: Iterable[tuple[str, ...]]) -> list[Location]:
+    """Return the base, every joint and the tool with each axis and each of some columns."""
+    sites, some = (BASE, *records.joints, TOOL), list(columns)
+    return [Location(site, axis, names) for site in sites for axis in records.axes(site) for names in some]
 
 
-def everywhere(records: Records) -> list[Location]:
-    """Return every joint, the base and the tool with each axis and each candidate column."""
-    return [
-        Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in candidate_columns(records)
-    ]
+def everywhere(records: Records, columns: int = 1) -> list[Location]:
+    """Return every place with each candidate column, or as many different ones in order."""
+    return _at_all(records, permutations((*records.recorded, *(f"q_{joint}" for joint in records.joints)), columns))
 
 
-def _with_all(count: int) -> Callable[[Records], list[Location]]:
+def _with_all(count: int, columns: int = 1) -> Callable[[Records], list[Location]]:
     """Return the same places, at which that many amplitudes act together."""
-    return lambda records: with_terms(everywhere(records), tuple(range(count)))
+    return lambda records: with_terms(everywhere(records, columns), tuple(range(count)))
 
 
 SPLINE = TwistLaw(
@@ -206,7 +201,7 @@ LINE = TwistLaw(
 PRODUCT = TwistLaw(
     name="unnamed_product",
     words=Words("unnamed product", "two columns act together", "f(x) · (1, y)"),
-    places=lambda records: [],
+    places=_with_all(2 * KNOTS + 1, columns=2),
     amplitudes=tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
     terms=_product_terms,
     basis=on_axis(_product),
@@ -222,7 +217,7 @@ WAVE_PRODUCT = TwistLaw(
     words=Words(
         "unnamed wave product", "a wave in one column grows with another", "(A + C y) sin kx + (B + D y) cos kx"
     ),
-    places=lambda records: [],
+    places=_with_all(4, columns=2),
     amplitudes=tuple(
         Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)
     ),
@@ -240,9 +235,7 @@ WAVE_PRODUCT = TwistLaw(
 LEVEL = TwistLaw(
     name="unnamed_level",
     words=Words("unnamed level", "it is there while a column has one entry", "a step"),
-    places=lambda records: [
-        Location(site, axis, (name,)) for site, axis in shaped_places(records) for name in records.levels
-    ],
+    places=lambda records: _at_all(records, ((name,) for name in records.levels)),
     amplitudes=(Amplitude("step", "{m}"),),
     terms=lambda here, inner: twists(here.direction, powers(_column(here), 1)),
     basis=on_axis(lambda here, wrench, row, inner: (_away(here, wrench, row),)),
