@@ -62,6 +62,8 @@ SIZED, CLIPPED, BOUNDED, RAISED = (float(kind) for kind in (Kind.SIZE, Kind.CLIP
 LOOSE = {"contract", "reassoc", "nsz", "arcp"}
 inner = numba.njit(nogil=True, forceinline=True, error_model="numpy", fastmath=LOOSE)
 called = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE)
+bare = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE, _nrt=False)
+"""For what makes no array: it need not count who holds one, which at every view costs as much as a few products."""
 in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
 """For sums whose order matters."""
 
@@ -1087,37 +1089,41 @@ def _action(turn, origin, own):
         own[0, 3 + j], own[1, 3 + j], own[2, 3 + j] = y * r2 - z * r1, z * r0 - x * r2, x * r1 - y * r0
 
 
-@called
+@bare
 def _right_jacobian(twist, found):
-    """Fill the (6, 6) body motion per change of a twist: sum over k of (-ad)^k / (k + 1)!.
+    """Fill the (6, 6) body motion per change of a twist (v, w): sum over k of (-ad)^k / (k + 1)!.
 
-    With s the squared turn ad^5 = -2 s ad^3 - s^2 ad, so that four powers are left, and their factors are series in s.
+    With V and W the cross products with v and w, s = w w and d = v w, it has 1 + a W + b W^2 on its diagonal and
+    a V + b (w v' + v w' - 2 d) + 2 d (a' W + b' W^2) above it; a and b are series in s, a' and b' their derivatives.
     """
-    s = twist[3] ** 2 + twist[4] ** 2 + twist[5] ** 2
-    p, r, term = 1.0, 0.0, 1.0
-    one = two = three = four = 0.0
+    x, y, z, u, v, w = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
+    s, d = u * u + v * v + w * w, x * u + y * v + z * w
+    one = two = three = four = slope = 0.0
+    power = term = 1.0
     for j in range(14):
         term /= 2 * j + 2
-        one, three = one - term * p, three - term * r
+        one, three = one - term * power, three + term * slope
         term /= 2 * j + 3
-        two, four = two + term * p, four + term * r
-        p, r = -s * s * r, p - 2.0 * s * r
-    ad, power, next_power = np.zeros((6, 6)), np.zeros((6, 6)), np.empty((6, 6))
-    for b in (0, 3):
-        for j, k, sign in ((0, 1, -1.0), (1, 0, 1.0), (0, 2, 1.0), (2, 0, -1.0), (1, 2, -1.0), (2, 1, 1.0)):
-            ad[b + j, b + k] = sign * twist[3 + 3 - j - k]
-    for j, k, sign in ((0, 1, -1.0), (1, 0, 1.0), (0, 2, 1.0), (2, 0, -1.0), (1, 2, -1.0), (2, 1, 1.0)):
-        ad[j, 3 + k] = sign * twist[3 - j - k]
-    for a in range(6):
-        for b in range(6):
-            found[a, b] = 1.0 if a == b else 0.0
-            power[a, b] = found[a, b]
-    for factor in (one, two, three, four):
-        _times(ad, power, next_power)
-        for a in range(6):
-            for b in range(6):
-                power[a, b] = next_power[a, b]
-                found[a, b] += factor * power[a, b]
+        two, four = two + term * power, four - term * slope
+        slope, power = (j + 1) * power, -s * power
+    across, square = 2.0 * d * three, 2.0 * d * four
+    same, far = 1.0 - s * two, -2.0 * d * two - s * square
+    for i in range(3):
+        for j in range(3):
+            a, b = twist[3 + i], twist[3 + j]
+            found[3 + i, j], found[i, j] = 0.0, two * a * b
+            found[i, 3 + j] = two * (a * twist[j] + twist[i] * b) + square * a * b
+        found[i, i] += same
+        found[i, 3 + i] += far
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # a cross product takes axis j to minus k's share of i
+        turns, moves = one * twist[3 + k], one * twist[k] + across * twist[3 + k]
+        found[i, j] -= turns
+        found[j, i] += turns
+        found[i, 3 + j] -= moves
+        found[j, 3 + i] += moves
+    for i in range(3):
+        for j in range(3):
+            found[3 + i, 3 + j] = found[i, j]
 
 
 @called

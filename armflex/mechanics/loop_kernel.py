@@ -34,7 +34,7 @@ from armflex.conventions import Array
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.chain import FLEXURE, RIGID, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, SLOWEST, SMALL, STEPS
-from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, called, inner
+from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, bare, called, inner
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import ALIGNED, ASSEMBLED, CLOSED, LONGEST, MOST, ROUNDED
 from armflex.mechanics.spring import SHORTEST
@@ -94,7 +94,7 @@ class Here(NamedTuple):
     of the closures, of springs the first row. by_free: (m, p) change of the gaps. loads: (k, 6) on all that an element
     carries. twists, load: (n, 6). torque: (k,). roots: (n, 6, 6) with R R' = C in the first columns, of which the
     coordinates y of laws from `starts` on are the factors: their spatial twists are `screws`, (6 n, 6), and `by_law`,
-    (m, 6 n), is how they change the gaps. spare, turns, blocks: to work in, since memory takes longer to get than a
+    (m, 6 n), is how they change the gaps. spare, turns, parts: to work in, since memory takes longer to get than a
     joint to place.
     """
 
@@ -121,7 +121,7 @@ class Here(NamedTuple):
     step: Array
     spare: Array
     turns: Array
-    blocks: Array
+    parts: Array
 
 
 @called
@@ -151,11 +151,11 @@ def _memory(tree, free):
         np.empty(6 * n),
         np.zeros((12, 12)),
         np.empty((6, 3, 3)),
-        np.empty((3, 6, 6)),
+        np.empty((6, 6)),
     )
 
 
-@called
+@bare
 def _place(tree, q, free, flexed, here):
     """Fill `turn`, `origin`, `axes` and `screws`; flexures are at rest unless it is `flexed`."""
     elements, kinds, turn, origin = tree.elements, tree.kinds, here.turn, here.origin
@@ -184,7 +184,9 @@ def _place(tree, q, free, flexed, here):
             z = before[2, 0] * axis[0] + before[2, 1] * axis[1] + before[2, 2] * axis[2]
             if kind == SLIDES:
                 o[0], o[1], o[2] = at[0] + value * x, at[1] + value * y, at[2] + value * z
-                turn[k] = before
+                for i in range(3):
+                    for j in range(3):
+                        turn[k, i, j] = before[i, j]
                 spatial[0], spatial[1], spatial[2] = x, y, z
                 continue
             sine, less = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2
@@ -199,7 +201,7 @@ def _place(tree, q, free, flexed, here):
             spatial[3], spatial[4], spatial[5] = x, y, z
 
 
-@called
+@bare
 def _screw(turn, origin, twist, found):
     """Fill the spatial twist of a twist in the axes of a frame."""
     for i in range(3):
@@ -216,7 +218,7 @@ def _tie(tree, t):
     return joins[t, 0], joins[t, 1], joins[t, 2], joins[t, 3], joins[t, 4], joins[t, 5]
 
 
-@called
+@bare
 def _point(here, k, point, found):
     for i in range(3):
         found[i] = here.origin[k, i]
@@ -224,20 +226,20 @@ def _point(here, k, point, found):
             found[i] += here.turn[k, i, j] * point[j]
 
 
-@called
+@bare
 def _cross(a, b, found):
     found[0] = a[1] * b[2] - a[2] * b[1]
     found[1] = a[2] * b[0] - a[0] * b[2]
     found[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@called
+@bare
 def _join(tree, q, free, here):
     """Fill `gaps`, with what pins and cylinders give, `ways`, and lengths and directions of rods.
 
     Returns whether all rods have one.
     """
-    one, two, gap, way, slots = here.spare[2], here.spare[3], here.spare[4], here.blocks[0], here.blocks[1]
+    one, two, gap, parts = here.spare[2], here.spare[3], here.spare[4], here.parts
     for t in range(len(tree.joins)):
         kind, e1, e2, start, end, number = _tie(tree, t)
         tie = tree.ties[t]
@@ -258,15 +260,21 @@ def _join(tree, q, free, here):
             if kind == ROD:
                 here.gaps[start] = state[0] - q[number] - tie[27]
             continue
-        _pin(tree, here, t, one, two, gap, way, slots)
+        _pin(tree, here, t, one, two, gap, parts)
         for r in range(start, end):
-            here.gaps[r] = 0.0
-            for a in range(6):
-                here.gaps[r] += tree.rows[r, a] * gap[a]
-                value = 0.0
-                for b in range(6):
-                    value += tree.rows[r, b] * way[b, a]
-                here.ways[t, r - start, a] = value
+            x = y = z = u = v = w = value = 0.0
+            for a in range(3):
+                share = tree.rows[r, a]
+                value += share * gap[a]
+                x, y, z = x + share * parts[a, 0], y + share * parts[a, 1], z + share * parts[a, 2]
+            if end - start > 3:
+                for a in range(3):
+                    share = tree.rows[r, 3 + a]
+                    value += share * gap[3 + a]
+                    u, v, w = u + share * parts[3 + a, 0], v + share * parts[3 + a, 1], w + share * parts[3 + a, 2]
+            here.gaps[r], way = value, here.ways[t, r - start]
+            way[0], way[1], way[2] = x, y, z
+            way[3], way[4], way[5] = two[1] * z - two[2] * y + u, two[2] * x - two[0] * z + v, two[0] * y - two[1] * x + w
     for i in range(len(tree.flexures)):
         if tree.flexures[i] < 0:
             t = -1 - tree.flexures[i]
@@ -276,34 +284,41 @@ def _join(tree, q, free, here):
     return True
 
 
-@called
+@bare
 def _position(tree, q, free, k):
     own = tree.kinds[1, k]
     return q[own] if own < len(q) else free[own - len(q)]
 
 
-@called
-def _pin(tree, here, t, one, two, gap, way, turning):
-    """Fill the six gaps of a pin and their change by the motion of its second end; see `ties.Pin`.
+@bare
+def _pin(tree, here, t, one, two, gap, parts):
+    """Fill the six gaps of a pin, see `ties.Pin`, and of (6, 6) parts the first columns with how they change.
 
-    `turning` has the axes in its rows, then the change of the angles by a turn in those axes.
+    These are its axes in rows, along which it shifts, and for each angle what the second end turns by. Of the other
+    columns the last rows are the change of the angles by a turn in those axes.
     """
-    tie, first, second = tree.ties[t], here.turn[tree.joins[t, 1]], here.turn[tree.joins[t, 2]]
-    axes, other, turned = turning[:3, :3], here.turns[1], here.turns[2]
-    for i in range(3):
-        for j in range(3):
-            axes[j, i] = first[i, 0] * tie[9 + j] + first[i, 1] * tie[12 + j] + first[i, 2] * tie[15 + j]
-            other[i, j] = second[i, 0] * tie[18 + j] + second[i, 1] * tie[21 + j] + second[i, 2] * tie[24 + j]
-    for i in range(3):
-        gap[i] = 0.0
-        for j in range(3):
-            gap[i] += axes[i, j] * (two[j] - one[j])
-            turned[i, j] = axes[i, 0] * other[0, j] + axes[i, 1] * other[1, j] + axes[i, 2] * other[2, j]
-    change = turning[3:, 3:]
+    tie, k1, k2, whole = tree.ties[t], tree.joins[t, 1], tree.joins[t, 2], here.turn
+    x, y, z = two[0] - one[0], two[1] - one[1], two[2] - one[2]
+    for j in range(3):
+        a, b, c = tie[9 + j], tie[12 + j], tie[15 + j]
+        for i in range(3):
+            parts[j, i] = whole[k1, i, 0] * a + whole[k1, i, 1] * b + whole[k1, i, 2] * c
+        gap[j] = parts[j, 0] * x + parts[j, 1] * y + parts[j, 2] * z
     if tree.joins[t, 4] - tree.joins[t, 3] == 3:  # a spherical bearing has no angles
-        change[:] = 0.0
-        gap[3:6] = 0.0
-    elif tree.joins[t, 0] == FIXED:
+        for i in range(3):
+            gap[3 + i] = 0.0
+            for j in range(3):
+                parts[3 + i, j] = parts[3 + i, 3 + j] = 0.0
+        return
+    other, turned, change = here.turns[1], here.turns[2], parts[3:, 3:]
+    for j in range(3):
+        a, b, c = tie[18 + j], tie[21 + j], tie[24 + j]
+        for i in range(3):
+            other[i, j] = whole[k2, i, 0] * a + whole[k2, i, 1] * b + whole[k2, i, 2] * c
+    for i in range(3):
+        for j in range(3):
+            turned[i, j] = parts[i, 0] * other[0, j] + parts[i, 1] * other[1, j] + parts[i, 2] * other[2, j]
+    if tree.joins[t, 0] == FIXED:
         _logarithm(turned, gap[3:])
         x, y, z = gap[3], gap[4], gap[5]
         s = x * x + y * y + z * z
@@ -325,12 +340,10 @@ def _pin(tree, here, t, one, two, gap, way, turning):
                 change[i, j] = (along if i == j else 0.0) - there[i] * axis[j]
     for i in range(3):
         for j in range(3):
-            way[i, j], way[3 + i, j] = axes[i, j], 0.0
-            way[3 + i, 3 + j] = change[i, 0] * axes[0, j] + change[i, 1] * axes[1, j] + change[i, 2] * axes[2, j]
-        _cross(two, axes[i], way[i, 3:])
+            parts[3 + i, j] = change[i, 0] * parts[0, j] + change[i, 1] * parts[1, j] + change[i, 2] * parts[2, j]
 
 
-@called
+@bare
 def _logarithm(turn, found):
     """Fill the rotation vector of a rotation by less than a half turn."""
     x, y, z = 0.5 * (turn[2, 1] - turn[1, 2]), 0.5 * (turn[0, 2] - turn[2, 0]), 0.5 * (turn[1, 0] - turn[0, 1])
@@ -341,7 +354,7 @@ def _logarithm(turn, found):
     found[0], found[1], found[2] = factor * x, factor * y, factor * z
 
 
-@called
+@bare
 def _reach(tree, q, here):
     """Fill `by_free`."""
     kinds, driven = tree.kinds, len(q)
@@ -359,7 +372,7 @@ def _reach(tree, q, here):
                 _open(here, t, start, end, sign, here.axes[k], here.by_free[:, own])
 
 
-@called
+@bare
 def _open(here, t, start, end, sign, twist, found):
     """Fill by how much a spatial twist of what an end of a tie is carried by opens its rows."""
     for r in range(start, end):
@@ -369,7 +382,7 @@ def _open(here, t, start, end, sign, twist, found):
         found[r] = sign * value
 
 
-@called
+@bare
 def _bend(tree, here, roots, screws):
     """Fill `by_law` for coordinates that are factors of (n, 6, 6) roots and have (W, 6) spatial twists."""
     starts, found = here.starts, here.by_law
@@ -388,7 +401,7 @@ def _bend(tree, here, roots, screws):
                     _open(here, t, start, end, tree.carried[t, k], screws[c], found[:, c])
 
 
-@called
+@bare
 def _close(tree, q, free, here):
     """Move (p,) passive joints to where the loops close; return whether `Mechanism` would say the same."""
     m, p = here.by_free.shape
@@ -428,11 +441,11 @@ def _close(tree, q, free, here):
             largest = 0.0
             for r in range(m):
                 largest = max(largest, abs(here.gaps[r]))
-            return largest <= ASSEMBLED and _least(normal, p) > NEAR_SINGULAR * total
+            return largest <= ASSEMBLED and _least(normal, p, step) > NEAR_SINGULAR * total
     return False
 
 
-@called
+@bare
 def _factored(matrix, n):
     """Put the Cholesky factor of a positive matrix into its lower triangle; return whether it is one."""
     for a in range(n):
@@ -449,22 +462,23 @@ def _factored(matrix, n):
     return True
 
 
-@called
+@bare
 def _solved_by(factor, n, right):
     for a in range(n):
+        value = right[a]
         for b in range(a):
-            right[a] -= factor[a, b] * right[b]
-        right[a] /= factor[a, a]
+            value -= factor[a, b] * right[b]
+        right[a] = value / factor[a, a]
     for a in range(n - 1, -1, -1):
-        for b in range(a + 1, n):
-            right[a] -= factor[b, a] * right[b]
-        right[a] /= factor[a, a]
+        value = right[a] = right[a] / factor[a, a]
+        for b in range(a):
+            right[b] -= factor[a, b] * value
 
 
-@called
-def _least(factor, n):
+@bare
+def _least(factor, n, column):
     """Return a bound below the least eigenvalue of a matrix with a Cholesky factor: one over its inverse's trace."""
-    trace, column = 0.0, np.empty(n)
+    trace = 0.0
     for c in range(n):
         for a in range(c, n):
             value = 1.0 if a == c else 0.0
@@ -482,7 +496,9 @@ def _idle(here, idle):
     Returns whether the gaps are closed there.
     """
     m, p = here.by_free.shape
-    reached, column, total, worst = np.zeros((m, m)), np.empty(m), 0.0, 0.0
+    reached, column, total, worst, some = np.zeros((m, m)), np.empty(m), 0.0, 0.0, False
+    for r in range(m):
+        some = some or idle[r, r] != 0.0
     for j in range(p + here.starts[-1]):
         size = 0.0
         for r in range(m):
@@ -497,18 +513,18 @@ def _idle(here, idle):
         for r in range(m):
             column[r] *= scale
         for r in range(m):
-            left = 0.0
-            for s in range(m):
-                left += idle[r, s] * column[s]
-            worst = max(worst, abs(left))
             for s in range(r + 1):
                 reached[r, s] += column[r] * column[s]
+            left = 0.0
+            for s in range(m if some else 0):
+                left += idle[r, s] * column[s]
+            worst = max(worst, abs(left))
     for r in range(m):
         total += reached[r, r]
         for s in range(r):
             reached[s, r] = reached[r, s]
     trial = reached + total * idle
-    if not (_factored(trial, m) and _least(trial, m) > 10.0 * ALIGNED**2 * total and worst <= 1e-13 * math.sqrt(total)):
+    if not (_factored(trial, m) and _least(trial, m, column) > 10.0 * ALIGNED**2 * total and worst <= 1e-13 * math.sqrt(total)):
         sizes, left = np.linalg.eigh(reached)
         idle[:] = 0.0
         for c in range(m):
@@ -569,7 +585,7 @@ def _root(compliance, roots, others, starts):
     return largest, even
 
 
-@called
+@bare
 def _factor(matrix, order):
     """Factor a square matrix in place with row pivots; return whether it is regular."""
     n = len(order)
@@ -586,13 +602,13 @@ def _factor(matrix, order):
                 matrix[c, b], matrix[best, b] = matrix[best, b], matrix[c, b]
         for a in range(c + 1, n):
             if matrix[a, c] != 0.0:
-                matrix[a, c] /= matrix[c, c]
+                factor = matrix[a, c] = matrix[a, c] / matrix[c, c]
                 for b in range(c + 1, n):
-                    matrix[a, b] -= matrix[a, c] * matrix[c, b]
+                    matrix[a, b] -= factor * matrix[c, b]
     return True
 
 
-@called
+@bare
 def _solve(matrix, order, right):
     """Put the solution of a factored system into its (n, W) right sides."""
     n, w = right.shape
@@ -615,7 +631,25 @@ def _solve(matrix, order, right):
             right[a, c] /= matrix[a, a]
 
 
-@called
+@bare
+def _solve_one(matrix, order, right):
+    """Put the solution of a factored system into its (n) right side."""
+    n = len(order)
+    for a in range(n):
+        best = order[a]
+        value = right[best]
+        right[best] = right[a]
+        for b in range(a):
+            value -= matrix[a, b] * right[b]
+        right[a] = value
+    for a in range(n - 1, -1, -1):
+        value = right[a]
+        for b in range(a + 1, n):
+            value -= matrix[a, b] * right[b]
+        right[a] = value / matrix[a, a]
+
+
+@bare
 def _assemble(here, idle, scale):
     """Fill and factor `matrix`, rows of torques and forces times `scale`; return whether it is regular."""
     m, p = here.by_free.shape
@@ -634,7 +668,7 @@ def _assemble(here, idle, scale):
     return _factor(matrix, here.order)
 
 
-@called
+@bare
 def _weigh(tree, here, links, wrenches):
     """From where it is and `forces`, fill `loads` and `torque`."""
     elements, loads, count, forces = tree.elements, here.loads, len(tree.parents), here.forces
@@ -692,7 +726,7 @@ def _bear(tree, here):
                 load[a] += here.forces[r] * tree.rows[r, a]
 
 
-@called
+@bare
 def _pushed(here, links, wrenches, j, point, push):
     """Fill where a wrench acts and the (6,) wrench there, base axes."""
     k, wrench = links[j, 0], wrenches[j]
@@ -707,7 +741,7 @@ def _pushed(here, links, wrenches, j, point, push):
                 push[3 + i] += here.turn[k, i, a] * wrench[6 + a]
 
 
-@called
+@bare
 def _tension(tie, kind, length):
     if kind == COIL:
         return tie[29] + tie[27] * (length - tie[28])
@@ -779,7 +813,7 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
             kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k] - len(q)
             if kind in (TURNS, SLIDES) and own >= 0:
                 right[m + own] = -scale * here.torque[k]
-        _solve(here.matrix, here.order, right.reshape((-1, 1)))
+        _solve_one(here.matrix, here.order, right)
         for r in range(m):
             right[r] /= scale
             here.forces[r] += right[r]
@@ -826,7 +860,7 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
     return np.inf
 
 
-@called
+@bare
 def _freedoms(tree, here, driven, screws, carriers):
     """Fill the (W + p, 6) spatial twists of coordinates of laws and passive joints, and the elements they first move.
 
@@ -842,7 +876,8 @@ def _freedoms(tree, here, driven, screws, carriers):
         kind, own = tree.kinds[0, k] & 3, tree.kinds[1, k] - driven
         if kind in (TURNS, SLIDES) and own >= 0:
             carriers[total + own] = k
-            screws[total + own] = here.axes[k]
+            for a in range(6):
+                screws[total + own, a] = here.axes[k, a]
 
 
 @called
@@ -858,8 +893,9 @@ def _hessian(tree, here, links, wrenches, scale, driven):
     for a in range(total):
         motions[a, a] = 1.0
         for r in range(m):
+            share = by_law[r, a] / scale
             for b in range(total):
-                motions[a, b] -= by_law[r, a] * right[r, b] / scale
+                motions[a, b] -= share * right[r, b]
     motions[total:] = right[m:]
     virtual = _virtual(tree, total)
     _freedoms(tree, here, driven, screws, carriers)
@@ -869,12 +905,13 @@ def _hessian(tree, here, links, wrenches, scale, driven):
     for z in range(total + p):
         _meet(screws[z], virtual.field[carriers[z]], met)
         for a in range(total):
+            share = motions[z, a]
             for b in range(total):
-                hessian[a, b] += motions[z, a] * met[b]
+                hessian[a, b] += share * met[b]
     return hessian, right[m:]
 
 
-@called
+@bare
 def _meet(twist, field, found):
     """Fill the (W) answers to a spatial twist."""
     for b in range(len(found)):
@@ -909,7 +946,7 @@ def _virtual(tree, columns):
     )
 
 
-@called
+@bare
 def _step(screws, carriers, motions, step):
     """Add to the (k, 6, W) twists of the elements' own freedoms what (Z, W) motions of coordinates are."""
     for z in range(len(screws)):
@@ -920,18 +957,18 @@ def _step(screws, carriers, motions, step):
                 own[a, b] += value * motions[z, b]
 
 
-@called
+@bare
 def _spread(tree, here, links, wrenches, forces, virtual):
     """From `step` and (m, W) virtual forces, fill `motion`, `field` and `ends`; forces of no rows are none."""
     count, step, motion, field = len(tree.parents), virtual.step, virtual.motion, virtual.field
     point, push, moment = here.spare[6], here.spare[7], here.spare[8]
+    whole, own, met = motion.reshape((count, -1)), step.reshape((count, -1)), field.reshape((count, -1))
     for k in range(1, count):
-        back, load = tree.parents[k], here.loads[k]
-        for a in range(6):
-            for b in range(step.shape[2]):
-                motion[k, a, b] = motion[back, a, b] + step[k, a, b]
+        back = tree.parents[k]
+        for b in range(own.shape[1]):
+            whole[k, b] = whole[back, b] + own[k, b]
         if tree.kinds[0, k] & 3 != RIGID:
-            _turned(step[k], load, -1.0, field[k])
+            _turned(step[k], here.loads[k], -1.0, field[k])
     for j in range(-count, len(links)):
         k, follows = (links[j, 0], links[j, 2] > 0) if j >= 0 else (j + count, False)
         if j >= 0:
@@ -954,12 +991,12 @@ def _spread(tree, here, links, wrenches, forces, virtual):
         if tree.joins[t, 0] != GEAR:
             _tied(tree, here, t, forces, virtual)
     for k in range(count - 1, 0, -1):
-        for a in range(6):
-            for b in range(step.shape[2]):
-                field[tree.parents[k], a, b] += field[k, a, b]
+        back = tree.parents[k]
+        for b in range(met.shape[1]):
+            met[back, b] += met[k, b]
 
 
-@called
+@bare
 def _turned(twist, load, sign, field):
     """Add by how much a wrench that moves along with (6, W) twists changes."""
     fx, fy, fz = sign * load[0], sign * load[1], sign * load[2]
@@ -974,7 +1011,7 @@ def _turned(twist, load, sign, field):
         field[5, b] += wx * my - wy * mx + vx * fy - vy * fx
 
 
-@called
+@bare
 def _shifted(motion, push, point, field):
     """Add minus what (6, W) motions make of the change of a wrench that keeps its direction, by a motion of its point.
 
@@ -992,7 +1029,7 @@ def _shifted(motion, push, point, field):
         field[5, b] += x * gy - y * gx
 
 
-@called
+@bare
 def _tied(tree, here, t, forces, virtual):
     """Add what the change of a tie's wrench gives at its ends, see `shift` of `ties`, and the change of its gaps."""
     kind, e1, e2, start, end, _ = _tie(tree, t)
@@ -1014,6 +1051,8 @@ def _tied(tree, here, t, forces, virtual):
     x1, y1, z1, x2, y2, z2 = one[0], one[1], one[2], two[0], two[1], two[2]
     sx, sy, sz = here.states[t, 1], here.states[t, 2], here.states[t, 3]
     there, back, here_end, there_end = virtual.motion[e2], virtual.motion[e1], ends[0], ends[1]
+    t00, t01, t02, t10, t11, t12 = turning[0, 0], turning[0, 1], turning[0, 2], turning[1, 0], turning[1, 1], turning[1, 2]
+    t20, t21, t22 = turning[2, 0], turning[2, 1], turning[2, 2]
     for b in range(ends.shape[2]):
         wx, wy, wz = there[3, b] - back[3, b], there[4, b] - back[4, b], there[5, b] - back[5, b]
         ex = there[0, b] - back[0, b] + wy * z2 - wz * y2
@@ -1029,9 +1068,9 @@ def _tied(tree, here, t, forces, virtual):
             here_end[5, b] = y1 * nx - x1 * ny
             cx, cy, cz = 0.0, 0.0, 0.0
         else:
-            cx = turning[0, 0] * wx + turning[1, 0] * wy + turning[2, 0] * wz
-            cy = turning[0, 1] * wx + turning[1, 1] * wy + turning[2, 1] * wz
-            cz = turning[0, 2] * wx + turning[1, 2] * wy + turning[2, 2] * wz
+            cx = t00 * wx + t10 * wy + t20 * wz
+            cy = t01 * wx + t11 * wy + t21 * wz
+            cz = t02 * wx + t12 * wy + t22 * wz
             here_end[0, b] = here_end[1, b] = here_end[2, b] = 0.0
             here_end[3, b] = py * ez - pz * ey + my * wz - mz * wy - cx
             here_end[4, b] = pz * ex - px * ez + mz * wx - mx * wz - cy
@@ -1050,17 +1089,25 @@ def _tied(tree, here, t, forces, virtual):
                 virtual.field[k, a, b] += ends[side, a, b]
 
 
-@called
+@bare
 def _pin_turning(tree, here, t, one, two, pull, moment, turning):
     """Fill force and moment of a pin, base axes, and how the moment changes with a turn of its second end."""
-    tie, kind, slots, parts = tree.ties[t], tree.joins[t, 0], here.spare[11], here.blocks[2]
-    _pin(tree, here, t, one, two, here.spare[4], here.blocks[0], parts)
+    tie, kind, slots, parts = tree.ties[t], tree.joins[t, 0], here.spare[11], here.parts
+    _pin(tree, here, t, one, two, here.spare[4], parts)
     slots[:] = 0.0
     for r in range(tree.joins[t, 3], tree.joins[t, 4]):
         for a in range(6):
             slots[a] += here.forces[r] * tree.rows[r, a]
-    axes, change, local, axis = parts[:3, :3], parts[3:, 3:], here.turns[4], tie[6:9]
-    half, there, turned = 0.5 * (change[0, 0] + change[1, 1] + change[2, 2]), here.spare[5], here.turns[5]
+    for i in range(3):
+        pull[i] = moment[i] = 0.0
+        for j in range(3):
+            pull[i] += parts[j, i] * slots[j]
+            moment[i] += parts[3 + j, i] * slots[3 + j]
+            turning[i, j] = 0.0
+    if tree.joins[t, 4] - tree.joins[t, 3] == 3:  # a spherical bearing has no moment
+        return
+    change, local, axis, there, turned = parts[3:, 3:], here.turns[4], tie[6:9], here.spare[5], here.turns[5]
+    half = 0.5 * (change[0, 0] + change[1, 1] + change[2, 2])
     for j in range(3):
         there[j] = half * axis[j] - change[j, 0] * axis[0] - change[j, 1] * axis[1] - change[j, 2] * axis[2]
     for j in range(3):
@@ -1077,17 +1124,13 @@ def _pin_turning(tree, here, t, one, two, pull, moment, turning):
             local[i, 1] = -(turned[i, 2] * there[0] - turned[i, 0] * there[2])
             local[i, 2] = -(turned[i, 0] * there[1] - turned[i, 1] * there[0])
     for i in range(3):
-        pull[i] = moment[i] = 0.0
         for j in range(3):
-            pull[i] += axes[j, i] * slots[j]
-            turning[i, j] = 0.0
             for k in range(3):
-                moment[i] += axes[j, i] * change[k, j] * slots[3 + k]
                 for n in range(3):
-                    turning[i, j] += axes[k, i] * local[k, n] * axes[n, j]
+                    turning[i, j] += parts[k, i] * local[k, n] * parts[n, j]
 
 
-@called
+@bare
 def _tip(tree, here, turn, origin):
     end = tree.elements[len(tree.parents)]
     _compose(here.turn[int(end[15])], here.origin[int(end[15])], end, turn, origin)
@@ -1157,13 +1200,15 @@ def rest_rows(
     return len(q)
 
 
-@called
+@bare
 def _model(tree, here, q, free, flexed, found):
     """Fill rigid configuration, motion and torque as Pinocchio orders them; see `Tree.places`."""
     nq, p, n, k = len(tree.neutral), len(free), len(tree.flexures), len(tree.parents)
     size, driven = (len(found) - nq) // 2, len(tree.places) - 2 * p - n - k
     motion, torque = found[nq : nq + size], found[nq + size :]
-    found[:nq], found[nq:] = tree.neutral, 0.0
+    found[nq:] = 0.0
+    for i in range(nq):
+        found[i] = tree.neutral[i]
     for i in range(driven):
         found[tree.places[i]] = q[i]
     for i in range(p):
@@ -1366,7 +1411,7 @@ def respond_rows(
                         gravity[row, b, a] += tree.elements[k, 15] * (met.motion[k, a, b] + turn[0, a])
 
 
-@called
+@bare
 def _pair(field, motions, found):
     """Fill the (6, 6) answers to (6, 6) spatial motions."""
     for b in range(6):
@@ -1376,7 +1421,7 @@ def _pair(field, motions, found):
                 found[b, c] += field[a, b] * motions[a, c]
 
 
-@called
+@bare
 def _slots(tree, t, force, found):
     """Fill the (6, 6) answers to a closure's twist."""
     for r in range(tree.joins[t, 3], tree.joins[t, 4]):
