@@ -264,17 +264,14 @@ def _join(tree, q, free, here):
         for r in range(start, end):
             x = y = z = u = v = w = value = 0.0
             for a in range(3):
-                share = tree.rows[r, a]
-                value += share * gap[a]
+                share, value = tree.rows[r, a], value + tree.rows[r, a] * gap[a]
                 x, y, z = x + share * parts[a, 0], y + share * parts[a, 1], z + share * parts[a, 2]
-            if end - start > 3:
-                for a in range(3):
-                    share = tree.rows[r, 3 + a]
-                    value += share * gap[3 + a]
-                    u, v, w = u + share * parts[3 + a, 0], v + share * parts[3 + a, 1], w + share * parts[3 + a, 2]
+            for a in range(3, 6 if end - start > 3 else 3):
+                share, value = tree.rows[r, a], value + tree.rows[r, a] * gap[a]
+                u, v, w = u + share * parts[a, 0], v + share * parts[a, 1], w + share * parts[a, 2]
             here.gaps[r], way = value, here.ways[t, r - start]
-            way[0], way[1], way[2] = x, y, z
-            way[3], way[4], way[5] = two[1] * z - two[2] * y + u, two[2] * x - two[0] * z + v, two[0] * y - two[1] * x + w
+            way[0], way[1], way[2], way[3] = x, y, z, two[1] * z - two[2] * y + u
+            way[4], way[5] = two[2] * x - two[0] * z + v, two[0] * y - two[1] * x + w
     for i in range(len(tree.flexures)):
         if tree.flexures[i] < 0:
             t = -1 - tree.flexures[i]
@@ -524,7 +521,8 @@ def _idle(here, idle):
         for s in range(r):
             reached[s, r] = reached[r, s]
     trial = reached + total * idle
-    if not (_factored(trial, m) and _least(trial, m, column) > 10.0 * ALIGNED**2 * total and worst <= 1e-13 * math.sqrt(total)):
+    same = worst <= 1e-13 * math.sqrt(total)
+    if not (same and _factored(trial, m) and _least(trial, m, column) > 10.0 * ALIGNED**2 * total):
         sizes, left = np.linalg.eigh(reached)
         idle[:] = 0.0
         for c in range(m):
@@ -1051,8 +1049,9 @@ def _tied(tree, here, t, forces, virtual):
     x1, y1, z1, x2, y2, z2 = one[0], one[1], one[2], two[0], two[1], two[2]
     sx, sy, sz = here.states[t, 1], here.states[t, 2], here.states[t, 3]
     there, back, here_end, there_end = virtual.motion[e2], virtual.motion[e1], ends[0], ends[1]
-    t00, t01, t02, t10, t11, t12 = turning[0, 0], turning[0, 1], turning[0, 2], turning[1, 0], turning[1, 1], turning[1, 2]
-    t20, t21, t22 = turning[2, 0], turning[2, 1], turning[2, 2]
+    t00, t10, t20 = turning[0, 0], turning[1, 0], turning[2, 0]
+    t01, t11, t21 = turning[0, 1], turning[1, 1], turning[2, 1]
+    t02, t12, t22 = turning[0, 2], turning[1, 2], turning[2, 2]
     for b in range(ends.shape[2]):
         wx, wy, wz = there[3, b] - back[3, b], there[4, b] - back[4, b], there[5, b] - back[5, b]
         ex = there[0, b] - back[0, b] + wy * z2 - wz * y2
