@@ -51,7 +51,7 @@ ROUNDING = 1e-12
 """Share of the largest compliance below which one is symmetric, and nowhere negative."""
 
 ENDS = 1e-28
-"""Squared length of the step to come, were it to shrink as the last one did."""
+"""Squared length of a step that is none, and of the one to come, were it to shrink as the last one did."""
 
 SQUARED = 1e-8
 """Step of passive joints [m, rad] after which the next would be rounding, as it is about the square."""
@@ -158,47 +158,47 @@ def _memory(tree, free):
 @bare
 def _place(tree, q, free, flexed, here):
     """Fill `turn`, `origin`, `axes` and `screws`; flexures are at rest unless it is `flexed`."""
-    elements, kinds, turn, origin = tree.elements, tree.kinds, here.turn, here.origin
-    frame, before, at, driven = here.spare[0], here.turns[0], here.spare[1], len(q)
+    elements, kinds, turn, origin, axes = tree.elements, tree.kinds, here.turn, here.origin, here.axes
+    frame, driven = here.spare[0], len(q)
     for i in range(3):
         origin[0, i] = 0.0
         for j in range(3):
             turn[0, i, j] = 1.0 if i == j else 0.0
     for k in range(1, len(tree.parents)):
-        kind, own, back = kinds[0, k] & 3, kinds[1, k], tree.parents[k]
-        if kind == RIGID or (kind == FLEXURE and not flexed):
-            _compose(turn[back], origin[back], elements[k], turn[k], origin[k])
-        elif kind == FLEXURE:
-            _compose(turn[back], origin[back], elements[k], before, at)
+        kind, own, back, local = kinds[0, k] & 3, kinds[1, k], tree.parents[k], elements[k]
+        value = sine = less = 0.0
+        if kind == FLEXURE and flexed:
             _exponential(here.twists[own], frame)
-            _compose(before, at, frame, turn[k], origin[k])
-        if kind == FLEXURE:
+        elif kind == TURNS or kind == SLIDES:
+            value = q[own] if own < driven else free[own - driven]
+            half = math.sin(0.5 * value)
+            sine, less = 2.0 * half * math.cos(0.5 * value), 2.0 * half * half
+        ax, ay, az = local[12], local[13], local[14]
+        for i in range(3):
+            x, y, z = turn[back, i, 0], turn[back, i, 1], turn[back, i, 2]
+            at = origin[back, i] + x * local[9] + y * local[10] + z * local[11]
+            u = x * local[0] + y * local[3] + z * local[6]
+            v = x * local[1] + y * local[4] + z * local[7]
+            w = x * local[2] + y * local[5] + z * local[8]
+            if kind == FLEXURE and flexed:
+                at += u * frame[9] + v * frame[10] + w * frame[11]
+                x = u * frame[0] + v * frame[3] + w * frame[6]
+                y = u * frame[1] + v * frame[4] + w * frame[7]
+                u, v, w = x, y, u * frame[2] + v * frame[5] + w * frame[8]
+            elif kind == TURNS:  # by Rodrigues, of a row r: r + sine r x axis + less ((r axis) axis - r)
+                along = axes[k, 3 + i] = u * ax + v * ay + w * az
+                x = u + sine * (v * az - w * ay) + less * (along * ax - u)
+                y = v + sine * (w * ax - u * az) + less * (along * ay - v)
+                u, v, w = x, y, w + sine * (u * ay - v * ax) + less * (along * az - w)
+            elif kind == SLIDES:
+                axes[k, i] = u * ax + v * ay + w * az
+                at += value * axes[k, i]
+            turn[k, i, 0], turn[k, i, 1], turn[k, i, 2], origin[k, i] = u, v, w, at
+        if kind == TURNS:
+            _cross(origin[k], axes[k, 3:], axes[k])
+        elif kind == FLEXURE:
             for c in range(here.starts[own], here.starts[own + 1]):
                 _screw(turn[k], origin[k], here.roots[own, :, c - here.starts[own]], here.screws[c])
-        elif kind != RIGID:
-            value, axis = q[own] if own < driven else free[own - driven], elements[k, 12:15]
-            _compose(turn[back], origin[back], elements[k], before, at)
-            o, spatial = origin[k], here.axes[k]
-            x = before[0, 0] * axis[0] + before[0, 1] * axis[1] + before[0, 2] * axis[2]
-            y = before[1, 0] * axis[0] + before[1, 1] * axis[1] + before[1, 2] * axis[2]
-            z = before[2, 0] * axis[0] + before[2, 1] * axis[1] + before[2, 2] * axis[2]
-            if kind == SLIDES:
-                o[0], o[1], o[2] = at[0] + value * x, at[1] + value * y, at[2] + value * z
-                for i in range(3):
-                    for j in range(3):
-                        turn[k, i, j] = before[i, j]
-                spatial[0], spatial[1], spatial[2] = x, y, z
-                continue
-            sine, less = math.sin(value), 2.0 * math.sin(0.5 * value) ** 2
-            for j in range(3):  # of every column b by Rodrigues: b + sine axis x b + less axis x (axis x b)
-                b0, b1, b2 = before[0, j], before[1, j], before[2, j]
-                c0, c1, c2 = y * b2 - z * b1, z * b0 - x * b2, x * b1 - y * b0
-                turn[k, 0, j] = b0 + sine * c0 + less * (y * c2 - z * c1)
-                turn[k, 1, j] = b1 + sine * c1 + less * (z * c0 - x * c2)
-                turn[k, 2, j] = b2 + sine * c2 + less * (x * c1 - y * c0)
-            o[0], o[1], o[2] = at[0], at[1], at[2]
-            spatial[0], spatial[1], spatial[2] = o[1] * z - o[2] * y, o[2] * x - o[0] * z, o[0] * y - o[1] * x
-            spatial[3], spatial[4], spatial[5] = x, y, z
 
 
 @bare
@@ -841,8 +841,9 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
         if not size < np.inf or (count > 1 and not size < SLOWEST * before and size > CONVERGED):
             return np.inf
         if count > 1 and size * size <= ENDS * before:
-            _place(tree, q, free, True, here)
-            _join(tree, q, free, here)
+            if size > ENDS:
+                _place(tree, q, free, True, here)
+                _join(tree, q, free, here)
             _weigh(tree, here, links, wrenches)
             _bear(tree, here)
             for i in range(len(twists)):  # those of the tree have closed the loops; forces are a step behind
@@ -1079,13 +1080,14 @@ def _tied(tree, here, t, forces, virtual):
         there_end[4, b] = z2 * gx - x2 * gz + cy
         there_end[5, b] = x2 * gy - y2 * gx + cz
     for side, k in ((0, e1), (1, e2)):
-        for a in range(6):
-            for r in range(start, end if len(forces) else start):
+        for r in range(start, end if len(forces) else start):
+            for a in range(6):
                 way = here.ways[t, r - start, a] * (1.0 if side else -1.0)
                 for b in range(ends.shape[2]):
                     ends[side, a, b] += way * forces[r, b]
-            for b in range(ends.shape[2]):
-                virtual.field[k, a, b] += ends[side, a, b]
+        own, met = ends[side].reshape(-1), virtual.field[k].reshape(-1)
+        for b in range(len(own)):
+            met[b] += own[b]
 
 
 @bare
@@ -1261,14 +1263,20 @@ def respond_rows(
         carried[k] = 1.0
         k = tree.parents[k]
     carried[0] = 1.0
+    answers, scale = len(laws) + len(joints) + len(sites) + len(motions) + len(gravity), 0.0
+    met, none, rank, free = _virtual(tree, 6), np.zeros((0, 0)), 0, 0
+    virtual, matrix, right, screws, order = met, none, none, none, here.order
+    carriers = order
     for row in range(len(q)):
-        largest, _ = _root(tangents[min(row, len(tangents) - 1)], roots, here.roots, here.starts)
-        scale, pushed = 1.0 / math.sqrt(max(largest, 1e-9)), wrenches[min(row, len(wrenches) - 1)]
+        if row < len(tangents):
+            largest, _ = _root(tangents[row], roots, here.roots, here.starts)
+            scale = 1.0 / math.sqrt(max(largest, 1e-9))
+        pushed = wrenches[min(row, len(wrenches) - 1)]
         here.twists[:], here.forces[:] = twists[row], forces[row]
         _place(tree, q[row], flexed[row], True, here)
         _join(tree, q[row], flexed[row], here)
         _weigh(tree, here, links, pushed)
-        for i in range(f):
+        for i in range(f if len(poses) + len(loads) else 0):
             k = places[0, i]
             _compose(here.turn[k], here.origin[k], numbers[i], turn, at)
             if len(poses):
@@ -1287,15 +1295,24 @@ def respond_rows(
                 for r in range(tree.joins[t, 3], tree.joins[t, 4]):
                     for a in range(6):
                         loads[row, f + t, a] += here.forces[r] * tree.rows[r, a]
-        if len(laws) + len(joints) + len(sites) + len(motions) + len(gravity) == 0:
+        if answers == 0:
             continue
-        rank = here.starts[-1]
-        free, size = rank + p, rank + p + m
-        virtual, matrix, right = _virtual(tree, free), np.zeros((size, size)), np.zeros((size, 6))
-        order, screws, carriers = np.empty(size, dtype=np.int64), np.empty((free, 6)), np.empty(free, dtype=np.int64)
+        if row < len(tangents):
+            rank = here.starts[-1]
+            free, size = rank + p, rank + p + m
+            virtual, matrix, right = _virtual(tree, free), np.empty((size, size)), np.empty((size, 6))
+            order, screws, carriers = (
+                np.empty(size, dtype=np.int64),
+                np.empty((free, 6)),
+                np.empty(free, dtype=np.int64),
+            )
+        virtual.step[:] = virtual.field[:] = right[:] = 0.0
+        met.step[:] = met.field[:] = 0.0
         _freedoms(tree, here, driven, screws, carriers)
-        _step(screws, carriers, np.eye(free), virtual.step)
-        _spread(tree, here, links, pushed, np.zeros((0, free)), virtual)
+        for z in range(free):
+            for a in range(6):
+                virtual.step[carriers[z], a, z] = screws[z, a]
+        _spread(tree, here, links, pushed, none, virtual)
         _reach(tree, q[row], here)
         _bend(tree, here, here.roots, here.screws)
         for r in range(m):
@@ -1336,7 +1353,7 @@ def respond_rows(
         for r in range(m):
             for a in range(6):
                 right[free + r, a] *= scale
-        met, force = _virtual(tree, 6), right[free:]
+        force = right[free:]
         _step(screws, carriers, right[:free], met.step)
         _spread(tree, here, links, pushed, force, met)
         _action(np.eye(3), -at, screw)
