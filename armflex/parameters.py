@@ -228,7 +228,10 @@ def named(labels: Iterable[str], known: Sequence[tuple[ArmParameter, str]]) -> t
 
 
 ABSURD = 10.0
-"""Prior standard deviations beyond which a value is none that was thought of when the prior was written."""
+"""Confidence: prior standard deviations beyond which a value is none that was thought of when the prior was written."""
+
+DOUBT = 0.05
+"""Confidence: probability from which it is in question whether something is so; of two, with odds of 20 it is not."""
 
 
 def beyond_priors(pulls: Mapping[str, float]) -> Iterator[Flag]:

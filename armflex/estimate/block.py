@@ -153,6 +153,9 @@ LARGEST_MOTION = 0.03
 """Prior: RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard
 deviation. An axis that is off by two degrees somebody sees."""
 
+EXACT = 1e-9
+"""Tolerance: part of a standard deviation, or metres and radians of an arm, that is as good as nothing."""
+
 LOOSE = 2.0
 """Prior: standard deviation of the logarithm of an inner parameter about where its search ended."""
 

@@ -22,6 +22,8 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
+from armflex.estimate.block import EXACT
+from armflex.estimate.robust import RARE
 from armflex.parameters import ArmParameter, ParameterKind
 
 SHARED = (
@@ -45,13 +47,6 @@ SPREADS = np.geomspace(0.02, 3.0, 60)
 
 DRAWS, BURNT = 3000, 500
 """Tolerance: sweeps of the sampler, and those left out at its beginning."""
-
-STRANGE = np.log(1e3)
-"""Confidence: logarithm of the odds for the declared prior against that of the others from which an arm is no sister of
-theirs."""
-
-EXACT = 1e-9
-"""Tolerance: two declared arms are the same where their frames agree to this [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +120,7 @@ def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
             mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, DRAWS // 3)
             odds.append(_evidence(one, 0.0 * ones, ones) - _evidence(one, mean, std))
         worst = int(np.argmax(odds))
-        if odds[worst] < STRANGE:
+        if odds[worst] < -np.log(RARE):  # for the declared prior against that of the others
             break
         strangers[sisters.pop(worst).name] = float(odds[worst])
     mean, spread, std = _predicted(sisters, seed, DRAWS)

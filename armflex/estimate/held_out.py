@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.estimate.block import EXACT
 from armflex.estimate.fit import CHANCE, Fit
 from armflex.estimate.outliers import DOUBTED
 from armflex.estimate.robust import huber_weights, robust_limit
@@ -24,14 +25,11 @@ FOLDS = 5
 PARTS = 4
 """Tolerance: parts of joint space that predict each other, where it is asked how far a fit is off elsewhere."""
 
-SETTLED = 0.02
-"""Tolerance: of the logarithm of a design effect, to which it is found."""
+LOG_VARIANCE = 0.02
+"""Tolerance: of the logarithm of a variance, or of a design effect, to which it is found."""
 
 WIDE = 7.0
 """Tolerance: of the logarithm of an excess over the noise, within which it is sought to either side."""
-
-EXACT = 1e-9
-"""Tolerance: share of the stated noise below which readings scatter by rounding."""
 
 FIRST = (ParameterKind.INSTRUMENT, ParameterKind.MOUNTING, ParameterKind.TOOL)
 """What is of the first of several campaigns, and of those after it but for what is their own."""
@@ -244,7 +242,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
         return total
 
     most = np.log(max(sum(len(error) for *_, error in parts), 2))
-    found = minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": SETTLED}).x
+    found = minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": LOG_VARIANCE}).x
     return float(np.exp(found)) if cost(found) < cost(0.0) else 1.0
 
 
@@ -288,7 +286,7 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
     least = float((np.log(known) + squares / known).sum())
     middle = 0.5 * np.log(known.mean() / shift.mean())
     around = (middle - WIDE, middle + WIDE)
-    found = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": SETTLED})).x
+    found = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": LOG_VARIANCE})).x
     return float(np.exp(found)) if least - cost(found) > CHANCE**2 else 0.0
 
 

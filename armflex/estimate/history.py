@@ -3,7 +3,7 @@
 Each parameter has a value and an uncertainty at every date. It stays, drifts (a straight line over the dates) or jumps
 once (one value before, another after). A change counts where it lowers the sum of squares by more than chance does in
 one of a hundred histories, counting all parameters and all moments at which one may jump (Bonferroni). Where drift and
-jump are within `ALIKE` of each other, both are named.
+jump are as likely but for `DOUBT`, both are named.
 """
 
 from __future__ import annotations
@@ -17,13 +17,10 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.estimate.fleet import said
-from armflex.parameters import ArmParameter
+from armflex.parameters import DOUBT, ArmParameter
 
 CHANCE = 0.01
 """Confidence: probability with which a machine that stays the same is said to have changed."""
-
-ALIKE = 6.0
-"""Confidence: difference of sums of squares up to which a drift and a jump are not distinguished: odds of 20."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +107,7 @@ def _course(parameter: ArmParameter, value: Array, std: Array, time: Array, trie
     if stays - min(jumps[best][0], drift[0]) < limit:
         return Course(parameter, value, std)
     kind, found = ("jump", jumps[best]) if jumps[best][0] <= drift[0] else ("drift", drift)
-    if count > 2 and abs(jumps[best][0] - drift[0]) < ALIKE:
+    if count > 2 and abs(jumps[best][0] - drift[0]) < -2.0 * np.log(DOUBT):
         kind = "jump or drift"
     since = 0 if kind == "drift" else best + 1
     return Course(parameter, value, std, kind, since, float(found[1][1]), float(found[2][1]))

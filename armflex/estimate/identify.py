@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.estimate.block import EXACT
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, ParameterKind
@@ -21,10 +22,6 @@ SURPRISING = 3.0
 LOOSER = 30.0
 """Tolerance: times the priors of all others with which a parameter must still be determined to count as determined by
 itself."""
-
-STILL = 1e-9
-"""Tolerance: standard deviations of the readings by which a parameter moves them altogether, below which it is
-rounding."""
 
 PARTNER = 0.25
 """Confidence: share of a parameter's effect that another must be able to take over to be named."""
@@ -109,7 +106,7 @@ class FittedParameter:
             return f"{abs(self.pull):.2g} prior deviations off all the same: it absorbs what the arm lacks"
         if self.trades_against:
             return f"can be exchanged for {', '.join((called or {}).get(one, one) for one in self.trades_against)}"
-        if self.moves < STILL:
+        if self.moves < EXACT:
             return "no row loads it" if self.kind is ParameterKind.COMPLIANCE else "moves no reading"
         size = f" ({self.moves:.1g} of their noise per prior deviation)" if np.isfinite(self.moves) else ""
         return f"moves the readings too little{size}"
@@ -156,7 +153,7 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
     """
     others = np.delete(np.arange(len(names)), index)
     own = np.sqrt(normal[index, index])
-    if own < STILL:
+    if own < EXACT:
         return ()
     amount = known.conditional(others).solve(normal[others, index])
     effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])

@@ -29,13 +29,14 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
+from armflex.estimate.held_out import LOG_VARIANCE
 from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, elsewhere, hypotheses, moved
 from armflex.estimate.placement import check_length, first_guess
 from armflex.estimate.view import View, look, solved
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.many_rows import rigid_tips
-from armflex.parameters import FRAMES
+from armflex.parameters import ABSURD, FRAMES
 from armflex.readings import Kind, Orientation, Position
 from armflex.readings.instrument import Instrument, rigid_fit
 
@@ -46,7 +47,7 @@ LOOKS = 20.0
 """Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
 
 FOCAL = 1e3
-"""Pixels of a radian before a usual camera."""
+"""Prior: pixels of a radian before a usual camera."""
 
 FINE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
@@ -59,9 +60,6 @@ GROSS = 0.05
 
 SCATTERED = 100.0
 """Prior: scatter over the stated standard deviation at which something is wrong, whatever it is."""
-
-ABSURD = 10.0
-"""Confidence: prior standard deviations beyond which a value is none that was thought of with that prior."""
 
 TAILS = 4.0
 """Prior: degrees of freedom of the readings' distribution (Lange, Little and Taylor 1989)."""
@@ -76,9 +74,9 @@ STEPS = 3
 """Tolerance: Gauss and Newton's steps where only sensors read, which begin from further off, and of a campaign as
 written where one is not enough."""
 
-MOST_ROWS, ROUNDS, STILL, MOST_TRIED, MOST_SAID = 120, 15, 0.02, 8, 3
-"""Tolerances: rows looked at (no convention hides in more), rounds of weights and the change of log variances that ends
-them, hypotheses judged after a first look, and said."""
+MOST_ROWS, ROUNDS, MOST_TRIED, MOST_SAID = 120, 15, 8, 3
+"""Tolerance: rows looked at (no convention hides in more), rounds of weights, hypotheses judged after a first look, and
+said."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +258,7 @@ def _settled(
             values = LinearGaussian.of(flat, precision).solve(score)
             left = whole - steps @ values
         before, variance = variance, spread((TAILS + count) / (TAILS + squares() / variance))
-        if np.abs(np.log(variance / before)).max(initial=0.0) < STILL:
+        if np.abs(np.log(variance / before)).max(initial=0.0) < LOG_VARIANCE:
             break
 
     def cost(squared: Array, variance: Array) -> Array:

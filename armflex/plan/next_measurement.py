@@ -17,14 +17,12 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.laws.effects.location import link_of
 from armflex.measured.measurements import Measurements
+from armflex.parameters import DOUBT
 from armflex.plan.asking import OFFERED, Asked, Cause, Pair, Question
 from armflex.plan.design import instead
 from armflex.plan.design_model import Before
 from armflex.plan.instruments import informing_levels
 from armflex.robot.robot import Robot
-
-DOUBT = 0.05
-"""Confidence: probability from which it is in question whether something is missing."""
 
 POSSIBLE, RIVALS = 0.01, 4
 """Tolerance: probability from which a cause is in question, and how many are in the place of one effect."""

@@ -13,15 +13,13 @@ from armflex.errors import ArmflexError, ConventionError, InputError
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
+from armflex.plan import MOST_ASKED
 
 if TYPE_CHECKING:
     from armflex.laws.effects.effect import Effect
     from armflex.progress import Doing
     from armflex.trace.findings import Trace
     from armflex.trace.search import Standing
-
-MOST_ASKED = 100
-"""Tolerance: rows that can be asked for at once."""
 
 
 @checked_kinds

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import fdtrc, ndtr
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.estimate.calibrate import Calibration
-from armflex.estimate.fit import Fit, realise
+from armflex.estimate.fit import CHANCE, Fit, realise
 from armflex.estimate.held_out import OfCampaign, by_campaign, judged_by
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.outliers import Outlier, exchanged, outliers_of
@@ -33,9 +33,6 @@ from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.state import State, lost_of, lost_rows
 from armflex.trace.unrecorded import NOTICED_RATIO, RandomTwist, as_likely
-
-UNLIKELY = 1e-4
-"""Confidence: probability below which a residual larger than the repeats' scatter is no chance."""
 
 VARIANCE_RATIO = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""
@@ -498,7 +495,7 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     )  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
-    if left < VARIANCE_RATIO * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > UNLIKELY:
+    if left < VARIANCE_RATIO * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > ndtr(-CHANCE):
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 

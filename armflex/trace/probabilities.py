@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from armflex.plan.next_measurement import DOUBT
+from armflex.parameters import DOUBT
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import ALMOST, Dense, Screen

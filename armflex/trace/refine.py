@@ -17,10 +17,10 @@ from armflex.conventions import Array
 from armflex.laws.effects.effect import Inner, Values
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.screen import Screen
-from armflex.trace.selection import SCALES, Beside, Rival, log_likelihood
+from armflex.trace.selection import BETTER, MOST_ROUNDS, SCALES, Beside, Rival, log_likelihood
 
-MOST_STEPS, TRIALS, LEAST_RISE = 12, 6, 0.02
-"""Tolerance: steps, dampings of one, and rise of the log evidence that ends them."""
+TRIALS = 6
+"""Tolerance: dampings of one step."""
 
 DIFFERENCE = 1e-3
 """Tolerance: step of numerical derivatives, of a cell of the grid."""
@@ -187,7 +187,7 @@ class _Search:
         holding = np.array([0.0 if one.spread is None else (cell / one.spread) ** 2
                             for one, cell in zip(inners, cells, strict=True)])  # fmt: skip
         count, slopes = len(here.amplitudes), np.zeros((len(here.columns), 0))
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_ROUNDS):
             slopes = np.stack([
                 (self.columns(moved(here.inner, step)) - self.columns(moved(here.inner, -step))) @ here.amplitudes
                 / (2.0 * DIFFERENCE)
@@ -211,7 +211,7 @@ class _Search:
             if trial is None:
                 break
             gain, here, damping = trial.value - here.value, trial, damping / 5.0
-            if gain < LEAST_RISE:
+            if gain < BETTER:
                 break
         return here, self._occam(here, slopes, holding)
 

@@ -8,7 +8,7 @@ from itertools import islice, pairwise
 
 import numpy as np
 
-from armflex.conventions import Array
+from armflex.conventions import RESOLUTION, Array
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.possible import sensible, unusual
 from armflex.linear_gaussian import LinearGaussian
@@ -38,9 +38,6 @@ SOUGHT_AT_ONCE = 32
 ALMOST = 1e-4
 """Tolerance: share of a column's square below which what is left of it, or how it differs from another, cannot be seen
 at any plausible size."""
-
-ROUNDED_AWAY = 1e-12
-"""Tolerance: share of what an amplitude of 1 does to the readings at the place where it does most that is rounding."""
 
 MOTIONLESS = 1e-100
 """Tolerance: square of a column that moves nothing: of a smaller one the square of the scale would overflow."""
@@ -241,7 +238,8 @@ class Screen(Evidence):
     def single(self) -> dict[int, tuple[float, float]]:
         """Return of every hypothesis of the catalogue with one column its square, and what the projection leaves of it.
 
-        Both are zero where a column is only rounding: an axis through the target moves it by 1e-17, not by nothing.
+        Both are zero where a column is only rounding beside that of the place where its law does most: an axis through
+        the target moves it by 1e-17, not by nothing.
         """
         if self._single is None:
             return {}
@@ -251,7 +249,7 @@ class Screen(Evidence):
         kinds = [(one.law.name, one.location.turns, one.location.terms) for one in some]  # of a unit
         for kind, square in zip(kinds, whole.tolist(), strict=True):
             most[kind] = max(square, most.get(kind, 0.0))
-        moves = whole > ROUNDED_AWAY**2 * np.array([most[kind] for kind in kinds])
+        moves = whole > RESOLUTION**2 * np.array([most[kind] for kind in kinds])
         pairs = zip(np.where(moves, whole, 0.0).tolist(), np.where(moves, left, 0.0).tolist(), strict=True)
         return dict(zip(first.tolist(), pairs, strict=True))
 

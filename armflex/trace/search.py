@@ -24,12 +24,19 @@ from armflex.trace.candidates import Bank, Candidate
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import Screen
-from armflex.trace.selection import BETTER, GRID_ERROR, MOST_EFFECTS, SCALES, Chosen, Model, climbed, rivals
+from armflex.trace.selection import (
+    BETTER,
+    GRID_ERROR,
+    MOST_EFFECTS,
+    MOST_ROUNDS,
+    SCALES,
+    Chosen,
+    Model,
+    climbed,
+    rivals,
+)
 from armflex.trace.state import Added, State, sorted_out, with_hypotheses, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
-
-MOST_STATES = 12
-"""Tolerance: fits of the arm with what was found at most."""
 
 MOST_NEW = 4
 """Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing;
@@ -133,7 +140,7 @@ def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: N
         passing: Called after every state that is accepted.
     """
     here = _settled(_begun(begun), passing)
-    for _ in range(MOST_STATES):
+    for _ in range(MOST_ROUNDS):
         after = _rethought(here, passing)
         if after is None:
             break
@@ -157,7 +164,7 @@ def _begun(here: Standing) -> Standing:
 
 def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
     """Return the state that no further model of its own linear problem improves; a full one stays as it is."""
-    for _ in range(MOST_STATES):
+    for _ in range(MOST_ROUNDS):
         if is_full(here):
             return here
         model = modelled(here)
@@ -178,7 +185,7 @@ def exchanged(here: Standing, models: Sequence[Model]) -> Standing | None:
     then on worth there what came out. What was fitted in one state is not fitted again in those that follow it.
     """
     for model in sorted(models, key=here.screen.log_posterior, reverse=True):
-        if len(here.rejected) >= MOST_STATES or here.screen.log_posterior(model) <= here.value + BETTER:
+        if len(here.rejected) >= MOST_ROUNDS or here.screen.log_posterior(model) <= here.value + BETTER:
             continue
         if (after := _fitted(here, model)) is not None:
             return replace(after, rejected=here.rejected)

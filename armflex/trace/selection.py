@@ -29,6 +29,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from armflex.conventions import Array
+from armflex.estimate.fit import FLAT
 from armflex.trace.hypotheses import Hypothesis
 
 SCALES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
@@ -36,6 +37,9 @@ SCALES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
 
 MOST_EFFECTS = 24
 """Tolerance: hypotheses in a model at most."""
+
+MOST_ROUNDS = 12
+"""Tolerance: fits of the arm with what was found at most, and steps of what is refined."""
 
 MOST_PAIRS = 3
 """Tolerance: pairs of hypotheses, those that share most, that are taken out together once nothing else improves it."""
@@ -46,8 +50,8 @@ RANKED = 512
 MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
 
-BETTER = 1e-2
-"""Tolerance: rise of the log posterior below which a model is not changed."""
+BETTER = FLAT
+"""Tolerance: rise of the log posterior below which a model, or what is inside it, stays: fits are no closer."""
 
 LINEAR_ERROR = 0.02
 """Tolerance: share of what a climb has gained by which the linear problem may be wrong; what adds less is not added."""

@@ -16,6 +16,7 @@ from armflex.estimate.fit import Fit
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import LINK
 from armflex.laws.effects.possible import USUAL_SHIFT, USUAL_TURN
+from armflex.parameters import DOUBT
 from armflex.trace.projection import Projection
 
 RATIOS = np.logspace(-4.0, 8.0, 61)
@@ -26,9 +27,6 @@ LINK_BEHIND = 1.0
 
 NOTICED_RATIO = 10.0
 """Confidence: log-likelihood ratio from which a place counts; noise alone stays below about 3."""
-
-AS_LIKELY = 3.0
-"""Confidence: log-likelihood within which places are not distinguished."""
 
 
 @dataclass(frozen=True)
@@ -115,4 +113,4 @@ def _likelihood(score: Array, square: Array, total: float, count: int) -> tuple[
 
 def as_likely(places: tuple[RandomTwist, ...]) -> tuple[RandomTwist, ...]:
     """Return the places that the residual does not distinguish from the first."""
-    return tuple(place for place in places[1:] if place.ratio > places[0].ratio - AS_LIKELY)
+    return tuple(place for place in places[1:] if place.ratio > places[0].ratio + np.log(DOUBT))

@@ -15,6 +15,7 @@ from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, known_of_others, pose_folds
 from armflex.estimate.view import foremost_rms, look
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import DOUBT
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
@@ -24,13 +25,10 @@ from armflex.trace.state import State
 SIGN_FLIPS = 100
 """Tolerance: random signs of the residual that chance is read from."""
 
-ZERO = 0.0455
-"""Confidence: of values that are as far from zero by chance; one is then within two standard uncertainties."""
-
 
 def from_zero(values: Array, covariance: Array) -> float:
     """Return how far (k,) values are from zero, over how far they are by chance: beyond 1 they are not zero."""
-    return float(values @ np.linalg.pinv(covariance, hermitian=True) @ values / chdtri(len(values), ZERO))
+    return float(values @ np.linalg.pinv(covariance, hermitian=True) @ values / chdtri(len(values), DOUBT))
 
 
 class Folds:
