@@ -102,9 +102,11 @@ class LinearGaussian:
         alone = np.zeros(len(self.information), dtype=bool)
         if len(alone) < MANY:
             return alone
-        shared = self.information != 0.0
+        shared, taken = self.information != 0.0, np.zeros(len(alone), dtype=bool)
         for i in np.argsort(shared.sum(axis=0), kind="stable"):  # those that share least first
-            alone[i] = shared[i, i] and not shared[i, alone].any()
+            if shared[i, i] and not taken[i]:
+                alone[i] = True
+                taken |= shared[i]
         return alone & (alone.sum() >= MANY)
 
     @cached_property
@@ -163,11 +165,21 @@ class LinearGaussian:
         """(P,) posterior standard deviations, infinite where a parameter has a part in the null space."""
         return np.where(self.null_space.any(axis=0), np.inf, np.sqrt(np.diag(self.covariance)))
 
-    def solve(self, score: Array) -> Array:
-        """Return N^-1 times a (P,) score J'y: the most probable values, in the parameters' units."""
+    def variance(self, rows: Array) -> Array:
+        """Return the (n,) squares of (n, P) rows by the covariance, which is not formed; most may be zero in them."""
+        moving = rows.any(axis=0)
         size, axes, _ = self._axes
-        scaled = self.scale * score
-        return self.scale * (axes @ ((axes.T @ scaled) / size) + np.where(self.alone, scaled, 0.0))
+        own = rows[:, moving] * self.scale[moving]
+        return ((own @ axes[moving]) ** 2 / size).sum(axis=1) + (own[:, self.alone[moving]] ** 2).sum(axis=1)
+
+    def solve(self, score: Array) -> Array:
+        """Return N^-1 times a (P,) score J'y: the most probable values, in the parameters' units; or of (P, k) each."""
+        if score.ndim == 1:
+            return self.solve(score[:, None])[:, 0]
+        size, axes, _ = self._axes
+        scaled = self.scale[:, None] * score
+        own = np.where(self.alone[:, None], scaled, 0.0)
+        return self.scale[:, None] * (axes @ ((axes.T @ scaled) / size[:, None]) + own)
 
     def conditional(self, some: np.ndarray) -> LinearGaussian:
         """Return what is known of the parameters at `some` places when the values of all others are known."""

@@ -219,6 +219,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
     data, counted, parts = fit.residual + fit.regressors @ fit.values, near(view), []
     counted[:, view.foremost.stop :] = False
     scale = 1.0 / (np.maximum(fit.scatter_by_number, EXACT) * np.sqrt(fit.weights)).ravel()
+    prior = np.where(fit.precision > 0.0, fit.prior, 0.0)
     rows = _readings_of(fit, folds)
     scores = _of_others([fit.regressors[own].T @ np.column_stack([data[own], others[own]]) for own in rows])
     for known, own, score in zip(known_of_others(fit, folds), rows, scores, strict=True):
@@ -226,18 +227,20 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
         own = own[~depend_on(fit.regressors[own][:, None], known.null_space)[:, 0]]
         error = scale[own] * (data[own] - fit.regressors[own] @ known.solve(score[:, 0]))
         columns, more = (scale[own, None] * each[own] for each in (fit.regressors, others))
-        information = known.information - np.diag(fit.precision)
-        parts.append((information, score[:, 1:], columns, columns.any(axis=0), more, error))
+        # Of what other parts say nothing of, such as random twists of these poses, only the prior is known.
+        shown = np.diag(known.information) > fit.precision
+        held = 1.0 + columns[:, ~shown] ** 2 @ prior[~shown] ** 2
+        information = known.information[np.ix_(shown, shown)] - np.diag(fit.precision[shown])
+        parts.append((information, fit.precision[shown], score[shown, 1:], columns[:, shown], held, more, error))
     noise = max(fit.noise, least) ** 2
 
     def cost(logarithm: float) -> float:
         """Return -2 log likelihood but for a constant."""
         total, share = 0.0, np.exp(-logarithm) / noise
-        for information, crossed, columns, moving, more, error in parts:
-            root = LinearGaussian(information * share).with_precision(fit.precision).root
-            spread = columns[:, moving] @ root[moving]  # random twists of other poses do not move these
-            more = more - spread @ (root.T @ crossed) * share
-            variance = 1.0 + (spread**2).sum(axis=1) + ((more @ covariance) * more).sum(axis=1)
+        for information, precision, crossed, columns, held, more, error in parts:
+            known = LinearGaussian(information * share).with_precision(precision)
+            more = more - columns @ known.solve(crossed) * share
+            variance = held + known.variance(columns) + ((more @ covariance) * more).sum(axis=1)
             total += float((np.log(variance) + error**2 / variance).sum())
         return total
 
@@ -269,7 +272,7 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
 
     spread = np.empty(fit.view.residual.size)
     for known, own in zip(known_of_others(fit, folds, effect * fit.noise**2), _readings_of(fit, folds), strict=True):
-        spread[own] = ((fit.regressors[own] @ known.root) ** 2).sum(axis=1)
+        spread[own] = known.variance(fit.regressors[own])
     where, view = fit.view.foremost, fit.view
     counted = judged[:, where]
     read = np.where(np.isfinite(view.sigma), view.sigma, 0.0)

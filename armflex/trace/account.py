@@ -16,7 +16,7 @@ from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
-from armflex.parameters import ArmParameter
+from armflex.parameters import ArmParameter, Certainty
 from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
 from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement
@@ -161,12 +161,14 @@ def conclude(
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     state.reporter.stage("looking what would decide what is in question")
+    errors, seen = _errors(state, known.validated), known.validated
     open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
     if open_places:
-        texts, asked = next_measurement(_before(state), open_places, ask, settable or {})
-    wrong, seen = misplaced_centres(state.fitted, state.fit.setup.arm.robot), known.validated
+        before = _before(state, errors["arm"].certainty)
+        texts, asked = next_measurement(before, open_places, ask, settable or {})
+    wrong = misplaced_centres(state.fitted, state.fit.setup.arm.robot)
     return Trace(
-        **_errors(state, seen),
+        **errors,
         found=found,
         families=tuple(_family(known, i) for i, one in enumerate(state.known) if one.family),
         unexplained=left,
@@ -246,11 +248,15 @@ def _places(known: Weighed, found: Sequence[Found]) -> list[Place]:
     ]
 
 
-def _before(state: State) -> Before:
-    """Return arm and campaign as a plan takes them; a random twist knows only the poses it was fitted to."""
+def _before(state: State, certainty: Certainty) -> Before:
+    """Return arm and campaign as a plan takes them; a random twist knows only the poses it was fitted to.
+
+    Readings that scatter less than they state count as they state; see `certainty_of`.
+    """
     fit, count = state.fit, len(state.declared.arm.effects) + len(state.effects)
     setup = replace(fit.setup, arm=replace(fit.setup.arm, effects=fit.setup.arm.effects[:count]))
-    measured, least = Measured.of(fit, state.measurements, certainty_of(fit), setup), 1.0
+    effect = max(certainty.design_effect * min(fit.noise, 1.0) ** 2, 1.0)
+    measured, least = Measured.of(fit, state.measurements, replace(certainty, design_effect=effect), setup), 1.0
     if state.random is not None:
         left = measured.view.whitened[fit.view.rows] * np.sqrt(fit.weights)
         least = float(np.sqrt(fit.view.readings.row_squares(left).sum() / max(fit.view.count, 1)))

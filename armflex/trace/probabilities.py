@@ -7,7 +7,6 @@ posterior (Rao and Blackwell), one distribution for each effect that was found a
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,10 +84,11 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
     """
     rng, slots = np.random.default_rng(seed), list[Chosen | None](own)
     charges = np.array([evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))])
-    names = [group.hypothesis.name for group in evidence.groups]
-    mine = [names[one.number] for one in own]
+    known = dict[tuple, int]()  # of names their numbers
+    names = np.array([known.setdefault(group.hypothesis.name, len(known)) for group in evidence.groups], dtype=int)
+    mine = [int(names[one.number]) for one in own]
     itself = np.zeros(len(own))
-    chances: list[Counter] = [Counter() for _ in range(len(own) + 1)]
+    chances = np.zeros((len(own) + 1, len(known)))
     empty, counted, visited = np.zeros(len(own) + 1), np.zeros(len(own) + 1), set[Model]()
     for _ in range(SWEEPS):
         for i in range(len(own) + 1):
@@ -99,37 +99,32 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
             whole = float(np.logaddexp(0.0, logsumexp(logs)))
             weights = np.exp(logs - whole)
             empty[i], counted[i] = empty[i] + np.exp(-whole), counted[i] + 1.0
-            for number, weight in enumerate(weights.sum(axis=1).tolist()):
-                chances[i][names[number]] += weight
+            chances[i] += np.bincount(names, weights.sum(axis=1), len(known))
             if i < len(own):
                 # Effects may have changed places: one that is in another's is there.
                 held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)
-                own_weight = weights[[name == mine[i] for name in names]].sum()
+                own_weight = weights[names == mine[i]].sum()
                 itself[i] += 1.0 if held >= mine.count(mine[i]) else own_weight
                 drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
                 slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
                 visited.add(tuple(one for one in slots if one is not None))
     counted = np.maximum(counted, 1.0)
     empty = empty / counted
-    chances = [Counter({name: p / n for name, p in one.items()}) for one, n in zip(chances, counted, strict=True)]
     itself = np.minimum(itself / counted[:-1], 1.0)
     found = []
-    for i, chance in enumerate(chances):
+    for i, chance in enumerate(chances / counted[:, None]):
         rest = tuple(one for j, one in enumerate(own) if j != i)
         odds = evidence.beside(rest).odds.max(axis=1) - charges
-        best: dict[tuple, Hypothesis] = {}
-        ranking = []
+        best = dict[int, tuple[Hypothesis, float]]()
         for number in np.argsort(-odds).tolist():
-            if names[number] not in best:
-                best[names[number]] = evidence.groups[number].hypothesis
-                ranking.append((evidence.groups[number].hypothesis, float(odds[number])))
+            best.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
         probability = float(itself[i]) if i < len(own) else 0.0
         others, reached = [], probability + empty[i]
-        for name, chance_of in chance.most_common():
+        for name in np.argsort(-chance, kind="stable").tolist():
             if name not in mine and (reached < CREDIBLE or i == len(own)):
-                others.append((best[name], float(chance_of)))
-                reached += chance_of
-        found.append(Credible(probability, float(empty[i]), tuple(others), tuple(ranking)))
+                others.append((best[name][0], float(chance[name])))
+                reached += chance[name]
+        found.append(Credible(probability, float(empty[i]), tuple(others), tuple(best.values())))
     return tuple(found), visited
 
 

@@ -26,6 +26,7 @@ from itertools import combinations, pairwise, takewhile
 from typing import Self
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 from scipy.special import log_ndtr
 
 from armflex.conventions import Array
@@ -278,7 +279,7 @@ class Beside:
         own, scores = evidence.among(self.places)
         own = own * self.scale * self.scale[:, None] + np.diag(self.held)
         self.root = np.linalg.cholesky(0.5 * (own + own.T))
-        self.inverse = np.linalg.inv(self.root)
+        self.inverse = dtrtri(self.root, lower=1)[0] if len(self.root) else self.root
         self.pull = self.inverse @ (scores * self.scale)
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
         self._reduced: dict[tuple[int, bool], tuple[Block, Reduced]] = {}
@@ -350,7 +351,7 @@ class Beside:
             last, found = [], np.empty((len(block.scores), size + size // 2))
         first = max(sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(own, last, strict=False))) - 1, 0)
         if first < size:
-            inverse = np.linalg.inv(self.root[first:, first:])
+            inverse = self.inverse[first:, first:]  # of a triangle's end the inverse is the end of its inverse
             before = found[:, :first] @ (inverse @ self.root[first:, :first]).T
             found[:, first:size] = self.evidence.gram(which, self.places[first:]) @ (inverse * self.scale[first:]).T
             found[:, first:size] -= before
