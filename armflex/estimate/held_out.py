@@ -245,8 +245,9 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
         return total
 
     most = np.log(max(sum(len(error) for *_, error in parts), 2))
-    found = minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": LOG_VARIANCE}).x
-    return float(np.exp(found)) if cost(found) < cost(0.0) else 1.0
+    options = {"xatol": LOG_VARIANCE}
+    found = cast(Any, minimize_scalar(cost, bounds=(0.0, most), method="bounded", options=options))
+    return float(np.exp(found.x)) if found.fun < cost(0.0) else 1.0
 
 
 def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effect: float) -> float:

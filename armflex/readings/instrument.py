@@ -165,11 +165,12 @@ def rigid_fit(points: Array, measured: Array, hand: float = 1.0) -> tuple[Array,
         middle, there = share @ points, share @ measured
         nominal, seen = points - middle, measured - there
         left, _, right = np.linalg.svd((seen * share[:, None]).T @ nominal)
-        turn = left @ np.diag([1.0, 1.0, hand * np.linalg.det(left @ right)]) @ right
-        shift = there - turn @ middle
-        length = np.linalg.norm(seen - nominal @ turn.T, axis=1)
-        rms = float(np.sqrt((weights * length**2).sum() / weights.sum()))
-        before, limit = weights, 2.0 * max(float(np.median(length)), RESOLUTION)
+        turn = left * (1.0, 1.0, hand * np.linalg.det(left @ right)) @ right
+        shift, off = there - turn @ middle, seen - nominal @ turn.T
+        length = np.sqrt(np.einsum("nk,nk->n", off, off))
+        rms, ordered = float(np.sqrt(share @ length**2)), np.sort(length)  # of so few, sooner than numpy's median
+        median = 0.5 * float(ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])
+        before, limit = weights, 2.0 * max(median, RESOLUTION)
         weights = np.minimum(1.0, limit / np.maximum(length, RESOLUTION)) ** 2
         if np.abs(weights - before).max() < SAME:
             break

@@ -242,7 +242,7 @@ class Bank:
         first, view = self.candidates[groups[0]], self.fit.view
         places = np.concatenate([np.arange(*self.starts[i : i + 2].tolist()) for i in groups.tolist()])
         if direction:
-            answer = view.to_twist(first.location.site) @ np.frombuffer(direction) * _scale(self.fit)
+            answer = _answer(self.fit, first.location.site, np.frombuffer(direction))
             unique = {id(found): found for found in brought}
             ends = np.cumsum([0, *(len(found) for found in unique.values())]).tolist()
             start = dict(zip(unique, ends, strict=False))
@@ -267,14 +267,24 @@ class Bank:
 
 def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:
     """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
-    view, about = fit.view, (candidate.law, candidate.location, candidate.inner)
-    features = candidate.law.features(candidate.location, candidate.inner, view, context)
-    return whiten(view.jacobian(*about, context) + view.effect_quotient(*about, features), fit)
+    view, law, location, inner = fit.view, candidate.law, candidate.location, candidate.inner
+    direction = None if view.indirect else law.direction(context.here(location, view.arm), inner)
+    if direction is not None:  # one number a row
+        shapes = law.shapes(location, inner, view, context)[list(location.terms)]
+        return (shapes[:, :, None] * _answer(fit, location.site, direction)).reshape(len(shapes), -1).T
+    features = law.features(location, inner, view, context)
+    columns = view.per(law, location) @ features.transpose(0, 2, 1)
+    return whiten(columns + view.effect_quotient(law, location, inner, features) if view.indirect else columns, fit)
 
 
 def whiten(regressors: Array, fit: Fit) -> Array:
     """Return (n, k) whitened and weighted (M, d, k) columns."""
     return (regressors * _scale(fit)[:, :, None]).reshape(fit.view.residual.size, -1)
+
+
+def _answer(fit: Fit, site: str, direction: Array) -> Array:
+    """Return the (M, d) whitened and weighted change of the readings with a twist at a site in a (6,) direction."""
+    return fit.view.to_twist(site) @ direction * _scale(fit)
 
 
 def _scale(fit: Fit) -> Array:

@@ -182,13 +182,17 @@ def chance(here: Standing, seed: int = 0) -> float:
         left = scores - beside.across(which) @ pulls
         for (numbers, at, scale, *_), inside in zip(block.batches, beside.reduced(which)[0], strict=True):
             values, axes = np.linalg.eigh(inside)
-            turned = np.einsum("gki,gkf->gif", axes, left[at] * scale[:, :, None])
+            squares = np.einsum("gki,gkf->gif", axes, left[at] * scale[:, :, None]) ** 2
+            peaks = squares.max(axis=2)
             for tight in (SCALES**-2.0).tolist():  # one after the other, which takes less memory
                 held = np.maximum(values, 0.0) + tight
-                gain = (turned**2 / held[:, :, None]).sum(axis=1)
+                prior, most = block.priors[numbers] - 0.5 * np.log(held / tight).sum(axis=1), (peaks / held).sum(axis=1)
+                # No draw gains more than by the steepest slope of the likelihood on its way.
+                steepest = 0.5 / np.maximum((objective.min() - most) / screen.count, 1.0)
+                some = np.flatnonzero(prior + steepest * most > best)
+                gain = (squares[some] / held[some, :, None]).sum(axis=1)
                 logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.count) - here_value
-                logs = logs - (0.5 * np.log(held / tight).sum(axis=1) - block.priors[numbers])[:, None]
-                best = max(best, float(logs.max(initial=-np.inf)))
+                best = max(best, float((logs + prior[some, None]).max(initial=-np.inf)))
     return best
 
 
