@@ -278,7 +278,7 @@ class Beside:
         self.held = np.repeat([SCALES[one.scale] ** -2.0 for one in model], np.diff(self._ends))
         own, scores = evidence.among(self.places)
         own = own * self.scale * self.scale[:, None] + np.diag(self.held)
-        self.root = np.linalg.cholesky(0.5 * (own + own.T))
+        self.root = np.asarray(np.linalg.cholesky(0.5 * (own + own.T)), float)
         self.inverse = dtrtri(self.root, lower=1)[0] if len(self.root) else self.root
         self.pull = self.inverse @ (scores * self.scale)
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
