@@ -17,6 +17,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.backlash import BACKLASH
+from armflex.laws.effects.candidate import Candidate, candidates_of, grid
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.context import Context
@@ -29,7 +30,6 @@ from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
 from armflex.laws.effects.shapes import ABOVE
-from armflex.trace.candidates import Candidate, candidates_of, grid
 
 EFFECTS = 2.0
 """Prior: effects that an arm is expected to lack."""

@@ -10,9 +10,10 @@ import numpy as np
 
 from armflex.conventions import RESOLUTION, Array
 from armflex.estimate.fit import Fit
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import sensible, unusual
 from armflex.linear_gaussian import LinearGaussian
-from armflex.trace.candidates import Bank, Candidate, candidate_regressors
+from armflex.trace.bank import Bank, candidate_regressors
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
 from armflex.trace.selection import (

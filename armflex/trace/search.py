@@ -16,11 +16,12 @@ import numpy as np
 
 from armflex.errors import ArmflexError
 from armflex.estimate.pose_block import PoseBlock
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT
 from armflex.rows.rows import POSE
-from armflex.trace.candidates import Bank, Candidate
+from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import Screen

@@ -15,11 +15,12 @@ import matplotlib
 import numpy as np
 
 import armflex
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.catalogue import CATALOGUE, NAMED
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, EffectLaw, Inner
 from armflex.laws.effects.location import BASE, LINK, TOOL, Location, drive_axis
-from armflex.trace.candidates import Bank, Candidate
+from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import hypotheses
 from armflex.trace.screen import Screen
 from armflex.trace.state import begin

@@ -16,8 +16,9 @@ from armflex.estimate.calibrate import calibrate
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.laws.effects import CATALOGUE
+from armflex.laws.effects.candidate import Candidate, candidates_of
 from armflex.laws.effects.catalogue import EVERY
-from armflex.trace.candidates import Bank, Candidate, candidates_of
+from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import hypotheses
 from armflex.trace.projection import Projection, project, projected
 from armflex.trace.screen import Screen

@@ -12,9 +12,9 @@ from support.scoring import score
 from armflex import load_arm, read_measurements
 from armflex.estimate.calibrate import calibrate
 from armflex.laws.effects import CATALOGUE
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import unusual
 from armflex.trace.account import weighed
-from armflex.trace.candidates import Candidate
 from armflex.trace.search import refitted, standing
 from armflex.trace.selection import Chosen, rivals
 from armflex.trace.state import State, begin

@@ -14,6 +14,7 @@ from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.view import View, look
 from armflex.laws.effects import Effect, EffectLaw, Location
+from armflex.laws.effects.candidate import Candidate, grid
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
@@ -24,7 +25,6 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.readings.instrument import Instrument
-from armflex.trace.candidates import Candidate, grid
 from support.campaigns import draw
 from support.effect_arms import MECHANICAL
 from support.machines import LIFTED

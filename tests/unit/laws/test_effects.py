@@ -22,6 +22,7 @@ from armflex.errors import MissingCovariateError
 from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.view import look
 from armflex.laws.effects import Effect, EffectLaw, Location
+from armflex.laws.effects.candidate import Candidate, grid
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act
@@ -32,7 +33,6 @@ from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
-from armflex.trace.candidates import Candidate, grid
 
 SECOND_ORDER = {"hysteresis": 0.02, "gravity_tilt": 0.02}
 """Relative errors of columns: a memory is of the load without the effect, and two turns of gravity do not commute."""

@@ -10,8 +10,8 @@ from studies.reliability import log_score
 
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.location import Location
-from armflex.trace.candidates import Candidate
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import sampled
 from armflex.trace.screen import Dense

@@ -14,6 +14,7 @@ from armflex.estimate.block import LARGEST_MOTION, amplitude_prior
 from armflex.estimate.fit import moved
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
+from armflex.laws.effects.candidate import Candidate, grid
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import resolve
@@ -22,7 +23,6 @@ from armflex.laws.effects.possible import MOST_GIVE, SOFTER, sensible, unusual
 from armflex.laws.effects.shapes import free_of_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
-from armflex.trace.candidates import Candidate, grid
 from armflex.trace.state import State
 from armflex.trace.validate import session_folds
 

@@ -1,56 +1,20 @@
-"""Candidates: every law at every location with every starting value of its inner parameters, as columns."""
+"""The bank of candidates: what the readings would change by with each of them, as whitened columns at one fit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.fit import Fit
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act, Effect, EffectLaw, Inner, Values, full
-from armflex.laws.effects.location import Location
+from armflex.laws.effects.effect import Act
 from armflex.progress import SILENT, Reporter
-
-
-def _is_searched(inner: Inner, value: float) -> bool:
-    return inner.polished and not (inner.positive and value <= 0.0)
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A law at a location with values of its inner parameters."""
-
-    law: EffectLaw
-    location: Location
-    inner: Values
-
-    @property
-    def name(self) -> str:
-        """Law, site and axis."""
-        return Effect(self.law, self.location, ()).name
-
-    @property
-    def searched(self) -> tuple[int, ...]:
-        """Inner parameters that are searched; a positive one at zero is switched off."""
-        pairs = zip(self.law.inner, self.inner, strict=True)
-        return tuple(i for i, (inner, value) in enumerate(pairs) if _is_searched(inner, value))
-
-    @cached_property
-    def fitted(self) -> tuple[int, ...]:
-        """Inner parameters that a fit moves: those that the law is smooth in, and those that only a prior holds."""
-        loose = [i for i, inner in enumerate(self.law.inner) if inner.spread is not None]
-        return tuple(sorted([*(i for i in self.searched if self.law.inner[i].smooth), *loose]))
-
-    def effect(self, amplitudes: Array) -> Effect:
-        """Return the effect with amplitudes of the acting terms."""
-        return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)
-
 
 MADE_AT_ONCE = 2**22
 """Tolerance: numbers of a bank's columns that are made at a time."""
@@ -290,16 +254,3 @@ def _answer(fit: Fit, site: str, direction: Array) -> Array:
 def _scale(fit: Fit) -> Array:
     """Return the (M, d) factors that whiten and weight readings."""
     return np.sqrt(fit.weights) / fit.view.sigma
-
-
-def grid(law: EffectLaw, location: Location, context: Context) -> Iterator[Values]:
-    """Yield starting values of a law's inner parameters."""
-    yield from product(*(tuple(float(v) for v in inner.grid(location, context)) for inner in law.inner))
-
-
-def candidates_of(laws: Iterable[EffectLaw], context: Context) -> Iterator[Candidate]:
-    """Yield every candidate of some laws in a campaign."""
-    for law in laws:
-        for location in law.places(context.records):
-            for inner in grid(law, location, context) if law.inner else ((),):
-                yield Candidate(law, location, inner)
