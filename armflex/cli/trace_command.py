@@ -201,8 +201,8 @@ def _remarks(found: Trace) -> Iterator[str]:
     yield headline(found)
     if found.compared is not None:
         yield "In folds: the share of folds that select the effect."
-    for one, which in zip(found.found, found.numbers, strict=True):
-        title = f"{one.effect.title}{numbered(which)}"
+    for one in found.found:
+        title = f"{one.effect.title}{numbered(one.number)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
         yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
     if found.outliers:
@@ -275,7 +275,9 @@ def as_json(found: Trace) -> dict[str, Any]:
         "withdrawn": [
             {
                 **place_json(one.effect.law, one.effect.location),
-                "held_out_rms_mm": scaled(dict(zip(stages, one.errors, strict=True)), 1e3),
+                "held_out_rms_mm": scaled(
+                    dict(zip(stages, (one.compared.before, one.compared.worst), strict=True)), 1e3
+                ),
             }
             for one in found.withdrawn
         ],

@@ -223,6 +223,7 @@ def _found(known: Weighed, number: int) -> Found:
         proof=seen.proofs[number],
         ranking=ranking,
         index=index,
+        number=state.effects[index].number,
         survives=seen.names[number],
         probability=credible.probability,
         credible=_others(credible),

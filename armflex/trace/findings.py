@@ -5,7 +5,7 @@ What every effect is worth, what else would do, what is not identifiable, and wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -79,9 +79,14 @@ class Compared:
     as_found: float
 
     @property
+    def worst(self) -> float:
+        """The larger one with what was found."""
+        return max(self.after, self.as_found)
+
+    @property
     def worse(self) -> bool:
         """Whether what was found makes it worse, in either way."""
-        return max(self.after, self.as_found) > self.before
+        return self.worst > self.before
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +108,6 @@ class Withdrawn:
         """What it is in words."""
         return f"{self.effect.law.name.replace('_', ' ')} at every drive" if self.family else self.effect.title
 
-    @property
-    def errors(self) -> tuple[float, float]:
-        """RMS on held-out poses of the calibrated arm and with it [m], as it is worse."""
-        return self.compared.before, max(self.compared.after, self.compared.as_found)
-
 
 @dataclass(frozen=True, eq=False)
 class Found:
@@ -120,6 +120,7 @@ class Found:
         proof: Held-out rows.
         ranking: What competes for its place with twice the log odds, the best first.
         index: Its place among the effects of the final fit.
+        number: Which of its name it is in the arm, see `numbers_of`.
         survives: Share of the folds of the poses without which the same law at the same place is selected.
         probability: Of it, law and place.
         credible: Other candidates that with it make up the 95 % credible set, with the probability of each.
@@ -131,6 +132,7 @@ class Found:
     proof: Proof
     ranking: tuple[tuple[Hypothesis, float], ...]
     index: int
+    number: int
     survives: float
     probability: float
     credible: tuple[tuple[Effect, float], ...] = ()
@@ -342,7 +344,7 @@ class Trace(Result):
         return [family.title for family in self.families]
 
     @cached_property
-    def believed(self) -> np.ndarray:
+    def judged_rows(self) -> np.ndarray:
         """(M,) which of the fitted rows every error is over."""
         return np.any(self.judged, axis=1)
 
@@ -354,7 +356,7 @@ class Trace(Result):
     @property
     def rows(self) -> np.ndarray:
         """(K,) numbers of the fitted rows that every error is over."""
-        return self.state.rows[self.believed]
+        return self.state.rows[self.judged_rows]
 
     @cached_property
     def unjudged(self) -> np.ndarray:
@@ -430,17 +432,6 @@ class Trace(Result):
             paired[place] = True
         return paired
 
-    @property
-    def numbers(self) -> tuple[int, ...]:
-        """Which of its name every effect that was found is in the arm, see `numbers_of`."""
-        return tuple(self.state.effects[one.index].number for one in self.found)
-
-    @property
-    def added(self) -> Iterator[tuple[Effect, dict[str, float]]]:
-        """Every effect of the final fit with the standard uncertainty of each of its values by name."""
-        for block, effect in zip(self.state.effects, self.state.fitted, strict=True):
-            yield effect, self.state.std_of(block)
-
     def outlier_count(self, kind: str) -> int:
         """Return how many outliers are of one kind."""
         return sum(one.kind == kind for one in self.outliers)
@@ -458,15 +449,7 @@ class Trace(Result):
     @property
     def residual(self) -> Array:
         """(M, d) measured minus predicted; what is random is not predicted [m, rad]."""
-        return predictable_residual(self.state)
-
-
-def predictable_residual(state: State) -> Array:
-    """Return the (M, d) residual without the random twists, whose values nobody can know beforehand."""
-    view = state.fit.view
-    if state.random is None:
-        return view.residual
-    return view.residual + state.random.jacobian(view) @ state.values_of(state.random)
+        return self.state.residual
 
 
 def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | None:
@@ -478,7 +461,7 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     """
     if state.random is not None:
         random = state.random
-        rms = state.fit.view.rms(predictable_residual(state) - state.fit.view.residual)
+        rms = state.fit.view.rms(state.residual - state.fit.view.residual)
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
     place = places[0]
     if place.ratio >= NOTICED_RATIO:
@@ -514,8 +497,8 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
     fit = trace.state.fit
     campaign = Campaign(trace.state.measurements.sha256, len(trace.rows) + len(trace.unjudged), trace.rms)
     effects = [
-        effect_table(effect, {name: one for name, one in std.items() if np.isfinite(one)})
-        for effect, std in trace.added
+        effect_table(effect, {name: one for name, one in trace.state.std_of(block).items() if np.isfinite(one)})
+        for block, effect in zip(trace.state.effects, trace.state.fitted, strict=True)
     ]
     setup = realise(fit.declared, trace.state.blocks, fit.values)  # effects are written by themselves
     assert trace.arm.certainty is not None

@@ -120,6 +120,13 @@ class State:
         """The added effects with the values that the fit gave them."""
         return tuple(block.at(self.values_of(block)) for block in self.effects)
 
+    @property
+    def residual(self) -> Array:
+        """(M, d) measured minus predicted [m, rad]; random twists, whose values nobody can know, are not predicted."""
+        view = self.fit.view
+        random = 0.0 if self.random is None else self.random.jacobian(view) @ self.values_of(self.random)
+        return view.residual + random
+
     @cached_property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """What was added, with values inside laws as they were fitted."""

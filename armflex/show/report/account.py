@@ -31,7 +31,7 @@ def account(trace: Trace) -> SimpleNamespace:
     """Return what the template shows of a trace: plain texts, which it escapes, tables of them, and figures as SVG."""
     accurate = accuracy(trace)
     placed, view = bool(trace.state.fit.view.readings.of(Position)), trace.state.fit.view
-    left_over = view.residual[trace.believed][:, view.foremost]
+    left_over = view.residual[trace.judged_rows][:, view.foremost]
     places, used = trace.state.measurements.places, f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
     if trace.outliers:
         out = len(trace.outliers) - trace.outlier_count("counted less")
@@ -132,7 +132,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     placed = trace.calibration.placed
     groups = trace.state.measurements.pose_number[placed.rows]
     judged = np.zeros(placed.residual.shape, dtype=bool)
-    judged[np.isin(placed.rows, trace.rows)] = trace.judged[trace.believed]
+    judged[np.isin(placed.rows, trace.rows)] = trace.judged[trace.judged_rows]
     declared = cover.errors_of(placed, groups, judged).of(np.asarray(judged.any(axis=1)))
     unit = placed.readings.unit
     rows = [cover.spread(f"as declared, the {trace.calibration.placing}", declared, unit)]
@@ -145,7 +145,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
 def _values(trace: Trace, index: int) -> Table:
     """Return an effect's values, a row each, the first with its name: signed, and waves by amplitude and phase."""
     found = trace.found[index]
-    units, heading = units_of(found.effect), called(found.effect, trace.numbers[index])
+    units, heading = units_of(found.effect), called(found.effect, found.number)
     wave = effect_figures.wave(trace, index)
     named = found.effect.named.items()
     rows = wave or [f"{name} = {cover.signed(value, found.std.get(name), units[name])}" for name, value in named]
@@ -173,8 +173,8 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
 
 
 def _effect(trace: Trace, index: int) -> SimpleNamespace:
-    found, number, say = trace.found[index], trace.numbers[index], _errors_of(trace)[0]
-    heading, proof, units = called(found.effect, number), found.proof, units_of(found.effect)
+    found, say = trace.found[index], _errors_of(trace)[0]
+    heading, proof, units = called(found.effect, found.number), found.proof, units_of(found.effect)
     std = {name: one for name, one in found.std.items() if np.isfinite(one)}
     said = {name: "" if name in std else "not determined" for name in found.std}
     held_out = [("Poses held out", say(proof.before), say(proof.after))]
@@ -183,7 +183,7 @@ def _effect(trace: Trace, index: int) -> SimpleNamespace:
         held_out.append(("Whole sessions held out", *sessions))
     return SimpleNamespace(
         heading=heading[0].upper() + heading[1:],
-        name=labelled(found.effect, number),
+        name=labelled(found.effect, found.number),
         words=words(found.effect.law.name),
         values=(
             *(

@@ -75,7 +75,7 @@ class Accuracy:
 def accuracy(trace: Trace) -> Accuracy:
     """Return a trace's errors on held-out poses, row by row."""
     state, measurements = trace.state, trace.state.measurements
-    folds, used, rows = pose_folds(state.groups), trace.believed, trace.rows
+    folds, used, rows = pose_folds(state.groups), trace.judged_rows, trace.rows
     before, after = (
         Errors(held_out(fit, folds, judged=trace.judged).squares[used], state.groups[used])
         for fit in (trace.before, state.fit)

@@ -89,7 +89,7 @@ def suspicion(trace: Trace, index: int) -> Suspicion:
     after = trace.residual[:, where]
     residuals = (trace.before.view.residual[:, where], after + motion, after)
     seen = [(unit / sigma**2 * residual).sum(axis=1) / information for residual in residuals]
-    kept = trace.believed & np.isfinite(direction.value)
+    kept = trace.judged_rows & np.isfinite(direction.value)
     factor, name = scaled(float(np.quantile(np.abs(direction.value[kept]), 0.9)), direction.base)
     numbers = (array[kept] / factor for array in (*seen, direction.value, 1.0 / np.sqrt(information)))
     return Suspicion(x[kept], *numbers, x_label=x_label, y_label=f"{direction.name} [{name}]")

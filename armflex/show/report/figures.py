@@ -29,7 +29,7 @@ def workspace(trace: Trace) -> str:
     Where nothing was found there is no before: the views stand side by side.
     """
     fit = trace.state.fit
-    kept, tip = trace.believed, fit.view.line.tip
+    kept, tip = trace.judged_rows, fit.view.line.tip
     points = fit.setup.instrument.in_base(tip, fit.view.sessions)[kept]
     before, after = (
         (residual[:, one.view.foremost] @ one.setup.instrument.pose.rotation)[kept]

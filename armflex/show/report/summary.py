@@ -18,9 +18,8 @@ MOST_NAMED = 2
 
 def headline(trace: Trace) -> str:
     """Return what was found, in one sentence."""
-    pairs = list(zip(trace.found, trace.numbers, strict=True))
     if len(trace.found) > MOST_NAMED:
-        several = joined([called(one.effect, number) for one, number in pairs[:MOST_NAMED]])
+        several = joined([called(one.effect, one.number) for one in trace.found[:MOST_NAMED]])
         return f"{len(trace.found)} effects identified, first of all {several}."
     if not trace.found and trace.families:
         return f"The drives have in common: {joined([one.title for one in trace.families[:MOST_NAMED]])}."
@@ -30,12 +29,12 @@ def headline(trace: Trace) -> str:
         return "Nothing that was tried predicts held-out poses better than the calibrated arm."
     if trace.found:
         parts = []
-        for one, number in pairs:
+        for one in trace.found:
             effect, units = one.effect, units_of(one.effect)
             names = [effect.law.amplitudes[i].name for i in effect.location.terms]
             values = [f"{name} {measure(effect.named[name], one.std[name], units[name])}" for name in names]
             few = f": {joined(values)}" if len(values) <= MOST_VALUES else ""
-            parts.append(called(effect, number) + few)
+            parts.append(called(effect, one.number) + few)
         return f"Identified: {'; and '.join(parts)}."
     if left := trace.unexplained:
         size = "" if left.std is None else f", {measure(left.std, None, left.unit or '')}"
@@ -56,12 +55,12 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 def further(trace: Trace) -> list[str]:
     """Return what has to be said beside the result: what is not distinguished, what is left, what would have shown."""
     said = []
-    for one, number in zip(trace.found, trace.numbers, strict=True):
+    for one in trace.found:
         own = called(one.effect)
         others = [other for other in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if other != own]
         if others:
             shown = [*others[:3], f"{len(others) - 3} more"] if len(others) > 3 else others
-            said.append(f"These data do not distinguish {called(one.effect, number)} from {joined(shown)}.")
+            said.append(f"These data do not distinguish {called(one.effect, one.number)} from {joined(shown)}.")
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
     for family in trace.families:
@@ -69,10 +68,12 @@ def further(trace: Trace) -> list[str]:
         said.append(
             f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family, not a named cause."
         )
-    for one, number in zip(trace.found, trace.numbers, strict=True):
+    for one in trace.found:
         if one.survives < 1.0:
             share = f"{one.survives:.0%}"
-            said.append(f"Without a fifth of the poses, {called(one.effect, number)} is selected in {share} of folds.")
+            said.append(
+                f"Without a fifth of the poses, {called(one.effect, one.number)} is selected in {share} of folds."
+            )
     if trace.undecided is not None:
         said.append(trace.undecided.text)
     if trace.compared is not None:
@@ -81,7 +82,7 @@ def further(trace: Trace) -> list[str]:
     unit = readings.unit
     said += [
         f"Withdrawn: {one.title}. With it held-out poses are predicted to "
-        f"{change(one.errors[1], one.errors[0], unit)} (the calibrated arm)."
+        f"{change(one.compared.worst, one.compared.before, unit)} (the calibrated arm)."
         for one in trace.withdrawn
     ]
     if far := trace.outlier_count("unexplained"):
