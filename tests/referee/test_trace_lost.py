@@ -84,7 +84,7 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
     expected = np.sqrt(((lacking.position[found.rows] - here) ** 2).sum(axis=1).mean())
     assert told["rms_mm"]["calibrated"] == pytest.approx(1e3 * expected, rel=1e-3)
     assert told["held_out_rms_mm"]["calibrated"] > told["rms_mm"]["calibrated"] > 5.0 * told["rms_mm"]["after"]
-    left = held_out(found.before, pose_folds(found.state.groups)).squares[found.believed]
+    left = held_out(found.before, pose_folds(found.state.groups)).squares[found.judged_rows]
     assert told["held_out_rms_mm"]["calibrated"] == pytest.approx(1e3 * np.sqrt(left.mean()))
     print_trace(found)
     said = capsys.readouterr().out

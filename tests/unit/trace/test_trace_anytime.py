@@ -77,7 +77,7 @@ def test_what_is_unfinished_says_so_wherever_it_is_read(whole: Whole, tmp_path: 
         said = [str(doubt.message) for doubt in flags]
         assert any(re.search(r"t\.toml:\d+: written while `armflex trace` was", one) for one in said) is marked
         assert ("unfinished" in [flag.code for flag in arm.flags]) is marked
-        assert [effect.name for effect in arm.effects] == [effect.name for effect, _ in found.added]
+        assert [effect.name for effect in arm.effects] == [effect.name for effect in found.state.fitted]
         assert np.isfinite(predict(arm, whole.rows).position[whole.used]).all()
         assert strict_json(outputs.json).get("unfinished", False) is marked
         page = outputs.report.read_text()
@@ -193,7 +193,7 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     found = conclude(standing(believed), here.places)
     assert found.withdrawn
     gone = found.withdrawn[0]
-    calibrated, with_it = gone.errors
+    calibrated, with_it = gone.compared.before, gone.compared.worst
     assert with_it > calibrated and gone.compared.worse
     told = as_json(found)["withdrawn"][0]
     assert told["held_out_rms_mm"] == {"calibrated": 1e3 * calibrated, "after": 1e3 * with_it}
