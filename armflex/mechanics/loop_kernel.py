@@ -169,7 +169,7 @@ def _place(tree, q, free, flexed, here):
         value = sine = less = 0.0
         if kind == FLEXURE and flexed:
             _exponential(here.twists[own], frame)
-        elif kind == TURNS or kind == SLIDES:
+        elif kind in (TURNS, SLIDES):
             value = q[own] if own < driven else free[own - driven]
             half = math.sin(0.5 * value)
             sine, less = 2.0 * half * math.cos(0.5 * value), 2.0 * half * half
