@@ -669,20 +669,12 @@ def _assemble(here, idle, scale):
 @bare
 def _weigh(tree, here, links, wrenches):
     """From where it is and `forces`, fill `loads` and `torque`."""
-    elements, loads, count, forces = tree.elements, here.loads, len(tree.parents), here.forces
-    gx, gy, gz = elements[count, 12], elements[count, 13], elements[count, 14]
+    loads, count, forces = here.loads, len(tree.parents), here.forces
     point, push, wrench = here.spare[2], here.spare[3], here.spare[4]
-    for k in range(count):
-        mass, load = elements[k, 15], loads[k]
-        _point(here, k, elements[k, 16:19], point)
-        load[0], load[1], load[2] = mass * gx, mass * gy, mass * gz
-        load[3] = point[1] * load[2] - point[2] * load[1]
-        load[4] = point[2] * load[0] - point[0] * load[2]
-        load[5] = point[0] * load[1] - point[1] * load[0]
-        here.torque[k] = 0.0
-    for j in range(len(links)):
-        k = links[j, 0]
-        _pushed(here, links, wrenches, j, point, push)
+    loads[:] = 0.0
+    here.torque[:] = 0.0
+    for j in range(-count, len(links)):
+        k = _pushed(tree, here, links, wrenches, j, point, push)
         _cross(point, push[:3], wrench[3:])
         for i in range(3):
             loads[k, i] += push[i]
@@ -725,8 +717,14 @@ def _bear(tree, here):
 
 
 @bare
-def _pushed(here, links, wrenches, j, point, push):
-    """Fill where a wrench acts and the (6,) wrench there, base axes."""
+def _pushed(tree, here, links, wrenches, j, point, push):
+    """Fill where a wrench acts and the (6,) wrench there, base axes; return its element. Those below 0 are weights."""
+    if j < 0:
+        k = len(tree.parents) + j
+        _point(here, k, tree.elements[k, 16:19], point)
+        for i in range(3):
+            push[i], push[3 + i] = tree.elements[k, 15] * tree.elements[-1, 12 + i], 0.0
+        return k
     k, wrench = links[j, 0], wrenches[j]
     _point(here, k, wrench[:3], point)
     for i in range(3):
@@ -737,6 +735,7 @@ def _pushed(here, links, wrenches, j, point, push):
             for a in range(3):
                 push[i] += here.turn[k, i, a] * wrench[3 + a]
                 push[3 + i] += here.turn[k, i, a] * wrench[6 + a]
+    return k
 
 
 @bare
@@ -969,22 +968,13 @@ def _spread(tree, here, links, wrenches, forces, virtual):
         if tree.kinds[0, k] & 3 != RIGID:
             _turned(step[k], here.loads[k], -1.0, field[k])
     for j in range(-count, len(links)):
-        k, follows = (links[j, 0], links[j, 2] > 0) if j >= 0 else (j + count, False)
-        if j >= 0:
-            _pushed(here, links, wrenches, j, point, push)
-        else:
-            mass = tree.elements[k, 15]
-            if mass == 0.0:
-                continue
-            _point(here, k, tree.elements[k, 16:19], point)
-            for i in range(3):
-                push[i], push[3 + i] = mass * tree.elements[count, 12 + i], 0.0
-        if follows:
+        k = _pushed(tree, here, links, wrenches, j, point, push)
+        if j >= 0 and links[j, 2]:
             _cross(point, push[:3], moment)
             for i in range(3):
                 push[3 + i] += moment[i]
             _turned(motion[k], push, 1.0, field[k])
-        else:
+        elif push[0] != 0.0 or push[1] != 0.0 or push[2] != 0.0:
             _shifted(motion[k], push, point, field[k])
     for t in range(len(tree.joins)):
         if tree.joins[t, 0] != GEAR:
