@@ -62,7 +62,7 @@ SIZED, CLIPPED, BOUNDED, RAISED = (float(kind) for kind in (Kind.SIZE, Kind.CLIP
 LOOSE = {"contract", "reassoc", "nsz", "arcp"}
 inner = numba.njit(nogil=True, forceinline=True, error_model="numpy", fastmath=LOOSE)
 called = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE)
-bare = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE, _nrt=False)
+bare = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE, _nrt=False)  # pyright: ignore[reportCallIssue]
 """For what makes no array: it need not count who holds one, which at every view costs as much as a few products."""
 in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
 """For sums whose order matters."""
