@@ -925,23 +925,23 @@ class Virtual(NamedTuple):
 
     field: (k, 6, W) work of the changes of all loads, and of gaps with forces of theirs, per spatial twist that is
     inserted at an element and moves all that it carries. ends: (T, 2, 6, W) of that what each end of a tie adds.
+    flat, tied: those three and `ends` as (3, k, 6 W) and (T, 2, 6 W).
     """
 
     step: Array
     motion: Array
     field: Array
     ends: Array
+    flat: Array
+    tied: Array
 
 
 @called
 def _virtual(tree, columns):
-    k = len(tree.parents)
-    return Virtual(
-        np.zeros((k, 6, columns)),
-        np.zeros((k, 6, columns)),
-        np.zeros((k, 6, columns)),
-        np.empty((len(tree.joins), 2, 6, columns)),
-    )
+    k, t = len(tree.parents), len(tree.joins)
+    flat, tied = np.zeros((3, k, 6 * columns)), np.empty((t, 2, 6 * columns))
+    whole = flat.reshape((3, k, 6, columns))
+    return Virtual(whole[0], whole[1], whole[2], tied.reshape((t, 2, 6, columns)), flat, tied)
 
 
 @bare
@@ -960,7 +960,7 @@ def _spread(tree, here, links, wrenches, forces, virtual):
     """From `step` and (m, W) virtual forces, fill `motion`, `field` and `ends`; forces of no rows are none."""
     count, step, motion, field = len(tree.parents), virtual.step, virtual.motion, virtual.field
     point, push, moment = here.spare[6], here.spare[7], here.spare[8]
-    whole, own, met = motion.reshape((count, -1)), step.reshape((count, -1)), field.reshape((count, -1))
+    own, whole, met = virtual.flat[0], virtual.flat[1], virtual.flat[2]
     for k in range(1, count):
         back = tree.parents[k]
         for b in range(own.shape[1]):
@@ -1075,9 +1075,8 @@ def _tied(tree, here, t, forces, virtual):
                 way = here.ways[t, r - start, a] * (1.0 if side else -1.0)
                 for b in range(ends.shape[2]):
                     ends[side, a, b] += way * forces[r, b]
-        own, met = ends[side].reshape(-1), virtual.field[k].reshape(-1)
-        for b in range(len(own)):
-            met[b] += own[b]
+        for b in range(virtual.tied.shape[2]):
+            virtual.flat[2, k, b] += virtual.tied[t, side, b]
 
 
 @bare
