@@ -103,8 +103,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             return Weighed(here, found, None, null), tuple(withdrawn)
         here.screen.forget()
         here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
-        charges = [evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))]
-        seen = validated(here, tuple(numbers), model, charges, null)
+        seen = validated(here, tuple(numbers), model, evidence.priors, null)
         last = weakest(model, evidence) if seen.compared.worse else zero
         if last is None:
             return Weighed(here, found, seen, null), tuple(withdrawn)

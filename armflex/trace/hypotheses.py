@@ -95,6 +95,17 @@ class Hypothesis:
         """Law and place, whatever is inside the law and whichever of its terms act."""
         return (self.one.law.name, self.family, tuple(replace(one.location, terms=()) for one in self.members))
 
+    def alike(self, other: Hypothesis) -> bool:
+        """Whether it is of the same law and place as another, about all of its axes where it is not of the same one."""
+        pairs = [(a.location, b.location) for a, b in zip(self.members, other.members, strict=False)]
+        if self.name[:2] != other.name[:2] or len(self.members) != len(other.members):
+            return False
+        return all(
+            replace(a, axis=None, terms=()) == replace(b, axis=None, terms=())
+            and (a.axis == b.axis or None in (a.axis, b.axis))
+            for a, b in pairs
+        )
+
     @cached_property
     def positive(self) -> bool:
         """Whether its only amplitude must be positive."""

@@ -64,14 +64,26 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
         for one in rivals(screen.beside(rest), refiner, most=MOST_COMPETING):
             if one.chosen.number in aliased:
                 continue
-            number, odds = one.chosen.number, float(screen.beside(rest).odds[one.chosen.number].max())
-            if one.odds > found.get(number, -np.inf):  # of the size that it has where it competes most
+            number, odds = one.chosen.number, float(screen.beside(rest).odds_at(one.chosen.number).max())
+            if one.odds > found.get(number, -np.inf):  # of the amplitudes that it has where it competes most
                 found[number], charges[number] = one.odds, max(odds - one.odds, 0.0)
     beside = screen.beside(model)
     for one, amplitudes in zip(model, beside.amplitudes, strict=True):
         charges[one.number] = screen.charge(one.number, amplitudes)
     numbers = {number: i for i, number in enumerate(charges)}
-    return screen.dense(tuple(charges), tuple(charges.values())), tuple(numbers[one.number] for one in model), numbers
+    every = screen.priors
+    priors = np.array([every[number] + screen.sized(number) - charge for number, charge in charges.items()])
+    return screen.dense(tuple(charges), priors), tuple(numbers[one.number] for one in model), numbers
+
+
+def named(evidence: Dense, own: Model) -> np.ndarray:
+    """Return (H,) which hypothesis stands for each: the model's, or the likeliest, that says the same of a place."""
+    known, numbers = [one.hypothesis for one in evidence.groups], [one.number for one in own]
+    numbers += [i for i in np.argsort(-evidence.beside(own).odds.max(axis=1)).tolist() if i not in numbers]
+    found = np.arange(len(known))
+    for place, i in enumerate(numbers):
+        found[i] = next((j for j in numbers[:place] if found[j] == j and known[j].alike(known[i])), i)
+    return found
 
 
 def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible, ...], set[Model]]:
@@ -83,19 +95,17 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
         seed: Of the draws.
     """
     rng, slots = np.random.default_rng(seed), list[Chosen | None](own)
-    charges = np.array([evidence.charge(i, np.zeros(0)) for i in range(len(evidence.groups))])
-    known = dict[tuple, int]()  # of names their numbers
-    names = np.array([known.setdefault(group.hypothesis.name, len(known)) for group in evidence.groups], dtype=int)
+    names = named(evidence, own)
     mine = [int(names[one.number]) for one in own]
     itself = np.zeros(len(own))
-    chances = np.zeros((len(own) + 1, len(known)))
+    chances = np.zeros((len(own) + 1, len(names)))
     empty, counted, visited = np.zeros(len(own) + 1), np.zeros(len(own) + 1), set[Model]()
     for _ in range(SWEEPS):
         for i in range(len(own) + 1):
             if i == len(own) and None in slots:
                 continue  # what is drawn beside a model that lacks one is that one
             beside = evidence.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
-            logs = beside.odds - charges[:, None]
+            logs = beside.odds
             whole = float(np.logaddexp(0.0, logsumexp(logs)))
             weights = np.exp(logs - whole)
             empty[i], counted[i] = empty[i] + np.exp(-whole), counted[i] + 1.0
@@ -114,7 +124,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
     found = []
     for i, chance in enumerate(chances / counted[:, None]):
         rest = tuple(one for j, one in enumerate(own) if j != i)
-        odds = evidence.beside(rest).odds.max(axis=1) - charges
+        odds = evidence.beside(rest).odds.max(axis=1)
         best = dict[int, tuple[Hypothesis, float]]()
         for number in np.argsort(-odds).tolist():
             best.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))

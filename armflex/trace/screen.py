@@ -17,6 +17,7 @@ from armflex.trace.bank import Bank, candidate_regressors
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
 from armflex.trace.selection import (
+    SCALES,
     Batch,
     Beside,
     Block,
@@ -148,13 +149,14 @@ class Screen(Evidence):
             marked[visible] /= np.sqrt(left[visible, None])
             self.groups = _named(self.groups, single[visible], marked[visible])
         batches = tuple(batch_of([self.groups[i] for i in own.tolist()], own, *rest) for own, *rest in some)
-        further = Block(len(self.groups), (), np.empty(0), np.empty(0))
+        further = Block(len(self.groups), (), np.empty(0), np.empty((0, len(SCALES))))
         self.blocks = [Block(0, batches, scores, prior_of(self.groups)), further]
         self._catalogue, self._narrowed = self.blocks[0], None
         self._narrow_rows, self._narrow = dict[int, Array](), np.empty((0, 0))
         self._held, self._place, self._rows = Held(projection), dict[int, int](), dict[int, Array]()
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
+        self._sized: dict[int, Array] = {}
         self._short: dict[tuple, float] = {}
         self.refined: dict[tuple, set[frozenset]] = {}
 
@@ -197,7 +199,7 @@ class Screen(Evidence):
             batch = batch_of(groups[-1:], np.array([number - block.first]), at[None] - self._first, inside[None])
             by_size.setdefault(size, []).append(batch)
         batches = tuple(joined(some) for some in by_size.values())
-        priors = np.append(block.priors, prior_of(groups))
+        priors = np.concatenate([block.priors, prior_of(groups)])
         self.blocks[-1] = Block(block.first, batches, self._held.scores[self._further], priors)
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
@@ -313,12 +315,12 @@ class Screen(Evidence):
         own = held.columns[self._further] @ cleared - held.seen[self._further] @ half
         return np.vstack([found, own])
 
-    def dense(self, numbers: Sequence[int], charges: Sequence[float], mask: np.ndarray | None = None) -> Dense:
+    def dense(self, numbers: Sequence[int], priors: Array, mask: np.ndarray | None = None) -> Dense:
         """Return the evidence of some hypotheses alone, from some of the readings.
 
         Args:
             numbers: Which hypotheses.
-            charges: What the size of each counts against it [nats].
+            priors: (k, T) log prior probability of each at each of its scales.
             mask: (n,) which readings; all where not given.
         """
         projection, held = self.projection, self._held
@@ -339,20 +341,26 @@ class Screen(Evidence):
         gram, scores = columns @ cleared.T - seen @ seen.T, columns @ read - seen @ taken
         objective = float(data @ read - taken @ taken)
         count = self.count if mask is None else round(self.count * float(np.mean(mask)))
-        return Dense(groups, gram, scores, objective, count, np.asarray(charges))
+        return Dense(groups, gram, scores, objective, count, priors)
 
     def charge(self, number: int, amplitudes: Array) -> float:
         sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())
-        key = (number, sizes)
+        key, one = (number, sizes), self.groups[number].hypothesis
         if key not in self._charges:
-            one = self.groups[number].hypothesis
-            cost = 0.0
-            if not one.family:
-                effect, view = one.one.effect(amplitudes), self.fit.view
-                cost = 0.5 * unusual(effect, view, self.context)
-                cost += IMPOSSIBLE * (not sensible(effect, view, self.context, self.fit.declared.arm))
-            self._charges[key] = cost
-        return self._charges[key] + self._short.get(self.groups[number].hypothesis.spot, 0.0)
+            possible = one.family or sensible(one.one.effect(amplitudes), self.fit.view, self.context, self.fit.declared.arm)
+            self._charges[key] = 0.0 if possible else IMPOSSIBLE
+        return self._charges[key] + self._short.get(one.spot, 0.0)
+
+    def sized(self, number: int) -> Array | float:
+        """Of a Cauchy density of the size, over what machines have, of amplitudes of each scale."""
+        group = self.groups[number]
+        if group.hypothesis.family:
+            return 0.0
+        if number not in self._sized:
+            effect = group.hypothesis.one.effect(group.scale)
+            much = SCALES**2 * unusual(effect, self.fit.view, self.context)
+            self._sized[number] = np.log(len(SCALES) / ((1.0 + much) * (1.0 / (1.0 + much)).sum()))
+        return self._sized[number]
 
     def fall_short(self, spot: tuple, by: float) -> None:
         """Charge a law at a place with what a fit of the arm came out below what this linear problem promised."""
@@ -397,12 +405,12 @@ class Dense(Evidence):
     """The evidence of a few hypotheses from some of the rows: all (K, K) products of their columns are known."""
 
     def __init__(
-        self, groups: list[Group], whole: Array, scores: Array, objective: float, count: int, charges: Array
+        self, groups: list[Group], whole: Array, scores: Array, objective: float, count: int, priors: Array
     ) -> None:
-        self.groups, self._gram, self._scores, self._charges = groups, whole, scores, charges
+        self.groups, self._gram, self._scores = groups, whole, scores
         self.objective, self.count = objective, count
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
-        self.blocks = [Block(0, batches, scores, prior_of(groups))]
+        self.blocks = [Block(0, batches, scores, priors)]
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]
@@ -412,6 +420,3 @@ class Dense(Evidence):
 
     def narrow(self, some: bool) -> None:
         """All are scanned: they are few."""
-
-    def charge(self, number: int, amplitudes: Array) -> float:
-        return float(self._charges[number])

@@ -34,7 +34,7 @@ from armflex.estimate.fit import FLAT
 from armflex.trace.hypotheses import Hypothesis
 
 SCALES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
-"""Prior: standard deviations tau of an amplitude, by how far it moves the target [mm], all equally likely."""
+"""Prior: standard deviations tau of an amplitude, by how far it moves the target [mm]."""
 
 MOST_EFFECTS = 24
 """Tolerance: hypotheses in a model at most."""
@@ -126,7 +126,7 @@ class Block:
         first: Number of the first; batches number hypotheses and columns from those of the block.
         batches: They by their size.
         scores: (K,) products X'My of their columns.
-        priors: (H,) log prior probability of every hypothesis at each of its scales.
+        priors: (H, T) log prior probability of every hypothesis at each of its scales.
         kept: Which of the columns are gone through, and numbered by batches, where not all are.
     """
 
@@ -162,8 +162,9 @@ class Block:
 
 
 def prior_of(some: Iterable[Group]) -> Array:
-    """Return the (H,) log prior probability of hypotheses at each of their scales."""
-    return np.array([one.hypothesis.prior for one in some]) - np.log(len(SCALES))
+    """Return the (H, T) log prior probability of hypotheses at each of their scales, all equally likely."""
+    priors = np.array([one.hypothesis.prior for one in some])
+    return np.repeat(priors[:, None] - np.log(len(SCALES)), len(SCALES), axis=1)
 
 
 class Evidence(ABC):
@@ -194,12 +195,16 @@ class Evidence(ABC):
         """Return the (K, k) products X'MX of all columns of a block with some columns."""
 
     def charge(self, number: int, amplitudes: Array) -> float:
-        """Return what the size of (k,) amplitudes of a hypothesis [the law's unit] counts against it [nats]."""
+        """Return what (k,) amplitudes of a hypothesis [the law's unit] count against it [nats]."""
+        return 0.0
+
+    def sized(self, number: int) -> Array | float:
+        """Return the (T,) log of how much likelier a scale of a hypothesis is than where all are equally likely."""
         return 0.0
 
     @property
     def priors(self) -> Array:
-        """(H,) log prior probability of every hypothesis at each of its scales."""
+        """(H, T) log prior probability of every hypothesis at each of its scales, but for what is `sized`."""
         return np.concatenate([one.priors for one in self.blocks])
 
     @property
@@ -312,29 +317,30 @@ class Beside:
         evidence, found = self.evidence, 0.0
         values = self.inverse.T @ self.pull
         for one, amplitudes, first in zip(self.model, self.amplitudes, self._ends, strict=False):
-            hypothesis = evidence.groups[one.number].hypothesis
-            found += hypothesis.prior - float(np.log(len(SCALES))) - evidence.charge(one.number, amplitudes)
-            if hypothesis.positive:
+            block = evidence.blocks[self._block(one.number)]
+            prior = block.priors[one.number - block.first] + evidence.sized(one.number)
+            found += float(prior[one.scale]) - evidence.charge(one.number, amplitudes)
+            if evidence.groups[one.number].hypothesis.positive:
                 found += float(_sign(values[first] / np.sqrt(self.covariance[first, first])))
         return found + float(log_likelihood(self.left, evidence.count)) - 0.5 * self.volume + evidence.constant
 
     @property
     def odds(self) -> Array:
-        """(H, T) log odds of the model with each hypothesis at each scale more, over the model; sizes not charged."""
+        """(H, T) log odds of the model with each hypothesis at each scale more, over the model; nothing is charged."""
         return np.concatenate([self._odds_in(which) for which in range(len(self.evidence.blocks))])
 
     def _block(self, number: int) -> int:
         return max(i for i, block in enumerate(self.evidence.blocks) if block.first <= number)
 
     def odds_at(self, number: int) -> Array:
-        """Return the (T,) log odds of a further hypothesis at each scale, its size not charged."""
+        """Return the (T,) log odds of a further hypothesis at each scale, as likely as that is; nothing is charged."""
         which = self._block(number)
-        return self._odds_in(which)[number - self.evidence.blocks[which].first]
+        return self._odds_in(which)[number - self.evidence.blocks[which].first] + self.evidence.sized(number)
 
     def _odds_in(self, which: int) -> Array:
         block = self.evidence.blocks[which]
         if block.key not in self._odds or self._odds[block.key][0] is not block:
-            odds = self.odds_of(block.batches, *self.reduced(which), len(block.priors)) + block.priors[:, None]
+            odds = self.odds_of(block.batches, *self.reduced(which), len(block.priors)) + block.priors
             self._odds[block.key] = block, odds
         return self._odds[block.key][1]
 
@@ -422,7 +428,7 @@ def _sign(ratio: Array | float) -> Array:
 
 @dataclass(frozen=True)
 class Rival:
-    """A hypothesis beside a model: log odds of adding it, its size charged, at its best scale."""
+    """A hypothesis beside a model: log odds of adding it, all charged, at its best scale."""
 
     odds: float
     chosen: Chosen
@@ -459,8 +465,9 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
         coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
         if not coarse and best[number] < top - WITHIN:
             continue
-        scale = int(odds[number].argmax())
-        charged = float(best[number]) - evidence.charge(number, beside.amplitudes_of(number, scale))
+        own = odds[number] + evidence.sized(number)
+        scale = int(own.argmax())
+        charged = float(own[scale]) - evidence.charge(number, beside.amplitudes_of(number, scale))
         (rough if coarse else found).append(Rival(charged, Chosen(number, scale)))
         top = max(top, charged)
     if refine is not None and rough:

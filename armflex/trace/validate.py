@@ -43,12 +43,12 @@ class Folds:
         readings, judged: What errors are over, and (M,) the rows that have any of it.
     """
 
-    def __init__(self, here: Standing, numbers: Sequence[int], charges: Sequence[float]) -> None:
+    def __init__(self, here: Standing, numbers: Sequence[int], priors: Array) -> None:
         state, projection = here.state, here.screen.projection
         folds = np.repeat(pose_folds(state.groups), state.fit.view.residual.shape[1])
         self.here, self.numbers, self.fitted = here, numbers, list[LinearGaussian]()
         self.learned = [folds != number for number in range(int(folds.max()) + 1)]
-        self.parts = [here.screen.dense(numbers, charges, mask) for mask in self.learned]
+        self.parts = [here.screen.dense(numbers, priors, mask) for mask in self.learned]
         for learned in self.learned:
             own = projection.regressors[learned].T @ projection.shared[learned]
             self.fitted.append(LinearGaussian(own + np.diag(projection.precision)))
@@ -94,17 +94,17 @@ class Validated:
     errors: Array
 
 
-def validated(here: Standing, numbers: Sequence[int], own: Model, charges: Sequence[float], null: float) -> Validated:
+def validated(here: Standing, numbers: Sequence[int], own: Model, priors: Array, null: float) -> Validated:
     """Return how a state predicts poses that were held out.
 
     Args:
         here: The state.
         numbers: Hypotheses that compete, by their numbers in its screen.
         own: Its model among those.
-        charges: What the size of each counts against it [nats].
+        priors: (k, T) log prior probability of each of those at each of its scales.
         null: What chance gives.
     """
-    folds = Folds(here, numbers, charges)
+    folds = Folds(here, numbers, priors)
     anew, count = [climbed(part) for part in folds.parts], len(folds.parts)
     whole, chosen, fitted = folds.squares([own] * count), folds.errors(anew), here.state.fit
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
@@ -186,7 +186,7 @@ def chance(here: Standing, seed: int = 0) -> float:
             peaks = squares.max(axis=2)
             for tight in (SCALES**-2.0).tolist():  # one after the other, which takes less memory
                 held = np.maximum(values, 0.0) + tight
-                prior, most = block.priors[numbers] - 0.5 * np.log(held / tight).sum(axis=1), (peaks / held).sum(axis=1)
+                prior, most = block.priors[numbers, 0] - 0.5 * np.log(held / tight).sum(axis=1), (peaks / held).sum(axis=1)
                 # No draw gains more than by the steepest slope of the likelihood on its way.
                 steepest = 0.5 / np.maximum((objective.min() - most) / screen.count, 1.0)
                 some = np.flatnonzero(prior + steepest * most > best)

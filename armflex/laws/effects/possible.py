@@ -48,22 +48,26 @@ LEAST_LOADED = 1e-3
 
 
 def unusual(effect: Effect, view: Solved, context: Context) -> float:
-    """Return the evidence that the size of an effect counts against it.
+    """Return the mean square of an effect's size, over what machines have, where its amplitudes are random.
 
-    That of the tails of a Cauchy density: nothing where machines have as much, more the larger it is, and never past
-    all evidence.
+    Args:
+        effect: With the standard deviations of its amplitudes.
+        view: Rows of the campaign at the arm as it was fitted.
+        context: The campaign.
     """
     law, location = effect.law, effect.location
-    sizes = effect.acting / np.array([law.amplitudes[i].usual for i in location.terms])
-    much = float((sizes**2).sum())
+    much = float(((effect.acting / np.array([law.amplitudes[i].usual for i in location.terms])) ** 2).sum())
     if law.act in (Act.TWIST, Act.LOAD):
         force = USUAL_SHARE * max(view.arm.weight, LEAST_WEIGHT)
         usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
-        whole = np.einsum("mka,k->ma", law.features(location, effect.inner, view, context), effect.acting)
-        much = max(much, float(((whole / usual) ** 2).sum(axis=1).mean()))
+        each = law.features(location, effect.inner, view, context) * effect.acting[:, None] / usual
+        much = max(much, float((each**2).sum(axis=(1, 2)).mean()))
     if _is_given(effect):
-        much = max(much, float((_given(effect, view, context) ** 2).max()))
-    return 2.0 * float(np.log(max(much, 1.0)))
+        single = (full(own, location, len(law.amplitudes)) + effect.inner for own in np.diag(effect.acting))
+        each = [_given(replace(effect, values=values), view, context) for values in single]
+        much = max(much, float((np.array(each) ** 2).sum(axis=0).max()))
+    return much
+
 
 
 def sensible(effect: Effect, view: Solved, context: Context, declared: Manipulator) -> bool:
