@@ -139,7 +139,8 @@ class _Search:
         if here is None:
             return None
         for i, inner in enumerate(self.law.inner):
-            for value in (*inner.tried, *self._moments(inner, here.inner[i])):
+            usual = () if inner.default is None or not inner.tried else (inner.default,)
+            for value in (*usual, *inner.tried, *self._moments(inner, here.inner[i])):
                 trial = self.at(_with(here.inner, i, value))
                 if trial is not None and trial.value > here.value:
                     here = trial

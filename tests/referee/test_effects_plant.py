@@ -192,13 +192,20 @@ def with_effects(setup: Setup, effects: tuple[Effect, ...]) -> Setup:
 
 COMPARABLE = [kind for kind in (*KINDS, *LAGGED) if kind not in ("umbilical", "hysteresis")]
 SOME = np.arange(3, 460, 41)
+LEAST = 1e-4
+"""Largest motion of a reading from which an effect is compared [m]: some of those that machines have move less."""
+
+
+def moved(drawn, hidden: tuple[Hidden, ...]) -> float:
+    return float(np.abs(drawn.readings(hidden)[SOME] - drawn.readings(())[SOME]).max())
 
 
 @pytest.mark.parametrize("arm", ["boom", "six"])
 @pytest.mark.parametrize("kind", COMPARABLE)
 def test_the_library_reads_what_the_plant_reads(kind, arm, tmp_path):
-    seed = 2 if (kind, arm) == ("dress_pack", "boom") else 1  # hoses at A6 move the tip by less than a micrometre
-    one = case(kind, seed, arm, tmp_path)
+    one = next(
+        c for seed in range(1, 9) if moved((c := case(kind, seed, arm, tmp_path)).drawn, c.drawn.effects) > LEAST
+    )
     compare(one, with_effects(one.setup, in_library(one)), one.drawn.effects)
 
 
@@ -223,9 +230,8 @@ def compare(one: Case, setup: Setup, hidden: tuple[Hidden, ...]) -> None:
     rows = few(one.rows, SOME)
     covariates = {name: values[SOME] for name, values in with_memory.items() if "lagged" in name or "play" in name}
     found = readings(setup, replace(rows, covariates={**rows.covariates, **covariates}))
-    expected, calm = one.drawn.readings(hidden)[SOME], one.drawn.readings(())[SOME]
-    effect = np.abs(expected - calm).max()
-    assert effect > 1e-4
+    expected, effect = one.drawn.readings(hidden)[SOME], moved(one.drawn, hidden)
+    assert effect > LEAST
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=EXACT + SHARE.get(one.law, 0.0) * effect)
 
 

@@ -147,7 +147,8 @@ def test_the_evidence_on_a_screen_is_that_of_gaussian_readings(before):
             group = screen.groups[one.number]
             columns = rest.T @ screen.columns(group.places) * group.scale * SCALES[one.scale]
             whole = whole + columns @ columns.T
-            priors += float(screen.priors[one.number]) - screen.charge(one.number, amplitudes)
+            sized = screen.priors[one.number] + screen.sized(one.number)
+            priors += float(sized[one.scale]) - screen.charge(one.number, amplitudes)
         left = [data @ np.linalg.solve(each, data) for each in (whole, none)]
         volume = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(none)[1]
         fit = log_likelihood(np.array(left), screen.count)
@@ -164,13 +165,14 @@ def test_a_scan_is_the_evidence_of_every_model_with_one_more(before):
         charge = sum(screen.charge(one.number, a) for one, a in zip(more, screen.beside(more).amplitudes, strict=True))
         own = screen.charge(5, screen.beside(model).amplitudes[0])
         found = screen.log_posterior(more) - screen.log_posterior(model) + charge - own
-        assert odds[number, 3] == pytest.approx(found, abs=1e-4)
+        assert screen.beside(model).odds_at(number)[3] == pytest.approx(found, abs=1e-4)
+        assert odds[number, 3] == pytest.approx(found - np.broadcast_to(screen.sized(number), len(SCALES))[3], abs=1e-4)
 
 
 def test_a_few_hypotheses_alone_have_the_evidence_that_they_have_among_all(before):
     screen = screened(before, 41)
     some = (3, 11, 40)
-    dense = screen.dense(some, (0.0, 0.0, 0.0))
+    dense = screen.dense(some, screen.priors[list(some)])
     here, there = screen.beside((Chosen(3, 2),)).odds[list(some[1:])], dense.beside((Chosen(0, 2),)).odds[1:]
     np.testing.assert_allclose(here, there, atol=1e-5)
 

@@ -111,4 +111,4 @@ def test_a_joint_that_turns_by_more_than_joints_do_is_unlikely(missing):
     play, broken = (
         unusual(candidate.effect(np.array([gap])), missing.fit.view, missing.context) for gap in (1e-3, 0.3)
     )
-    assert play == 0.0 and broken > 10.0
+    assert play < 1.0 and broken > 100.0

@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from support.plant import Array, Push, State, apply
 from support.undeclared import AXES, Context, Effect, Numbers, Redraw, Shape, rms, twisting, unit
+
+GROWTHS = (1.2e-5, 2.4e-5, 8e-5)
+"""Growth of a link by its temperature [1/K]: of steel, of aluminium, and of plastics or a link warmer than was read."""
+
+MOST_TILT, MOST_SCALE = 0.02, 3e-4
+"""Tilt of a base that nobody levelled [rad], and error of scale of a tracker whose air was read badly, at most."""
 
 
 def link_name(s: Context, end: int) -> str:
@@ -33,7 +40,7 @@ def thermal_growth(s: Context) -> Effect:
         raise Redraw
     warmth, lag = s.warmth()
     direction = np.concatenate([along / length, np.zeros(3)])
-    return twisting(
+    effect = twisting(
         s,
         "link",
         end,
@@ -44,8 +51,8 @@ def thermal_growth(s: Context) -> Effect:
         link_name(s, end),
         None,
         ("temperature",),
-        s.sign(),
     )
+    return replace(effect, limit=float(s.rng.choice(GROWTHS)), weak=True)
 
 
 def thermal_bending(s: Context) -> Effect:
@@ -246,7 +253,7 @@ def gravity_tilt(s: Context) -> Effect:
     def act(state: State, push: Push, amplitude: float) -> None:
         push.tilt = push.tilt + sign * amplitude * unit(a)[3:]
 
-    return Effect("gravity_tilt", "base", AXES[a], (), act, lambda x: {"tilt": sign * x}, 1e-4, 0.1)
+    return Effect("gravity_tilt", "base", AXES[a], (), act, lambda x: {"tilt": sign * x}, 1e-4, MOST_TILT, weak=True)
 
 
 def tool_shift(s: Context) -> Effect:
@@ -297,7 +304,9 @@ def tracker_scale(s: Context) -> Effect:
     def act(state: State, push: Push, amplitude: float) -> None:
         push.scale += sign * amplitude
 
-    return Effect("tracker_scale", "base", None, ("range",), act, lambda x: {"ppm": sign * x * 1e6}, 1e-5, 2e-3)
+    return Effect(
+        "tracker_scale", "base", None, ("range",), act, lambda x: {"ppm": sign * x * 1e6}, 1e-5, MOST_SCALE, weak=True
+    )
 
 
 def session_frame(s: Context) -> Effect:

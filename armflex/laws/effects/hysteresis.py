@@ -34,7 +34,7 @@ HYSTERESIS = TwistLaw(
     instead="load and unload the joint with weights at one pose",
     plausible=Plausible(0.001, 0.002, "a part of lost motion"),
     places=at_joints,
-    amplitudes=(Amplitude("gain", "{m}/{w}"),),
+    amplitudes=(Amplitude("gain", "{m}/{w}", positive=True),),
     terms=lambda here, inner: twists(here.direction, powers(_state(here.location, inner), 1)),
     basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.location, inner)),)),
     inner=(Inner("radius", "{w}", _radii),),

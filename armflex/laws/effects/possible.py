@@ -7,11 +7,13 @@ around. Half of the rows must agree, because a polynomial fits them, not its end
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import LEAST_WEIGHT, Act, Effect, Manipulator, Solved
+from armflex.laws.effects.effect import LEAST_WEIGHT, Act, Effect, Manipulator, Solved, full
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve
 from armflex.laws.joint.linear import SOFTEST

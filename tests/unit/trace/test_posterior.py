@@ -15,7 +15,7 @@ from armflex.laws.effects.location import Location
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import sampled
 from armflex.trace.screen import Dense
-from armflex.trace.selection import SCALES, Chosen, Group, climbed, rivals
+from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals
 
 ROWS = 40
 
@@ -29,7 +29,7 @@ def problem(columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None
         prior = np.log(0.1) if priors is None else float(priors[i])
         groups.append(Group(Hypothesis((candidate,), prior), np.array([i]), np.ones(1)))
     objective, scores = float(readings @ readings), columns.T @ readings
-    return Dense(groups, columns.T @ columns, scores, objective, len(readings), np.zeros(len(groups)))
+    return Dense(groups, columns.T @ columns, scores, objective, len(readings), prior_of(groups))
 
 
 def drawn(seed: int, count: int = 2) -> tuple[np.ndarray, np.ndarray]:

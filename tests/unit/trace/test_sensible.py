@@ -190,13 +190,13 @@ def test_an_axis_that_poses_load_a_little_may_be_soft_which_counts_against_it(be
     most = MOST_GIVE * (plausible.turn if shows else plausible.shift) / largest
     assert is_sensible(before, soft, 0.99 * most) and is_sensible(before, soft, 3.0 * most) == shows
     against = [against_it(before, soft, share * most) for share in (0.99, 3.0, 30.0)]
-    assert against == pytest.approx([0.0, 4.0 * np.log(3.0), 4.0 * np.log(30.0)])
+    assert against == pytest.approx([0.99**2, 3.0**2, 30.0**2])
 
 
 def test_a_hose_that_pulls_more_than_hoses_do_counts_against_a_dress_pack(before):
     pack = candidate_of(before, "dress_pack", "J2", "ry")
     usual, large = (against_it(before, pack, k) for k in (150.0, 2000.0))
-    assert usual == 0.0 and large > 9.0
+    assert usual < 1.0 and large == pytest.approx(10.0**2)
 
 
 def test_a_force_is_compared_with_that_of_a_person_where_an_arm_has_no_weight(before, monkeypatch):
@@ -204,7 +204,7 @@ def test_a_force_is_compared_with_that_of_a_person_where_an_arm_has_no_weight(be
     force = candidate_of(before, "tip_force", "tool", "dx")
     with np.errstate(all="raise"):
         against = [against_it(before, force, f) for f in (0.0, 5.0, 500.0)]
-    assert against[0] == against[1] == 0.0 < against[2]
+    assert against[0] == 0.0 < against[1] < 1.0 < against[2]
 
 
 @pytest.mark.parametrize("name", ["base_compliance", "link_flexure"])
