@@ -153,7 +153,7 @@ def conclude(
     known, withdrawn = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
     found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
-    left = unexplained(state, here.places)
+    left = unexplained(state, here.scattered)
     together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.undirected)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
         view = look(state.fit.setup, state.measurements, together)
@@ -185,7 +185,7 @@ def conclude(
 
 def so_far(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
     """Return the account of a search that goes on: what was accepted, without comparing it."""
-    left = unexplained(here.state, here.places)
+    left = unexplained(here.state, here.scattered)
     return Trace(**_errors(here.state), found=(), unexplained=left, places=places, unfinished=True)
 
 

@@ -109,7 +109,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
             whole = float(np.logaddexp(0.0, logsumexp(logs)))
             weights = np.exp(logs - whole)
             empty[i], counted[i] = empty[i] + np.exp(-whole), counted[i] + 1.0
-            chances[i] += np.bincount(names, weights.sum(axis=1), len(known))
+            chances[i] += np.bincount(names, weights.sum(axis=1), len(names))
             if i < len(own):
                 # Effects may have changed places: one that is in another's is there.
                 held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)
@@ -130,7 +130,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
             best.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
         probability = float(itself[i]) if i < len(own) else 0.0
         others, reached = [], probability + empty[i]
-        for name in np.argsort(-chance, kind="stable").tolist():
+        for name in sorted(best, key=lambda one: -chance[one]):
             if name not in mine and (reached < CREDIBLE or i == len(own)):
                 others.append((best[name][0], float(chance[name])))
                 reached += chance[name]

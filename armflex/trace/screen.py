@@ -347,7 +347,9 @@ class Screen(Evidence):
         sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())
         key, one = (number, sizes), self.groups[number].hypothesis
         if key not in self._charges:
-            possible = one.family or sensible(one.one.effect(amplitudes), self.fit.view, self.context, self.fit.declared.arm)
+            possible = one.family or sensible(
+                one.one.effect(amplitudes), self.fit.view, self.context, self.fit.declared.arm
+            )
             self._charges[key] = 0.0 if possible else IMPOSSIBLE
         return self._charges[key] + self._short.get(one.spot, 0.0)
 

@@ -59,7 +59,8 @@ class Standing:
         state: The arm so far.
         screen: All hypotheses at its fit, its own effects taken out.
         model: Its own hypotheses there.
-        places: Where a random twist would explain what its model leaves, the likeliest first.
+        places: Where a random twist from pose to pose would explain what its model leaves, the likeliest first.
+        changing: The same of one from row to row: what comes from a column that changes while the arm is at a pose.
         rejected: Laws and places of models that the arm was fitted with from here, and that came out worth no more.
     """
 
@@ -67,6 +68,7 @@ class Standing:
     screen: Screen
     model: Model
     places: tuple[RandomTwist, ...]
+    changing: tuple[RandomTwist, ...]
     rejected: list[Counter] = field(default_factory=list)
 
     @property
@@ -76,8 +78,13 @@ class Standing:
 
     @property
     def unrecorded(self) -> RandomTwist | None:
-        """Where a random twist is more probable than none, None where nowhere."""
+        """Where a random twist from pose to pose is more probable than none, None where nowhere."""
         return next((one for one in self.places[:1] if _odds(one, self.places) > 0.0), None)
+
+    @property
+    def scattered(self) -> tuple[RandomTwist, ...]:
+        """Where a random twist would explain most, be it from pose to pose or from row to row, the likeliest first."""
+        return max(self.places, self.changing, key=lambda places: places[0].ratio)
 
 
 def standing(state: State, last: Standing | None = None) -> Standing:
@@ -90,7 +97,7 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     screen = Screen(known, columns, state.bare, state.quiet)
     screen.extend(families(state.fit.view, state.context))
     model = own_model(screen, state.hypotheses)
-    return Standing(state, screen, model, random_places(state, screen, model))
+    return Standing(state, screen, model, *random_places(state, screen, model))
 
 
 def alone(state: State) -> tuple[Screen, Model]:
@@ -117,14 +124,16 @@ def spots(screen: Screen, model: Model) -> Counter:
     return Counter(screen.groups[one.number].hypothesis.spot for one in model)
 
 
-def random_places(state: State, screen: Screen, model: Model) -> tuple[RandomTwist, ...]:
-    """Return where a random twist from pose to pose would explain what a model leaves, the likeliest first."""
+def random_places(state: State, screen: Screen, model: Model) -> tuple[tuple[RandomTwist, ...], ...]:
+    """Return where a random twist would explain what a model leaves, from pose to pose, and from row to row."""
     beside, left = screen.beside(model), screen.projection
     if model:
         columns = np.hstack([left.regressors, screen.columns(beside.places) * beside.scale])
         left = left.with_fitted(columns, np.concatenate([left.precision, beside.held]))
     left = replace(left, residual=left.residual * screen.quiet)  # by what was stated, as the fit has it
-    return localise(state.fit, state.context, left, state.groups)
+    places = localise(state.fit, state.context, left, state.groups)
+    rows = np.arange(len(state.rows))
+    return places, places if len(set(state.groups)) == len(rows) else localise(state.fit, state.context, left, rows)
 
 
 def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:
@@ -140,7 +149,7 @@ def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: N
         begun: Where to begin.
         passing: Called after every state that is accepted.
     """
-    here = _settled(_begun(begun), passing)
+    here = _settled(_begun(begun, passing), passing)
     for _ in range(MOST_ROUNDS):
         after = _rethought(here, passing)
         if after is None:
@@ -149,17 +158,22 @@ def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: N
     return here
 
 
-def _begun(here: Standing) -> Standing:
-    """Return the state, with a random twist set aside at first where a few effects explain less than one would."""
-    place = here.unrecorded
-    if place is None or here.state.random is not None:
+def _begun(here: Standing, passing: Callable[[Standing], None]) -> Standing:
+    """Return the state with what comes first where a few effects explain less than a random twist would.
+
+    That is a product of columns, or else a random twist from pose to pose, set aside.
+    """
+    place = here.scattered[0]
+    if _odds(place, here.scattered) <= 0.0 or here.state.random is not None:
         return here
-    refiner = Refiner(here.screen)
-    few = climbed(here.screen, here.model, refiner, most=int(EFFECTS))  # more may imitate a random twist
-    if here.screen.log_posterior(few) > here.value + _odds(place, here.places):
+    few = climbed(here.screen, here.model, Refiner(here.screen), most=int(EFFECTS))  # more may imitate a random twist
+    if here.screen.log_posterior(few) > here.value + _odds(place, here.scattered):
         return here
+    after = _with_products(here, passing) if place in here.changing else None
+    if after is not None or here.unrecorded is None:
+        return after or here
     with contextlib.suppress(ArmflexError):
-        return standing(_with_twist(here.state, place, here.places), here)
+        return standing(_with_twist(here.state, here.places[0], here.places), here)
     return here
 
 
@@ -304,10 +318,11 @@ def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing 
         return after
     if state.random is not None:
         return _withdrawn(here, passing)
-    if here.unrecorded is not None:
+    if _odds(here.scattered[0], here.scattered) > 0.0:
         after = None if is_full(here) else _with_products(here, passing)
         if after is not None:
             return after
+    if here.unrecorded is not None:
         return _set_aside(here, passing)
     if state.heed:
         left = sorted_out(replace(state, heed=False))
@@ -323,7 +338,7 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
     for law in (PRODUCT, WAVE_PRODUCT):
         every = [((one.site, one.axis), one) for one in law.places(context.records)]
         free = {place for place, _ in every}
-        likely = [place for one in here.places if (place := (one.site, one.axis)) in free][:LIKELY]
+        likely = [place for one in here.scattered if (place := (one.site, one.axis)) in free][:LIKELY]
         locations = [one for place in likely for own, one in every if own == place]
         screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), SOUGHT))
     return _accepted(here, climbed(screen, here.model, Refiner(screen)), passing)

@@ -71,7 +71,6 @@ def unusual(effect: Effect, view: Solved, context: Context) -> float:
     return much
 
 
-
 def sensible(effect: Effect, view: Solved, context: Context, declared: Manipulator) -> bool:
     """Return whether an effect is possible beside those that the arm has already.
 
