@@ -124,7 +124,9 @@ def spots(screen: Screen, model: Model) -> Counter:
     return Counter(screen.groups[one.number].hypothesis.spot for one in model)
 
 
-def random_places(state: State, screen: Screen, model: Model) -> tuple[tuple[RandomTwist, ...], ...]:
+def random_places(
+    state: State, screen: Screen, model: Model
+) -> tuple[tuple[RandomTwist, ...], tuple[RandomTwist, ...]]:
     """Return where a random twist would explain what a model leaves, from pose to pose, and from row to row."""
     beside, left = screen.beside(model), screen.projection
     if model:

@@ -186,7 +186,8 @@ def chance(here: Standing, seed: int = 0) -> float:
             peaks = squares.max(axis=2)
             for tight in (SCALES**-2.0).tolist():  # one after the other, which takes less memory
                 held = np.maximum(values, 0.0) + tight
-                prior, most = block.priors[numbers, 0] - 0.5 * np.log(held / tight).sum(axis=1), (peaks / held).sum(axis=1)
+                prior = block.priors[numbers, 0] - 0.5 * np.log(held / tight).sum(axis=1)
+                most = (peaks / held).sum(axis=1)
                 # No draw gains more than by the steepest slope of the likelihood on its way.
                 steepest = 0.5 / np.maximum((objective.min() - most) / screen.count, 1.0)
                 some = np.flatnonzero(prior + steepest * most > best)
