@@ -289,10 +289,10 @@ def _position(tree, q, free, k):
 
 @bare
 def _pin(tree, here, t, one, two, gap, parts):
-    """Fill the six gaps of a pin, see `ties.Pin`, and of (6, 6) parts the first columns with how they change.
+    """Fill the six gaps of a pin, see `ties.Pin`, and (6, 6) parts.
 
-    These are its axes in rows, along which it shifts, and for each angle what the second end turns by. Of the other
-    columns the last rows are the change of the angles by a turn in those axes.
+    First columns: its axes, and below them the change of its angles by a turn in base axes. Last columns, below: the
+    same by a turn in its own axes.
     """
     tie, k1, k2, whole = tree.ties[t], tree.joins[t, 1], tree.joins[t, 2], here.turn
     x, y, z = two[0] - one[0], two[1] - one[1], two[2] - one[2]
@@ -1254,8 +1254,7 @@ def respond_rows(
     carried[0] = 1.0
     answers, scale = len(laws) + len(joints) + len(sites) + len(motions) + len(gravity), 0.0
     met, none, rank, free = _virtual(tree, 6), np.zeros((0, 0)), 0, 0
-    virtual, matrix, right, screws, order = met, none, none, none, here.order
-    carriers = order
+    virtual, matrix, right, screws, order, carriers = met, none, none, none, here.order, here.order
     for row in range(len(q)):
         if row < len(tangents):
             largest, _ = _root(tangents[row], roots, here.roots, here.starts)
@@ -1290,11 +1289,8 @@ def respond_rows(
             rank = here.starts[-1]
             free, size = rank + p, rank + p + m
             virtual, matrix, right = _virtual(tree, free), np.empty((size, size)), np.empty((size, 6))
-            order, screws, carriers = (
-                np.empty(size, dtype=np.int64),
-                np.empty((free, 6)),
-                np.empty(free, dtype=np.int64),
-            )
+            order, carriers = np.empty(size, dtype=np.int64), np.empty(free, dtype=np.int64)
+            screws = np.empty((free, 6))
         virtual.step[:] = virtual.field[:] = right[:] = 0.0
         met.step[:] = met.field[:] = 0.0
         _freedoms(tree, here, driven, screws, carriers)
