@@ -42,12 +42,6 @@ class Part:
     of: np.ndarray
     answer: Array | None
 
-    @property
-    def rows(self) -> Array:
-        """(K, n) the columns themselves, one a row."""
-        shapes = self.shapes[self.of]
-        return shapes if self.answer is None else (shapes[:, :, None] * self.answer).reshape(len(self.of), -1)
-
     def products(self, others: Any) -> Array:
         """Return the (K, F) products of the columns with (F, n) others, an array or sparse rows."""
         if self.answer is None:
@@ -103,15 +97,16 @@ class Bank:
         """Return the (n, k) columns of one candidate."""
         return candidate_regressors(self.candidates[index], self.fit, self.context)
 
-    def rows(self, places: np.ndarray) -> Array:
-        """Return (k, n) the columns at some places, one a row."""
-        found, where = np.empty((len(places), self.fit.residual.size)), np.full(self.starts[-1], -1)
+    def some(self, places: np.ndarray) -> tuple[Part, ...]:
+        """Return the columns at (k,) places in order, part by part, numbered as they come in them."""
+        found, where = list[Part](), np.full(self.starts[-1], -1)
         where[places] = np.arange(len(places))
         for part in self.parts:
             own = np.flatnonzero(where[part.places] >= 0)
             if len(own):
-                found[where[part.places[own]]] = replace(part, of=part.of[own]).rows
-        return found
+                used, of = np.unique(part.of[own], return_inverse=True)
+                found.append(replace(part, places=where[part.places[own]], shapes=part.shapes[used], of=of))
+        return tuple(found)
 
     @property
     def parts(self) -> Iterable[Part]:
@@ -155,10 +150,7 @@ class Bank:
 
     def products(self, others: Array) -> Array:
         """Return the (K, F) products of all columns with (n, F) others."""
-        rows, found = np.ascontiguousarray(others.T), np.empty((self.starts[-1], others.shape[1]))
-        for part in self.parts:
-            found[part.places] = part.products(rows)
-        return found
+        return products_of(self.parts, others, self.starts[-1])
 
     def _made(self) -> Iterator[Part]:
         """Yield the columns, those with the same answer of the readings together.
@@ -227,6 +219,14 @@ class Bank:
             )
         regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1)
         return Part(groups, places, regressors, np.arange(len(places)), None)
+
+
+def products_of(parts: Iterable[Part], others: Array, count: int) -> Array:
+    """Return the (count, F) products of all columns of some parts with (n, F) others."""
+    rows, found = np.ascontiguousarray(others.T), np.empty((count, others.shape[1]))
+    for part in parts:
+        found[part.places] = part.products(rows)
+    return found
 
 
 def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:

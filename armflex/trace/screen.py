@@ -13,7 +13,7 @@ from armflex.estimate.fit import Fit
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import sensible, unusual
 from armflex.linear_gaussian import LinearGaussian
-from armflex.trace.bank import Bank, candidate_regressors
+from armflex.trace.bank import Bank, Part, candidate_regressors, products_of
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
 from armflex.trace.selection import (
@@ -152,7 +152,7 @@ class Screen(Evidence):
         further = Block(len(self.groups), (), np.empty(0), np.empty((0, len(SCALES))))
         self.blocks = [Block(0, batches, scores, prior_of(self.groups)), further]
         self._catalogue, self._narrowed = self.blocks[0], None
-        self._narrow_rows, self._narrow = dict[int, Array](), np.empty((0, 0))
+        self._narrow_rows, self._narrow = dict[int, Array](), tuple[Part, ...]()
         self._held, self._place, self._rows = Held(projection), dict[int, int](), dict[int, Array]()
         self._further = np.zeros(0, dtype=int)
         self._charges: dict[tuple, float] = {}
@@ -164,7 +164,7 @@ class Screen(Evidence):
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
         self.scanned.clear()
         self._known.clear()
-        self._rows = {}
+        self._rows, self._narrow_rows, self._narrow = {}, {}, ()
         self._narrowed = None
         self.bank.forget()
 
@@ -284,14 +284,16 @@ class Screen(Evidence):
         at = self._held_at(places)
         if block:
             return self._held.gram[at].T[self._further]
-        rows = self._rows if self.blocks[0].kept is None else self._narrow_rows
+        kept = self.blocks[0].kept
+        rows = self._rows if kept is None else self._narrow_rows
         missing = np.array([place for place in dict.fromkeys(places.tolist()) if place not in rows], dtype=int)
         if len(missing):
-            held, some = self._held, self._held_at(missing)
-            if rows is self._rows:
-                found = self.bank.products(held.cleared[some].T) / self.quiet - self._seen @ held.seen[some].T
+            some = self._held_at(missing)
+            cleared, seen = self._held.cleared[some].T, self._held.seen[some].T
+            if kept is None:
+                found = self.bank.products(cleared) / self.quiet - self._seen @ seen
             else:
-                found = self._narrow @ held.cleared[some].T - self._seen[self.blocks[0].kept] @ held.seen[some].T
+                found = products_of(self._narrow, cleared, len(kept)) / self.quiet - self._seen[kept] @ seen
             rows |= zip(missing.tolist(), np.ascontiguousarray(found.T), strict=True)
         return np.array([rows[place] for place in places.tolist()]).T
 
@@ -304,7 +306,7 @@ class Screen(Evidence):
             block = self._catalogue.narrowed(numbers)
             assert block.kept is not None
             self._narrowed, self._narrow_rows = (numbers, block), {}
-            self._narrow = self.bank.rows(block.kept) / self.quiet
+            self._narrow = self.bank.some(block.kept)
         self.blocks[0] = self._narrowed[1]
 
     def scores_of(self, residuals: Array) -> Array:

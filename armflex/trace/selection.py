@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, pairwise, takewhile
 from typing import Self
+from weakref import ref
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri
@@ -265,7 +266,6 @@ class Beside:
     """All hypotheses beside a model.
 
     Attributes:
-        evidence: The problem.
         model: What is in it.
         places, scale: (k,) numbers of its columns and their scales.
         held: (k,) prior precisions of their scaled amplitudes.
@@ -275,7 +275,7 @@ class Beside:
     """
 
     def __init__(self, evidence: Evidence, model: Model) -> None:
-        self.evidence, self.model = evidence, model
+        self._evidence, self.model = ref(evidence), model  # which holds this: memory is free as soon as it is dropped
         some = [evidence.groups[one.number] for one in model]
         self.places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
         self.scale = np.concatenate([np.zeros(0), *(one.scale for one in some)])
@@ -289,6 +289,13 @@ class Beside:
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
         self._reduced: dict[tuple[int, bool], tuple[Block, Reduced]] = {}
         self._odds: dict[tuple[int, bool], tuple[Block, Array]] = {}
+
+    @property
+    def evidence(self) -> Evidence:
+        """The problem."""
+        found = self._evidence()
+        assert found is not None
+        return found
 
     @cached_property
     def left(self) -> float:

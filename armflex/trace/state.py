@@ -157,8 +157,11 @@ class State:
         rest = np.setdiff1d(np.arange(len(fitted.values)), np.concatenate([none, *own]))
         some = np.sort(np.concatenate([rest, *acting]))
         # Linear in the amplitudes, so exact for them.
-        data = fitted.residual + fitted.regressors[:, some] @ fitted.values[some]
-        regressors, precision = fitted.regressors[:, rest] / self.quiet, fitted.precision[rest]
+        values = np.zeros_like(fitted.values)
+        values[some] = fitted.values[some]
+        data = fitted.residual + fitted.regressors @ values
+        regressors, precision = fitted.regressors[:, rest], fitted.precision[rest]
+        regressors /= self.quiet
         return projected(regressors, precision, data / self.quiet, fitted.view.count)
 
 

@@ -95,7 +95,7 @@ def everything(before) -> Bank:
 def test_a_bank_has_every_candidates_columns(everything):
     """What is computed once for a site, or for all of them, is what each candidate has by itself."""
     starts = everything.starts
-    regressors = everything.rows(np.arange(starts[-1])).T
+    regressors = everything.products(np.eye(everything.fit.residual.size)).T
     assert np.isfinite(regressors).all() and len({candidate.law.name for candidate in everything.candidates}) > 30
     for index in range(len(everything.candidates)):
         alone, found = everything.group(index), regressors[:, starts[index] : starts[index + 1]]
@@ -115,7 +115,7 @@ def restationed(tmp_path_factory) -> State:
 
 def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
     fit, projection = before.fit, project(before.fit)
-    change = Bank((backlash,), fit, before.context).rows(np.zeros(1, int))[0]
+    change = Bank((backlash,), fit, before.context).group(0)[:, 0]
     values, _ = least_squares(fit.regressors, fit.prior, change)
     np.testing.assert_allclose(projection.absorbed(change), values, rtol=1e-5, atol=1e-6 * np.abs(values).max())
 

@@ -106,7 +106,8 @@ def test_a_scan_beside_a_part_of_another_model_is_that_of_its_own() -> None:
     evidence = problem(columns, readings)
     for numbers in ((), (3,), (3, 40), (3, 40, 33), (3, 33), (33,), (33, 5), (33, 5, 3, 4), (5, 4), (4, 5), (33,)):
         model = tuple(Chosen(number, number % 4) for number in numbers)
-        alone = problem(columns, readings).beside(model)
+        other = problem(columns, readings)
+        alone = other.beside(model)
         np.testing.assert_allclose(evidence.beside(model).odds, alone.odds, atol=1e-10)
         assert evidence.log_posterior(model) == alone.log_posterior
 
