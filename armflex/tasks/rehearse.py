@@ -270,7 +270,8 @@ def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
     """
     projection = screen.projection
     left = float(readings @ projection.cleared(readings)) - float(((projection.half @ readings) ** 2).sum())
-    beside = screen.with_readings(screen.scores_of(readings[:, None])[:, 0], left).beside(())
+    evidence = screen.with_readings(screen.scores_of(readings[:, None])[:, 0], left)
+    beside = evidence.beside(())
     logs: Array = np.asarray(logsumexp(beside.odds, axis=1))
     for number in np.argsort(-logs)[:CHECKED].tolist():
         scale = int(beside.odds[number].argmax())

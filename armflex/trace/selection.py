@@ -263,7 +263,7 @@ Reduced = tuple[list[Array], Array]
 
 
 class Beside:
-    """All hypotheses beside a model.
+    """All hypotheses beside a model, of a problem that whoever asks holds.
 
     Attributes:
         model: What is in it.

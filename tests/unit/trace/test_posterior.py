@@ -141,5 +141,6 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
 def test_rivals_are_ranked_one_of_each_place() -> None:
     columns, readings = drawn(3)
     readings = 3.0 * columns[:, 0] + readings
-    found = rivals(problem(columns, readings).beside(()))
+    evidence = problem(columns, readings)
+    found = rivals(evidence.beside(()))
     assert found[0].chosen.number == 0 and len({one.chosen.number for one in found}) == len(found)
