@@ -27,7 +27,7 @@ from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, ParameterKind, of_effect, of_law
 
-STEP = 1e-4
+QUOTIENT_STEP = 1e-4
 """Tolerance: step of a difference quotient, in prior standard deviations, or as a part of what a value is."""
 
 USUAL_STEP = {"1": 0.1, "m": 1e-3, "rad": 1e-3}
@@ -70,7 +70,7 @@ class Block(ABC):
         """(k,) steps of difference quotients, where readings need them: small parts of what is likely."""
         likely = np.where(np.isfinite(self.prior), self.prior, 0.0) if len(self.prior) else np.zeros(len(self.start))
         usual = np.array([USUAL_STEP.get(unit, 1e-3) for unit in self.units])
-        return np.where(likely > 0.0, STEP * likely, STEP * np.maximum(np.abs(self.start), usual))
+        return np.where(likely > 0.0, QUOTIENT_STEP * likely, QUOTIENT_STEP * np.maximum(np.abs(self.start), usual))
 
     def at_setup(self, setup: Setup) -> Block:
         """Return the block with its start where a setup is that the block was applied to."""
@@ -156,7 +156,7 @@ deviation. An axis that is off by two degrees somebody sees."""
 EXACT = 1e-9
 """Tolerance: part of a standard deviation, or metres and radians of an arm, that is as good as nothing."""
 
-LOOSE = 2.0
+LOOSE_INNER = 2.0
 """Prior: standard deviation of the logarithm of an inner parameter about where its search ended."""
 
 
@@ -254,7 +254,7 @@ def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: 
     location, law = effect.location, effect.law
     jacobian = [view.effect_jacobian(effect, context)]
     for i in free:
-        step = STEP if law.inner[i].positive else STEP * max(abs(effect.inner[i]), 1e-2)
+        step = QUOTIENT_STEP if law.inner[i].positive else QUOTIENT_STEP * max(abs(effect.inner[i]), 1e-2)
         ends = []
         for side in (1.0, -1.0):
             moved = list(effect.inner)
@@ -280,7 +280,7 @@ def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: 
     amplitudes = np.where(moved > 0.0, largest_motion(view) / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
     far = context.size if effect.law.spatial else np.inf
-    searched = [one.spread or (LOOSE if one.positive else far) for one in map(effect.law.inner.__getitem__, free)]
+    searched = [one.spread or (LOOSE_INNER if one.positive else far) for one in map(effect.law.inner.__getitem__, free)]
     return np.concatenate([amplitudes, searched])
 
 

@@ -17,8 +17,8 @@ from armflex.conventions import RESOLUTION, TWIST_NAMES, row_numbers, said_of
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.fit import ROUNDS, Fit, Weighed, fit, realise
-from armflex.estimate.held_out import FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
+from armflex.estimate.fit import WEIGHINGS, Fit, Weighed, fit, realise
+from armflex.estimate.held_out import POSE_FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
@@ -48,7 +48,7 @@ from armflex.robot.urdf import drive_of
 FEWEST_ROWS = 4
 """Tolerance: measured rows below which nothing is fitted."""
 
-MANY, SOME = 4096, 8
+MANY_ROWS, SOME = 4096, 8
 """Tolerance: rows beyond which a fit begins where one in so many of them leads."""
 
 
@@ -282,7 +282,7 @@ def fitted_to(
     looks = any(kind.apart for kind in measurements.readings.kinds)
     if looks and as_stated:  # while the arm lacks something the corners of a picture repeat each other
         measurements = replace(measurements, readings=measurements.readings.as_looks)
-    begun, rounds = Weighed(measurements), ROUNDS if looks or not as_stated else 0
+    begun, rounds = Weighed(measurements), WEIGHINGS if looks or not as_stated else 0
     if looks:
         # What the arm lacks all numbers of a look share: weighed as stated they would drive what is free far beyond
         # its prior before their scatter is known.
@@ -338,7 +338,7 @@ def _fit(
     Of many rows some lead almost to where all do, in a fraction of the time.
     """
     start = None
-    if len(used) > MANY:
+    if len(used) > MANY_ROWS:
         some = np.sort(np.random.default_rng(0).choice(used, len(used) // SOME, replace=False))
         with contextlib.suppress(ArmflexError):  # they may be too few
             first = _fit(declared, blocks, weighed, some, rounds, progress, begun)
@@ -420,7 +420,7 @@ def _held_out(placed: Fit, found: Fit, measurements: Measurements, closest: Fit)
     Over readings that one of them or `closest` comes near.
     """
     poses = measurements.pose_number[found.view.rows]
-    if len(np.unique(poses)) < FOLDS:
+    if len(np.unique(poses)) < POSE_FOLDS:
         return None
     folds, judged = pose_folds(poses), judged_by(placed, found, closest)
     declared, calibrated = (held_out(one, folds, judged=judged).rms for one in (placed, found))

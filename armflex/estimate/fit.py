@@ -29,7 +29,7 @@ from armflex.measured.measurements import Measurements
 from armflex.parameters import ArmParameter
 from armflex.progress import Progress
 
-SETTLED = 1e-3
+SETTLED_STEP = 1e-3
 """Tolerance: steps below this many posterior standard deviations end the iteration."""
 
 MOVING = 10
@@ -38,7 +38,7 @@ MOVING = 10
 LIGHT = 1e-4
 """Tolerance: least damping, relative to a parameter's own information."""
 
-BROKEN, KEPT = 0.25, 0.75
+PROMISE_BROKEN, PROMISE_KEPT = 0.25, 0.75
 """Tolerance: shares of the promised fall of the cost below which damping grows, and above which it shrinks."""
 
 CALM = 1e-2
@@ -51,7 +51,7 @@ TURN = 2.0 * np.pi
 """Tolerance: length of a step [rad], as a standard deviation, of an angle that no prior holds: it means nothing beyond
 a turn."""
 
-FLAT = 1e-2
+FLAT_COST = 1e-2
 """Tolerance: fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as
 stated."""
 
@@ -59,11 +59,11 @@ MOSTLY = 0.5
 """Confidence: part of the squares that are expected of an instrument which its readings far off may have in its
 noise."""
 
-CHANCE = 4.0
+BEYOND_CHANCE = 4.0
 """Confidence: standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large
 for chance."""
 
-EVEN, ROUNDS = 0.05, 5
+EVEN, WEIGHINGS = 0.05, 5
 """Tolerance: change of the factor below which readings need not be weighed once more, and how often they are at
 most."""
 
@@ -85,7 +85,7 @@ class Effort:
     content: bool
 
 
-THOROUGH = Effort(200, 8, FLAT, content=False)
+THOROUGH = Effort(200, 8, FLAT_COST, content=False)
 ROUGH = Effort(10, 4, 0.3, content=True)
 """Tolerances, of which the second compares candidates: a fall of 0.3 is a tenth of what distinguishes two, and some
 laws have kinks."""
@@ -313,9 +313,9 @@ class Weighed:
 
 
 def by_chance(scatter: float, freedom: float) -> bool:
-    """Return whether so many readings scatter by chance so many times as much as they state; see `CHANCE`."""
+    """Return whether so many readings scatter by chance so many times as much as they state; see `BEYOND_CHANCE`."""
     spread = 2.0 / (9.0 * freedom)
-    return bool(scatter ** (2.0 / 3.0) <= 1.0 - spread + CHANCE * np.sqrt(spread))
+    return bool(scatter ** (2.0 / 3.0) <= 1.0 - spread + BEYOND_CHANCE * np.sqrt(spread))
 
 
 def prior_of(blocks: Sequence[Block]) -> Array:
@@ -399,7 +399,7 @@ def _settled(
         if progress:
             progress(iteration + 1, effort.iterations)
         fall = (before - history[-1]) / unit
-        if (size < SETTLED or fall < effort.flat) and (damping <= CALM or not effort.content):
+        if (size < SETTLED_STEP or fall < effort.flat) and (damping <= CALM or not effort.content):
             return here, history, 0.0
     if not effort.content:
         raise task.resisting("calibration did not settle", here, task.problem(here, limit), history)
@@ -460,9 +460,9 @@ class _Problem:
 
 def _next_damping(damping: float, kept: float) -> float:
     """Return the damping after a step that kept so much of its promise: a step too long may fall, and fall back."""
-    if kept < BROKEN:
+    if kept < PROMISE_BROKEN:
         return max(10.0 * damping, LIGHT)
-    if kept < KEPT:
+    if kept < PROMISE_KEPT:
         return damping
     return damping / 10.0 if damping > LIGHT else 0.0
 
@@ -533,7 +533,7 @@ class _Task:
                 step = problem.step(damping)
                 trial = self.at(moved(self.blocks, here.values, step), here.view.rows)
                 after = self.cost(trial, limit)
-                if before - after < BROKEN * problem.promised(step):
+                if before - after < PROMISE_BROKEN * problem.promised(step):
                     bent = self.at(
                         moved(self.blocks, here.values, problem.bent(step, damping, trial.view)), here.view.rows
                     )

@@ -23,7 +23,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
 from armflex.estimate.block import EXACT
-from armflex.estimate.robust import RARE
+from armflex.estimate.robust import RARE_ROW
 from armflex.parameters import ArmParameter, ParameterKind
 
 SHARED = (
@@ -35,7 +35,7 @@ SHARED = (
 )
 """Kinds of parameters that sisters have in common."""
 
-FEWEST = 3
+FEWEST_SISTERS = 3
 """Tolerance: sisters from which a spread can be estimated."""
 
 VISIBLE = 3.0
@@ -45,7 +45,7 @@ declared."""
 SPREADS = np.geomspace(0.02, 3.0, 60)
 """Prior: spreads that are considered, in units of the declared prior."""
 
-DRAWS, BURNT = 3000, 500
+SISTER_DRAWS, BURNT = 3000, 500
 """Tolerance: sweeps of the sampler, and those left out at its beginning."""
 
 
@@ -109,21 +109,21 @@ def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
     Raises:
         InputError: Too few arms; one is not calibrated, declared otherwise, or another prior frees its parameters.
     """
-    if len(arms) < FEWEST:
-        raise InputError(f"{len(arms)} arms say nothing of a spread: expected {FEWEST} or more")
+    if len(arms) < FEWEST_SISTERS:
+        raise InputError(f"{len(arms)} arms say nothing of a spread: expected {FEWEST_SISTERS} or more")
     parameters, scale, sisters, held = said(arms)
     ones = np.ones(len(scale))
     strangers: dict[str, float] = {}
-    while len(sisters) > FEWEST:
+    while len(sisters) > FEWEST_SISTERS:
         odds = []
         for i, one in enumerate(sisters):
-            mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, DRAWS // 3)
+            mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, SISTER_DRAWS // 3)
             odds.append(_evidence(one, 0.0 * ones, ones) - _evidence(one, mean, std))
         worst = int(np.argmax(odds))
-        if odds[worst] < -np.log(RARE):  # for the declared prior against that of the others
+        if odds[worst] < -np.log(RARE_ROW):  # for the declared prior against that of the others
             break
         strangers[sisters.pop(worst).name] = float(odds[worst])
-    mean, spread, std = _predicted(sisters, seed, DRAWS)
+    mean, spread, std = _predicted(sisters, seed, SISTER_DRAWS)
     return Fleet(
         parameters,
         mean * scale,

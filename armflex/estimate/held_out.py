@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.estimate.block import EXACT
-from armflex.estimate.fit import CHANCE, Fit
+from armflex.estimate.fit import BEYOND_CHANCE, Fit
 from armflex.estimate.outliers import DOUBTED
 from armflex.estimate.robust import huber_weights, robust_limit
 from armflex.estimate.view import View, foremost_rms
@@ -19,7 +19,7 @@ from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, sq
 from armflex.parameters import OF_SESSION, Group, ParameterKind
 from armflex.rows.rows import numbered
 
-FOLDS = 5
+POSE_FOLDS = 5
 """Tolerance: parts into which poses are divided that predict each other."""
 
 PARTS = 4
@@ -28,7 +28,7 @@ PARTS = 4
 LOG_VARIANCE = 0.02
 """Tolerance: of the logarithm of a variance, or of a design effect, to which it is found."""
 
-WIDE = 7.0
+WIDEST_EXCESS = 7.0
 """Tolerance: of the logarithm of an excess over the noise, within which it is sought to either side."""
 
 FIRST = (ParameterKind.INSTRUMENT, ParameterKind.MOUNTING, ParameterKind.TOOL)
@@ -202,7 +202,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
         e ~ N(0, s^2 + J N_k^-1 J'),    s the scatter about the fit.
 
     Rows that the fit excludes, and readings that depend on what the other parts leave open, do not count. From
-    fewer poses than `FOLDS` nothing is concluded.
+    fewer poses than `POSE_FOLDS` nothing is concluded.
 
     Args:
         fit: The fit.
@@ -213,7 +213,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
     from scipy.optimize import minimize_scalar  # not needed to import the package
 
     view = fit.view
-    if len(np.unique(view.driven.pose_number[view.rows])) < FOLDS or not len(fit.values):
+    if len(np.unique(view.driven.pose_number[view.rows])) < POSE_FOLDS or not len(fit.values):
         return 1.0
     folds = apart_folds(view.driven.q[view.rows], PARTS)
     data, counted, parts = fit.residual + fit.regressors @ fit.values, near(view), []
@@ -289,9 +289,9 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
 
     least = float((np.log(known) + squares / known).sum())
     middle = 0.5 * np.log(known.mean() / shift.mean())
-    around = (middle - WIDE, middle + WIDE)
+    around = (middle - WIDEST_EXCESS, middle + WIDEST_EXCESS)
     found = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": LOG_VARIANCE})).x
-    return float(np.exp(found)) if least - cost(found) > CHANCE**2 else 0.0
+    return float(np.exp(found)) if least - cost(found) > BEYOND_CHANCE**2 else 0.0
 
 
 def apart_folds(q: Array, count: int) -> np.ndarray:
@@ -317,5 +317,5 @@ def pose_folds(groups: np.ndarray) -> np.ndarray:
     """Return (M,) folds that keep the rows of a pose together."""
     poses = np.unique(groups)
     order = np.random.default_rng(0).permutation(len(poses))
-    fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(FOLDS, len(poses))).tolist(), strict=True))
+    fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(POSE_FOLDS, len(poses))).tolist(), strict=True))
     return np.array([fold[group] for group in groups.tolist()])

@@ -19,7 +19,7 @@ from armflex.errors import InputError
 from armflex.estimate.fleet import said
 from armflex.parameters import DOUBT, ArmParameter
 
-CHANCE = 0.01
+FALSE_CHANGE = 0.01
 """Confidence: probability with which a machine that stays the same is said to have changed."""
 
 
@@ -103,7 +103,7 @@ def _course(parameter: ArmParameter, value: Array, std: Array, time: Array, trie
     best = int(np.argmin([one[0] for one in jumps]))
     over = (time - time[0]) / (time[-1] - time[0])
     drift = _fit(np.column_stack([np.ones(count), over]), value, std)
-    limit = float(chi2.isf(CHANCE / tried, 1))
+    limit = float(chi2.isf(FALSE_CHANGE / tried, 1))
     if stays - min(jumps[best][0], drift[0]) < limit:
         return Course(parameter, value, std)
     kind, found = ("jump", jumps[best]) if jumps[best][0] <= drift[0] else ("drift", drift)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Written = tuple[Arm, Measurements]
 Rewriting = Callable[[Arm, Measurements], Written]
 
-USUAL, RARE = 5.0, 8.0
+USUAL, RARELY = 5.0, 8.0
 """Priors: minus the logarithm of the probability of a mistake that is often made, and of one that hardly is."""
 
 WRITTEN_IN = {
@@ -40,7 +40,7 @@ WRITTEN_IN = {
 }
 """Tolerance: SI unit -> unit that numbers may have been written in, or read as -> factor to SI."""
 
-ANYWHERE = 5.0
+UNPLACED = 5.0
 """Prior: standard deviation of where a sensor stands that may stand anywhere [m, rad]."""
 
 USUAL_PRIOR = Prior(joint_offset=2e-3, compliance=0.3, tool=0.01, geometry=1e-3)
@@ -112,7 +112,7 @@ def _of_joints(arm: Arm) -> Iterator[Hypothesis]:
         for degrees in (90, -90, 180) if turning[i] else ():
             name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
             remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-            yield Hypothesis(name, remedy, _joints(at, np.radians(degrees) * at[i]), RARE, some=True)
+            yield Hypothesis(name, remedy, _joints(at, np.radians(degrees) * at[i]), RARELY, some=True)
     signs = np.where(turning, -1.0, 1.0)
     remedy = "turn all their signs, or the axes in the URDF: the base, or the whole arm, is mirrored"
     yield Hypothesis("the signs of all turning joints are turned", remedy, _joints(np.diag(signs)))
@@ -150,7 +150,7 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
         for i in np.flatnonzero(axes_read):
             scale = np.diag(np.where(np.arange(3) == i, factor, 1.0))
             name = f"{'xyz'[i]} alone is in {unit}, read as {taken}"
-            yield Hypothesis(name, remedy, _positions(scale), RARE, volume=float(np.log(factor)) / 3.0)
+            yield Hypothesis(name, remedy, _positions(scale), RARELY, volume=float(np.log(factor)) / 3.0)
     smaller = "write sigma_mm into the header"
     yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)))
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
@@ -161,7 +161,7 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             name = f"x, y, z are a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
             remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
             proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
-            yield Hypothesis(name, remedy, _positions(axes), 2.0 * RARE if proper else USUAL + len(turned), some=True)
+            yield Hypothesis(name, remedy, _positions(axes), 2.0 * RARELY if proper else USUAL + len(turned), some=True)
     if arm.measurement.frame == "base":
         remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
         measurement = replace(arm.measurement, frame="unknown")
@@ -287,12 +287,12 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
     for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
         if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):
             text = f"{kind.title} is on {link!r}"
-            yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), RARE, of=name)
+            yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), RARELY, of=name)
 
 
 def elsewhere(sensor: Sensor, text: str) -> Hypothesis:
     """Return the hypothesis that a sensor stands somewhere else than it is declared to, as a text says."""
-    std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, ANYWHERE), sensor.std)
+    std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, UNPLACED), sensor.std)
     return Hypothesis(text, "declare it there", _sensor(replace(sensor, std=std)), of=sensor.name)
 
 

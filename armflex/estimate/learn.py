@@ -26,11 +26,11 @@ FIRM = 4.0
 """Prior: how many values' worth the expected size of a group is: a scale that the data hardly determine must not run to
 nothing, which would leave what they leave open without any flag."""
 
-MOST = 4.0
+MOST_SCALE = 4.0
 """Prior: times what is expected beforehand that a group may be at most. Where an arm lacks something else, the readings
 would have corrections explain it at any size: many times what the joint gives, until the arm buckles."""
 
-ROUNDS = 8
+SCALINGS = 8
 """Tolerance: fits at most in search of the scales."""
 
 BRISK = Effort(10, 8, 0.3, content=True)
@@ -40,14 +40,14 @@ PATIENT = Effort(150, 8, 0.05, content=True)
 """Tolerance: for the last fit. Networks have long valleys: one that is left halfway has values, and bands, that are not
 its own; only where nothing is gained but rounding it is no matter where one ends."""
 
-SETTLED = 0.2
+SETTLED_SCALE = 0.2
 """Tolerance: logarithm of a change of every scale below which the search ends."""
 
 NARROWED = 0.5
 """Confidence: part of the declared law's uncertainty that must be gone for an axis to count as determined by the
 readings."""
 
-NEARLY, FAR = 0.5, 10.0
+NEARLY_FITTED, FAR_FROM_FITTED = 0.5, 10.0
 """Confidence: falls of the cost still to be had beyond which it is said that the laws might fit better, and beyond
 which they are not those of the readings: 10 is what three standard deviations of one value make."""
 
@@ -83,7 +83,7 @@ def fit_learning(
     pairs = zip(plain.split(own), laws.laws, strict=True)
     start = np.concatenate([others, *(part for own, law in pairs for part in (own, law.values[len(own) :]))])
 
-    for _ in range(ROUNDS):
+    for _ in range(SCALINGS):
         found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress, BRISK)
         own, before = found.places(laws), weighed
         better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
@@ -91,19 +91,19 @@ def fit_learning(
         change = float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max(initial=0.0) for a, b in pairs))
         laws = better
         weighed = weighed.again(found) if by_scatter else weighed
-        if change < SETTLED and weighed.close_to(before):
+        if change < SETTLED_SCALE and weighed.close_to(before):
             break
     found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress=progress, effort=PATIENT)
-    if found.left > FAR:
+    if found.left > FAR_FROM_FITTED:
         text = f"the learned laws did not settle: -2 log posterior density would fall by {found.left:.3g} or more"
         hint = "a simpler model (polynomial, then linear), fewer flexures that learn, or `armflex trace` may help"
         raise ConvergenceError(f"{text}; {hint}", found.history)
     flags = []
-    if found.left > NEARLY:
+    if found.left > NEARLY_FITTED:
         text = f"the learned laws may fit a little better: -2 log posterior density would fall by {found.left:.2g} more"
         flags.append(Flag("unsettled", text))
-    if change >= SETTLED:
-        text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {ROUNDS} fits"
+    if change >= SETTLED_SCALE:
+        text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {SCALINGS} fits"
         flags.append(Flag("unsettled", text))
     return replace(found, factors=weighed.factors), tuple(flags)
 
@@ -145,7 +145,7 @@ def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
             if expected.sized:
                 determined = np.clip(1.0 - known[places] / scales[i] ** 2, 0.0, 1.0).sum()
                 squares = own[places] @ own[places] + FIRM * expected.prior**2
-                scales[i] = min(float(np.sqrt(squares / (determined + FIRM))), MOST * expected.prior)
+                scales[i] = min(float(np.sqrt(squares / (determined + FIRM))), MOST_SCALE * expected.prior)
         laws.append(replace(law, scales=tuple(scales)))
     return replace(block, laws=tuple(laws))
 

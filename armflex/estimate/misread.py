@@ -6,7 +6,7 @@ anything is fitted, the readings are compared with what the arm and its priors c
 each of the `hypotheses` would have them. With the instrument placed, J the Jacobian of everything that [prior] frees
 and r what is left of the readings, the cost of a campaign is minus the logarithm of
 
-    max over t, s   N(t; 0, P)  prod over readings  student(r - J t; s)^k,      s >= what is stated, and `FINE`.
+    max over t, s   N(t; 0, P)  prod over readings  student(r - J t; s)^k,      s >= what is stated, and `FINE_SHARE`.
 
 Each instrument has a scatter s of its own, so that one that is wrong does not spoil what the others say. What an arm
 lacks is the same in many readings: they count as `LOOKS` independent ones, which is the power k. Tails are long
@@ -49,16 +49,16 @@ LOOKS = 20.0
 FOCAL = 1e3
 """Prior: pixels of a radian before a usual camera."""
 
-FINE = 3e-5
+FINE_SHARE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
 SLIP = 1.5e-3
 """Prior: standard deviation of how far something on an arm slips [m, rad], which is a cause to be traced."""
 
-GROSS = 0.05
+GROSS_SHARE = 0.05
 """Prior: part of the reach that is left by no arm: a beam of steel that bends so far stays bent."""
 
-SCATTERED = 100.0
+STREWN = 100.0
 """Prior: scatter over the stated standard deviation at which something is wrong, whatever it is."""
 
 TAILS = 4.0
@@ -67,14 +67,14 @@ TAILS = 4.0
 UNREAD = 1e3
 """Prior: times the standard deviation of another coordinate of a point at which one was not read: no unit does that."""
 
-NOTHING = 1e9
+HOPELESS = 1e9
 """Tolerance: cost of an arm that has no equilibrium at all."""
 
-STEPS = 3
+SENSOR_STEPS = 3
 """Tolerance: Gauss and Newton's steps where only sensors read, which begin from further off, and of a campaign as
 written where one is not enough."""
 
-MOST_ROWS, ROUNDS, MOST_TRIED, MOST_SAID = 120, 15, 8, 3
+ROWS_LOOKED_AT, WEIGHT_ROUNDS, MOST_TRIED, MOST_SAID = 120, 15, 8, 3
 """Tolerance: rows looked at (no convention hides in more), rounds of weights, hypotheses judged after a first look, and
 said."""
 
@@ -201,14 +201,14 @@ def misfit(case: Case, known: View | None = None, instrument: Instrument | None 
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY, "px": FOCAL}, None
     found = None
-    for _ in range(max(steps, 1 if campaign.positioned[rows].any() else STEPS)):
+    for _ in range(max(steps, 1 if campaign.positioned[rows].any() else SENSOR_STEPS)):
         now = realise(setup, blocks, values)
         near = line if first is None else solved(now, campaign, rows, allow_large=True)
         view = look(now, campaign, rows, line=near)
         first = first or view
         jacobian = np.zeros((*view.residual.shape, 0))
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
-        least = view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE * size[kind.unit]))
+        least = view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE_SHARE * size[kind.unit]))
         places, floor = [place for _, place in view.readings.placed], np.maximum(view.sigma, least)
         found = _settled(jacobian, precision, values, view.residual, floor, places)
         values = moved_by(blocks, values, found[0])
@@ -247,7 +247,7 @@ def _settled(
          for one, read in zip(own.T, count.T, strict=True)]
     )  # fmt: skip
     values, whole = np.zeros(len(precision)), left
-    for _ in range(ROUNDS):
+    for _ in range(WEIGHT_ROUNDS):
         weights = (TAILS + count) / (TAILS + squares() / variance)
         each = np.zeros_like(left)
         for number, place in enumerate(places):
@@ -315,13 +315,13 @@ def check_conventions(
     rows = rows[measurements.measured[rows]]
     if not len(rows):
         return ()
-    if len(rows) > MOST_ROWS:
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, MOST_ROWS).astype(int))]
+    if len(rows) > ROWS_LOOKED_AT:
+        rows = rows[np.unique(np.linspace(0, len(rows) - 1, ROWS_LOOKED_AT).astype(int))]
     case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None
     with suppress(ArmflexError):
         found = misfit(case)
         if not found.plausible:
-            found = misfit(case, found.view, steps=STEPS)  # nor is an arm accused that one step does not fit
+            found = misfit(case, found.view, steps=SENSOR_STEPS)  # nor is an arm accused that one step does not fit
     if found is not None and found.plausible:
         return ()
     named = _named(case, found, searched)
@@ -341,7 +341,7 @@ def check_conventions(
         raise ConventionError(f"{where}{begun}: {said}", [one.name for one in named])
     if found is None or keep:
         return ()
-    if found.kinds[0].unit == "m" and (left := found.off(found.left)) > GROSS * arm.robot.reach:
+    if found.kinds[0].unit == "m" and (left := found.off(found.left)) > GROSS_SHARE * arm.robot.reach:
         text = f"{where}{begun}, {in_mm(left)} of which is left with all that [prior] frees"
         text += ": no defect of an arm is so large, and no convention that is tried explains it"
         more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
@@ -373,7 +373,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         freed = Hypothesis("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
         tried.append((freed, None))
-    cost, named = NOTHING if found is None else found.cost, dict[str, Named]()
+    cost, named = HOPELESS if found is None else found.cost, dict[str, Named]()
     for hypothesis, own in tried:
         with suppress(ArmflexError):
             other = case.meant(hypothesis, own)
@@ -450,7 +450,7 @@ def _first_look(
 
     def cost(points: Array, seen: Array, unknown: bool) -> float:
         off = squares(points, seen, (points, seen) if unknown else None)
-        least = max(float(np.median(off)) / 3.0, (FINE * case.arm.robot.reach) ** 2)
+        least = max(float(np.median(off)) / 3.0, (FINE_SHARE * case.arm.robot.reach) ** 2)
         parts = 0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS) + 1.5 * np.log(least)
         return LOOKS / 3.0 * float(parts.mean())
 
@@ -589,7 +589,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) 
         stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
         text = f"{kind.title}: its sigma is {said_of(stated, kind.unit)}, and its readings scatter by "
         text += f"{said_of(scatter * stated, kind.unit)}, {scatter:.2g} times as much"
-        if scatter > SCATTERED and not searched:
+        if scatter > STREWN and not searched:
             yield Flag("scattered", f"{text}: sigma or a convention is wrong, or the arm lacks much", about=name)
         if name and name not in suspects and (large or small):
             ask = "is it stated in the right unit, or does the arm lack what this instrument alone sees?"
@@ -598,7 +598,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) 
 
 
 def check_scatter(found: Fit) -> None:
-    """Raise where readings scatter `SCATTERED` times as far as they state: nothing is to be written that rests on them.
+    """Raise where readings scatter `STREWN` times as far as they state: nothing is to be written that rests on them.
 
     Raises:
         ConventionError: With the instrument, what it states and how it scatters.

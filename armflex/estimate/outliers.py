@@ -18,20 +18,20 @@ from armflex.estimate.robust import instrument_weights, outlier_limit
 from armflex.estimate.view import View
 from armflex.measured.measurements import Measurements
 
-LOST = 0.1
+LOST_WEIGHT = 0.1
 """Confidence: robust weight below which a reading may be a lost beam, at forty standard deviations or more."""
 
 DOUBTED = 0.5
 """Confidence: robust weight below which a reading says nothing about a model, and speaks for its neighbours: they are
 far off for one reason."""
 
-NEAR = (-2, -1, 1, 2)
+NEIGHBOURS = (-2, -1, 1, 2)
 """Tolerance: steps in time to a reading's neighbours."""
 
 FELLOWS = 2
 """Tolerance: neighbours in time, or other readings of the pose, that are far off too where it does not stand alone."""
 
-MOST = 0.1
+MOST_LOST = 0.1
 """Prior: share of the readings that lost beams are at most; where more stand alone, it is the model that is wrong."""
 
 
@@ -62,18 +62,18 @@ def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: 
         heed: Whether what is far off in company stays, as long as some effect may still explain it.
     """
     weights = instrument_weights(view)
-    far, lost = weights < DOUBTED, weights < LOST
+    far, lost = weights < DOUBTED, weights < LOST_WEIGHT
     if heed:
         count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
         beside = np.zeros(far.shape, dtype=int)  # neighbours in time, in the same session, that are far off
-        for step in NEAR:
+        for step in NEIGHBOURS:
             other = np.clip(row + step, 0, count - 1)
             beside += far[other] & ((session[other] == session) & (other == row + step))[:, None]
         # Enough other readings of the same pose are far off, and half of them.
         others = (np.bincount(poses)[poses] - 1)[:, None]
         alike = np.array([np.bincount(poses, one)[poses] for one in far.T.astype(float)]).T - far
         lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
-    return lost & (lost.mean(axis=0) <= MOST)
+    return lost & (lost.mean(axis=0) <= MOST_LOST)
 
 
 def exchanged(view: View, far: np.ndarray) -> dict[tuple[int, int], tuple[int, int]]:

@@ -18,10 +18,10 @@ from armflex.readings import Position, Touch
 from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, rigid_fit
 from armflex.readings.kind import rigid_motion
 
-COARSEST = 0.05
+COARSEST_TURN = 0.05
 """Tolerance: standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
 
-APART, FEWEST, FLAT = 0.015, 4, 0.05
+STOOD_ELSEWHERE, FEWEST_POINTS, FLAT_POINTS = 0.015, 4, 0.05
 """Prior: how far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it,
 but stood elsewhere; points that determine where, and how far they are off one line at least, as a part of its
 length."""
@@ -29,7 +29,7 @@ length."""
 SCALE_KNOWN = 2e-3
 """Prior: share by which [prior] may leave the scale of an arm open before touches alone make it up."""
 
-FAR = 3.0
+AT_ODDS = 3.0
 """Confidence: times what a rigid fit leaves by which two of them differ for a reason."""
 
 PLACED = 2
@@ -148,13 +148,13 @@ def placed_rigidly(
     seen, sessions = measurements.position[rows], np.array([measurements.session[row] for row in rows])
     if axes is not None and setup.arm.prior.tool:
         names = list(dict.fromkeys(sessions.tolist()))
-        groups = [own for own in (np.flatnonzero(sessions == name) for name in names) if len(own) >= FEWEST]
+        groups = [own for own in (np.flatnonzero(sessions == name) for name in names) if len(own) >= FEWEST_POINTS]
         points = points + axes @ _target_off(points, axes, seen, groups, setup.arm.prior.tool)
     fits: dict[str, tuple[pin.SE3, float]] = {}
     for name in dict.fromkeys(sessions.tolist()):
         own = points[sessions == name]
-        size = np.linalg.svd(own - own.mean(axis=0), compute_uv=False) if len(own) >= FEWEST else np.zeros(3)
-        if size[1] > FLAT * size[0]:
+        size = np.linalg.svd(own - own.mean(axis=0), compute_uv=False) if len(own) >= FEWEST_POINTS else np.zeros(3)
+        if size[1] > FLAT_POINTS * size[0]:
             turn, shift, rms = rigid_fit(own, seen[sessions == name])
             fits[name] = pin.SE3(turn, shift), rms
     near = np.ones(len(rows), bool)
@@ -162,7 +162,7 @@ def placed_rigidly(
         first = max(fits, key=lambda name: int((sessions == name).sum()))
         for name, (pose, rms) in fits.items():
             off = _moved(points[sessions == name], pose) - _moved(points[sessions == name], fits[first][0])
-            limit = max(FAR * max(rms, fits[first][1], setup.arm.prior.session_target), APART)
+            limit = max(AT_ODDS * max(rms, fits[first][1], setup.arm.prior.session_target), STOOD_ELSEWHERE)
             near &= (sessions != name) | (float(np.sqrt((off**2).sum(axis=1).mean())) <= limit)
     placed = setup.placed(fit_frame(points[near], seen[near]))
     instrument = replace(placed.instrument, sessions={})
@@ -175,8 +175,8 @@ def placed_rigidly(
 def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.ndarray], std: float) -> Array:
     """Return (3,) how far the target is from where points have it, in tip axes [m], frames of all sessions free.
 
-    Zero unless that is most of what frames leave, by a factor of `FAR`: little of it does not mislead them. Gauss and
-    Newton's steps, the frames projected out of them (Golub and Pereyra 1973), lost beams weighed down.
+    Zero unless that is most of what frames leave, by a factor of `AT_ODDS`: little of it does not mislead them. Gauss
+    and Newton's steps, the frames projected out of them (Golub and Pereyra 1973), lost beams weighed down.
 
     Args:
         points, axes: (M, 3) the target [m] and (M, 3, 3) the tip's axes, in the base.
@@ -206,7 +206,7 @@ def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.nda
         target = target + step
         if np.linalg.norm(step) < SAME * std:
             break
-    return target if FAR**2 * squares < first else np.zeros(3)
+    return target if AT_ODDS**2 * squares < first else np.zeros(3)
 
 
 def _moved(points: Array, pose: pin.SE3) -> Array:
@@ -259,8 +259,8 @@ def check_enough(points: Array, sigma: Array) -> None:
         IdentifiabilityError: With rank, condition and names of what is left free.
     """
     jacobian = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
-    # About their centre points always determine a shift; a turn must be known to better than COARSEST.
-    turns = np.linalg.svd(COARSEST * jacobian.reshape(-1, 6)[:, 3:], full_matrices=False)
+    # About their centre points always determine a shift; a turn must be known to better than COARSEST_TURN.
+    turns = np.linalg.svd(COARSEST_TURN * jacobian.reshape(-1, 6)[:, 3:], full_matrices=False)
     known = turns.S >= 1.0
     if not known.all():
         free = (turns.Vh[~known] ** 2).sum(axis=0) > 0.1

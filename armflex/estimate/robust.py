@@ -13,14 +13,14 @@ from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.parallel import in_pieces, in_threads
 
-RARE = 1e-3
+RARE_ROW = 1e-3
 """Confidence: share of the rows that are farther off than `outlier_limit` by chance."""
 
 
 @cache
 def outlier_limit(size: int) -> float:
     """Return the whitened length of so many numbers beyond which they count less, to one decimal: 4.0 of three."""
-    return round(chi_squared(size, RARE) ** 0.5, 1)
+    return round(chi_squared(size, RARE_ROW) ** 0.5, 1)
 
 
 @cache
@@ -36,7 +36,7 @@ def chi_squared(size: int, probability: float) -> float:
     return float(chdtri(size, probability))
 
 
-TOGETHER = 2048
+ROWS_AT_ONCE = 2048
 """Tolerance: rows whose columns are made together: what they are made of takes some ten times their own memory."""
 
 
@@ -46,7 +46,7 @@ def whitened_regressors(blocks: Sequence[Block], view: View, weights: Array) -> 
     scale = np.sqrt(weights) / view.sigma
     regressors = np.empty((*view.residual.shape, ends[-1]))
     placed = [(block, slice(*pair)) for block, pair in zip(blocks, pairwise(ends.tolist()), strict=True)]
-    pieces = in_pieces(np.arange(len(scale)), TOGETHER)
+    pieces = in_pieces(np.arange(len(scale)), ROWS_AT_ONCE)
     local = [(block, place) for block, place in placed if block.by_row or len(pieces) < 2]
 
     def fill(some: np.ndarray) -> None:

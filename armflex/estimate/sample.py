@@ -22,7 +22,7 @@ from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4
 """Tolerance: chains of draws."""
-TUNE = 150
+TUNING = 150
 """Tolerance: draws of each chain that are thrown away while it finds its step."""
 
 
@@ -111,7 +111,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
 
     walks: list[Walk] = []
     for one in np.random.SeedSequence(seed).spawn(CHAINS):
-        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, TUNE, one))
+        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, TUNING, one))
         if progress:
             progress(len(walks), CHAINS)
     chains = (found.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]

@@ -14,7 +14,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.posterior import displacement_covariance, without_declared_uncertainty
-from armflex.estimate.robust import TOGETHER
+from armflex.estimate.robust import ROWS_AT_ONCE
 from armflex.laws.effects.in_arm import remembers
 from armflex.mechanics.deflection import Deflection, DeflectionBatch
 from armflex.mechanics.loaded import Payload
@@ -99,7 +99,7 @@ def tip_covariance(
     known = {name: np.broadcast_to(np.asarray(value, dtype=float), len(q)) for name, value in covariates.items()}
     derived = tuple(dict.fromkeys(name for effect in arm.effects for name in effect.derived))
     parts, met = [np.zeros((0, 6, 6))], dict.fromkeys(REMEMBERED if remembers(arm) else ())
-    for some in (slice(first, first + TOGETHER) for first in range(0, len(q), TOGETHER)):
+    for some in (slice(first, first + ROWS_AT_ONCE) for first in range(0, len(q), ROWS_AT_ONCE)):
         given = {name: values[some] for name, values in known.items()}
         # A direction of 0 is unknown: of effects that derive it, the joint came from either side.
         carried = cast(Sequence[str], payloads[some])  # one without a name may stand for itself here

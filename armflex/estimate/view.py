@@ -28,7 +28,7 @@ from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 from armflex.rows.wrench import wrenches_in
 
-MODES = 12
+MODES_MATCHED = 12
 """Tolerance: modes that a frequency is matched among."""
 
 SMALL_STEP = 1e-7
@@ -384,7 +384,7 @@ def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Post
         return line.tip if link is None else line.links[:, line.link_names.index(link)]
 
     def swing(row: int) -> tuple[Array, Array]:
-        found = modes_of(line.equilibrium(row), MODES, DAMPING)
+        found = modes_of(line.equilibrium(row), MODES_MATCHED, DAMPING)
         return found.frequencies, found.shapes / np.sqrt(found.masses)[:, None]
 
     def place(row: int) -> object:

@@ -22,7 +22,7 @@ from armflex.trace.selection import BETTER, MOST_ROUNDS, SCALES, Beside, Rival, 
 TRIALS = 6
 """Tolerance: dampings of one step."""
 
-DIFFERENCE = 1e-3
+CELL_STEP = 1e-3
 """Tolerance: step of numerical derivatives, of a cell of the grid."""
 
 MOST_STARTS = 4
@@ -191,8 +191,8 @@ class _Search:
         for _ in range(MOST_ROUNDS):
             slopes = np.stack([
                 (self.columns(moved(here.inner, step)) - self.columns(moved(here.inner, -step))) @ here.amplitudes
-                / (2.0 * DIFFERENCE)
-                for step in DIFFERENCE * np.eye(len(free))
+                / (2.0 * CELL_STEP)
+                for step in CELL_STEP * np.eye(len(free))
             ], axis=1)  # fmt: skip
             if not np.isfinite(slopes).all():
                 break

@@ -17,7 +17,7 @@ from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.arm import Arm
 from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.held_out import held_out, judged_by, pose_folds
-from armflex.estimate.outliers import MOST, lost_readings
+from armflex.estimate.outliers import MOST_LOST, lost_readings
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import Measurements
@@ -142,7 +142,7 @@ def test_a_pose_that_is_far_whenever_it_is_taken_stays():
 
 
 def test_where_many_stand_alone_the_model_is_wrong():
-    step = int(1.0 / MOST) - 1
+    step = int(1.0 / MOST_LOST) - 1
     assert lost_of(order % (step + 2) == 3) and not lost_of(order % step == 3)
 
 

@@ -75,7 +75,7 @@ def test_columns_in_pieces_are_those_of_all_rows(
 ) -> None:
     blocks, weights = declared_blocks(view.setup, campaign), robust.huber_weights(view)
     whole = robust.whitened_regressors(blocks, view, weights)
-    monkeypatch.setattr(robust, "TOGETHER", 16)
+    monkeypatch.setattr(robust, "ROWS_AT_ONCE", 16)
     assert np.allclose(robust.whitened_regressors(blocks, view, weights), whole, rtol=1e-12, atol=1e-9)
 
 
