@@ -32,7 +32,7 @@ from armflex.trace.findings import (
     Withdrawn,
     unexplained,
 )
-from armflex.trace.probabilities import Credible, competing, sampled
+from armflex.trace.probabilities import CREDIBLE, Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES
@@ -80,7 +80,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
 
     What is not distinguished from zero is no finding, nor what is less likely than something else in its place, unless
-    more is missing than can be named.
+    more is missing than can be named; nor an effect in whose place nothing is credible.
     """
     withdrawn = list[Withdrawn]()
     while True:
@@ -98,6 +98,9 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             if after is not None or len(here.rejected) > tried:
                 here = here if after is None else after
                 continue
+        nothing = max(range(len(model)), key=lambda i: found[i].nothing, default=None)
+        if zero is None and nothing is not None and found[nothing].nothing > 1.0 - CREDIBLE:
+            zero = nothing
         null = chance(here)
         if not model:
             return Weighed(here, found, None, null), tuple(withdrawn)
@@ -114,7 +117,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
             gone = list(range(len(model)))
             after = with_hypotheses(here.state, (), np.zeros(len(here.screen.projection.data)))
-        why = "held-out poses are predicted worse with it" if worse else "its size may be zero"
+        why = "held-out poses are predicted worse with it" if worse else "it may be nothing"
         for unit in (here.state.units[i] for i in gone):
             one = Withdrawn(here.state.fitted[unit[0]], seen.compared, len(unit) > 1)
             withdrawn += [one] if worse else []
