@@ -11,7 +11,7 @@ import numpy as np
 from armflex.conventions import RESOLUTION, Array
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.candidate import Candidate
-from armflex.laws.effects.possible import sensible, unusual
+from armflex.laws.effects.possible import sensible, size_prior
 from armflex.linear_gaussian import LinearGaussian
 from armflex.trace.bank import Bank, Part, candidate_regressors, products_of
 from armflex.trace.hypotheses import Hypothesis
@@ -46,9 +46,6 @@ MOTIONLESS = 1e-100
 
 MARKS = 16
 """Tolerance: random vectors by whose products columns that are alike are known."""
-
-NO_EFFECT = 0.1
-"""Prior: share of what machines have below which a size is of no effect."""
 
 IMPOSSIBLE = 8.0
 """Prior: log odds against what no machine has: while one effect is missing, another may look as if it were that."""
@@ -359,16 +356,13 @@ class Screen(Evidence):
         return self._charges[key] + self._short.get(one.spot, 0.0)
 
     def sized(self, number: int) -> Array | float:
-        """Of a Cauchy density of the size, over what machines have, of amplitudes of each scale and of smaller ones."""
         group = self.groups[number]
         if group.hypothesis.family:
             return 0.0
         if number not in self._sized:
             effect = group.hypothesis.one.effect(group.scale)
-            much = SCALES**2 * unusual(effect, self.fit.view, self.context)
-            least = float(np.sqrt(much[0] / (1.0 + much[0])))  # the sum goes on below the smallest scale
-            smaller = np.log(max(least / NO_EFFECT, 1.0)) / np.log(SCALES[1] / SCALES[0])
-            self._sized[number] = np.log(len(SCALES) / (1.0 + much)) - np.log((1.0 / (1.0 + much)).sum() + smaller)
+            likely = size_prior(effect, SCALES, self.fit.view, self.context)
+            self._sized[number] = np.log(len(SCALES) * likely)
         return self._sized[number]
 
     def fall_short(self, spot: tuple, by: float) -> None:

@@ -28,6 +28,9 @@ USUAL_SHIFT, USUAL_TURN, USUAL_SHARE = 0.02, 0.005, 0.1
 """Prior: RMS of a twist [m, rad], and of a force as a share of what the arm weighs (of its moment: at 1 m), that
 machines have without anybody knowing."""
 
+NO_EFFECT = 0.1
+"""Prior: share of the size that machines have below which an effect is none."""
+
 SOFTER = 100.0
 """Prior: times the softest joint of steel that is plausible: what would have to bend more is no compliance."""
 
@@ -69,6 +72,21 @@ def unusual(effect: Effect, view: Solved, context: Context) -> float:
         each = [_given(replace(effect, values=values), view, context) for values in single]
         much = max(much, float((np.array(each) ** 2).sum(axis=0).max()))
     return much
+
+
+def size_prior(effect: Effect, scales: Array, view: Solved, context: Context) -> Array:
+    """Return the (T,) probability of each of some scales of an effect, by a Cauchy density of its size.
+
+    Args:
+        effect: With the standard deviations of its amplitudes at scale 1.
+        scales: (T,) evenly spaced in their logarithm, rising; smaller ones are as possible.
+        view: Rows of the campaign at the arm as it was fitted.
+        context: The campaign.
+    """
+    much = scales**2 * unusual(effect, view, context)
+    least = float(np.sqrt(much[0] / (1.0 + much[0])))
+    smaller = np.log(max(least / NO_EFFECT, 1.0)) / np.log(scales[1] / scales[0])
+    return 1.0 / (1.0 + much) / ((1.0 / (1.0 + much)).sum() + smaller)
 
 
 def sensible(effect: Effect, view: Solved, context: Context, declared: Manipulator) -> bool:
