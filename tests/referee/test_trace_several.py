@@ -70,6 +70,26 @@ def test_something_is_missing_where_a_change_is_left_unexplained():
     assert found.verdict == "exact" and found.stated == [(0.0, False)], found
 
 
+@pytest.mark.slow
+def test_a_product_of_columns_that_change_at_a_pose_is_found_first():
+    """From pose to pose a random twist explains little of it; several effects that imitate parts of it explain more."""
+    found = score("product", 31002, "boom", 1.0)
+    assert found.verdict == "exact" and found.after < 1.1 * found.floor, found
+
+
+@pytest.mark.slow
+def test_an_effect_in_whose_place_nothing_is_credible_is_no_finding():
+    found = score("creep", 51001, "six", 0.25)
+    assert found.verdict == "exact" and len(found.found) == 1 and "it may be nothing" in found.log, found
+
+
+@pytest.mark.slow
+def test_a_hose_at_the_end_of_a_link_may_be_one_at_the_next_link():
+    found = score("2 effects", 71000, "boom", 1.0)
+    assert found.verdict == "exact", found
+    assert [(name, site) for name, site, *_ in found.equivalents[0]] == [("umbilical", "A4")], found
+
+
 def calibrated(kind: str, folder: Path) -> State:
     truth = draw(kind, 1000, "boom").write(folder)
     arm = load_arm(truth.arm)

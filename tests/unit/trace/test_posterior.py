@@ -11,6 +11,7 @@ from studies.reliability import log_score
 from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
 from armflex.laws.effects.candidate import Candidate
+from armflex.laws.effects.gravity_tilt import GRAVITY_TILT
 from armflex.laws.effects.location import Location
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import sampled
@@ -136,6 +137,23 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
     assert sure.sum() > 40 and right_[sure].mean() > 0.9
     assert right_[~sure].mean() == pytest.approx(stated_[~sure].mean(), abs=0.12)
     assert log_score(np.column_stack([stated_, right_])) > GOLDEN_LOG_SCORE - 0.005
+
+
+def test_a_law_about_one_axis_and_about_all_at_a_place_is_one_name() -> None:
+    def tilt(axis: str | None, *terms: int) -> Hypothesis:
+        return Hypothesis((Candidate(GRAVITY_TILT, Location("base", axis, (), terms), ()),), 0.0)
+
+    about_x, about_y, about_both = tilt("rx", 0), tilt("ry", 1), tilt(None, 0, 1)
+    assert about_x.alike(about_both) and about_both.alike(about_y) and not about_x.alike(about_y)
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(ROWS, 1))
+    twins = np.hstack([columns, columns + 1e-9 * rng.normal(size=(ROWS, 1))])
+    readings = 3.0 * columns[:, 0] + rng.normal(size=ROWS)
+    groups = [Group(one, np.array([i]), np.ones(1)) for i, one in enumerate((about_x, about_both))]
+    squares, scores = twins.T @ twins, twins.T @ readings
+    evidence = Dense(groups, squares, scores, float(readings @ readings), ROWS, prior_of(groups))
+    found, _ = sampled(evidence, climbed(evidence))
+    assert found[0].probability > 0.99 and not found[0].others
 
 
 def test_rivals_are_ranked_one_of_each_place() -> None:

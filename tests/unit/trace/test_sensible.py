@@ -19,10 +19,11 @@ from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import resolve
 from armflex.laws.effects.payload_mass import EACH
-from armflex.laws.effects.possible import MOST_GIVE, SOFTER, sensible, unusual
+from armflex.laws.effects.possible import MOST_GIVE, SOFTER, sensible, size_prior, unusual
 from armflex.laws.effects.shapes import free_of_aliases
 from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
+from armflex.trace.selection import SCALES
 from armflex.trace.state import State
 from armflex.trace.validate import session_folds
 
@@ -196,6 +197,18 @@ def test_a_hose_that_pulls_more_than_hoses_do_counts_against_a_dress_pack(before
     pack = candidate_of(before, "dress_pack", "J2", "ry")
     usual, large = (against_it(before, pack, k) for k in (150.0, 2000.0))
     assert usual < 1.0 and large == pytest.approx(10.0**2)
+
+
+def test_scales_are_as_likely_as_machines_have_the_sizes(before):
+    pack = candidate_of(before, "dress_pack", "J2", "ry")
+
+    def prior(k: float) -> np.ndarray:
+        return size_prior(pack.effect(np.array([k])), SCALES, before.fit.view, before.context)
+
+    np.testing.assert_allclose(prior(1e-6), 1.0 / len(SCALES), rtol=1e-6)
+    some = prior(200.0)  # a millimetre is what hoses may do
+    np.testing.assert_allclose(some / some[2], 2.0 / (1.0 + SCALES**2))
+    assert some.sum() == pytest.approx(1.0) and prior(2000.0).sum() < 0.6 and prior(2e6).max() < 1e-6
 
 
 def test_a_force_is_compared_with_that_of_a_person_where_an_arm_has_no_weight(before, monkeypatch):
