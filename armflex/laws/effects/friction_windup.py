@@ -2,10 +2,18 @@
 
 import numpy as np
 
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.context import Context
+from armflex.laws.effects.effect import Amplitude, Effect, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import with_terms
 from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive, side
 from armflex.laws.terms import Kind, Term, part
+
+
+def _grows(effect: Effect, context: Context, arm: Manipulator) -> bool:
+    """Return whether friction grows with the load."""
+    a, b = effect.amplitudes
+    return a * b >= 0.0
+
 
 FRICTION_WINDUP = TwistLaw(
     name="friction_windup",
@@ -23,4 +31,5 @@ FRICTION_WINDUP = TwistLaw(
     ),
     loaded=True,
     passive=False,
+    possible=_grows,
 )

@@ -211,6 +211,12 @@ def test_scales_are_as_likely_as_machines_have_the_sizes(before):
     assert some.sum() == pytest.approx(1.0) and prior(2000.0).sum() < 0.6 and prior(2e6).max() < 1e-6
 
 
+def test_friction_grows_with_the_load(before):
+    friction = candidate_of(before, "friction_windup", "J2", "ry", (0, 1))
+    assert is_sensible(before, friction, 1e-4, 1e-9) and is_sensible(before, friction, -1e-4, -1e-9)
+    assert not is_sensible(before, friction, 1e-4, -1e-9)
+
+
 def test_a_force_is_compared_with_that_of_a_person_where_an_arm_has_no_weight(before, monkeypatch):
     monkeypatch.setattr(Arm, "weight", property(lambda arm: 0.0))
     force = candidate_of(before, "tip_force", "tool", "dx")
