@@ -96,15 +96,11 @@ class Hypothesis:
         return (self.one.law.name, self.family, tuple(replace(one.location, terms=()) for one in self.members))
 
     def alike(self, other: Hypothesis) -> bool:
-        """Whether it is of the same law and place as another, about all of its axes where it is not of the same one."""
-        pairs = [(a.location, b.location) for a, b in zip(self.members, other.members, strict=False)]
-        if self.name[:2] != other.name[:2] or len(self.members) != len(other.members):
-            return False
-        return all(
-            replace(a, axis=None, terms=()) == replace(b, axis=None, terms=())
-            and (a.axis == b.axis or None in (a.axis, b.axis))
-            for a, b in pairs
-        )
+        """Whether it is of the same law and place as another, about the same axis or one of them about all."""
+        own, others = ([one.location for one in each.members] for each in (self, other))
+        axes = [(a.axis, b.axis) for a, b in zip(own, others, strict=False)]
+        own, others = ([replace(one, axis=None, terms=()) for one in some] for some in (own, others))
+        return self.name[:2] == other.name[:2] and own == others and all(None in (a, b) or a == b for a, b in axes)
 
     @cached_property
     def positive(self) -> bool:
