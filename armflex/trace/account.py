@@ -62,14 +62,14 @@ def idle(state: State) -> int | None:
     """Return the hypothesis that is nearest zero, None where the amplitudes of all are distinguished from it.
 
     A family is left out: few of its members are distinguished from zero by themselves. What pulls towards a point may
-    be weak and near or strong and far: its amplitude is as uncertain as the motion that it makes, not as where it is.
+    be weak and near or strong and far, what creeps little and soon or much and late: an amplitude is as uncertain as the
+    motion that it makes, not as the values inside its law.
     """
     shares = np.ones(len(state.known))
     for number, (one, unit) in enumerate(zip(state.known, state.units, strict=True)):
         if not one.family:
             block = state.effects[unit[0]]
             own, count = state.fit.places(block), len(block.effect.location.terms)
-            own = own if block.effect.law.spatial else own[:count]
             columns, covariance = state.fit.regressors[:, own], state.fit.posterior.covariance[np.ix_(own, own)]
             alike = np.linalg.lstsq(columns[:, :count], columns, rcond=None)[0]
             shares[number] = from_zero(state.fit.values[own[:count]], alike @ covariance @ alike.T)
