@@ -49,7 +49,7 @@ SECTIONS = (
 def found(tmp_path_factory: pytest.TempPathFactory) -> Trace:
     """A link that grows with a temperature; column, poses and sessions have names that a page must not believe."""
     folder = tmp_path_factory.mktemp("report")
-    truth = draw("thermal_growth", 2, arm="boom").write(folder)
+    truth = draw("thermal_growth", 5, arm="six").write(folder)
     header, *rows = truth.train.read_text().splitlines()
     header = header.replace("temperature", f"temp {EVIL} $x^2$")
     rows = [re.sub(r"^(p\d+),(s\d+)", rf"\1{EVIL},<b>\2</b>", row) for row in rows]
@@ -93,7 +93,7 @@ class Outline(HTMLParser):
 def test_first_sentence_names_effect_place_value_and_error(found: Trace, page: str) -> None:
     assert found.found[0].effect.law.name == "thermal_growth"
     text = Outline(page).text
-    assert re.search(r"Identified: thermal growth at the link ending at A5: alpha .* ± .* ppm/K\.", text)
+    assert re.search(r"Identified: thermal growth at the link ending at J4: alpha .* ± .* ppm/K\.", text)
     before, after = (f"{1e3 * value:.2f} mm" for value in (found.held_out_before, found.held_out_after))
     assert f"Error on held-out poses: {before} → {after} (noise as stated: 0.35 mm)." in text
 
@@ -102,7 +102,7 @@ def test_every_section_and_figure_is_there(page: str) -> None:
     outline = Outline(page)
     ids = {attributes.get("id") for tag, attributes in outline.tags if tag == "section"}
     assert ids == {*SECTIONS, "effect-1"}
-    assert sum(tag == "svg" for tag, _ in outline.tags) == 9
+    assert sum(tag == "svg" for tag, _ in outline.tags) == 8
 
 
 def test_the_cover_says_what_a_boss_and_a_metrologist_ask_for(page: str) -> None:
@@ -218,7 +218,7 @@ def test_equivalents_are_said_first(found: Trace) -> None:
     told = replace(found, found=(replace(found.found[0], credible=((hypothesis, 0.1),)),))
     text = Outline(render_report(told)).text
     said = (
-        "These data do not distinguish thermal growth at the link ending at A5 "
+        "These data do not distinguish thermal growth at the link ending at J4 "
         "from thermal growth at the link ending at J5."
     )
     assert 0 < text.index(said) < text.index("Before and after")
@@ -285,7 +285,7 @@ def test_every_law_has_words(found: Trace) -> None:
 
     assert all(law.words.title and law.words.meaning and law.words.formula for law in EVERY.values())
     effect = found.found[0].effect
-    assert called(effect) == "thermal growth at the link ending at A5" and labelled(effect) == "thermal_growth link:A5"
+    assert called(effect) == "thermal growth at the link ending at J4" and labelled(effect) == "thermal_growth link:J4"
 
 
 def test_of_many_effects_the_first_two_make_the_headline():
