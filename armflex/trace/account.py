@@ -62,8 +62,8 @@ def idle(state: State) -> int | None:
     """Return the hypothesis that is nearest zero, None where the amplitudes of all are distinguished from it.
 
     A family is left out: few of its members are distinguished from zero by themselves. What pulls towards a point may
-    be weak and near or strong and far, what creeps little and soon or much and late: an amplitude is as uncertain as the
-    motion that it makes, not as the values inside its law.
+    be weak and near or strong and far, what creeps little and soon or much and late: an amplitude is as uncertain as
+    the motion that it makes, not as the values inside its law.
     """
     shares = np.ones(len(state.known))
     for number, (one, unit) in enumerate(zip(state.known, state.units, strict=True)):
