@@ -34,7 +34,7 @@ class Credible:
 
     Attributes:
         probability: Of the effect itself: its law and place, whatever is inside the law, in any of the places.
-        nothing: Probability that there is no effect in its place.
+        nothing: Probability that there is no effect in its place, nor it in that of another.
         others: The hypotheses beside it that make up the credible set, with the probability of each, the likeliest
             first.
         ranking: All hypotheses that compete with their log odds beside the other effects, the best first.
@@ -99,7 +99,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
     mine = [int(names[one.number]) for one in own]
     itself = np.zeros(len(own))
     chances = np.zeros((len(own) + 1, len(names)))
-    empty, counted, visited = np.zeros(len(own) + 1), np.zeros(len(own) + 1), set[Model]()
+    counted, visited = np.zeros(len(own) + 1), set[Model]()
     for _ in range(SWEEPS):
         for i in range(len(own) + 1):
             if i == len(own) and None in slots:
@@ -108,18 +108,22 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
             logs = beside.odds
             whole = float(np.logaddexp(0.0, logsumexp(logs)))
             weights = np.exp(logs - whole)
-            empty[i], counted[i] = empty[i] + np.exp(-whole), counted[i] + 1.0
-            chances[i] += np.bincount(names, weights.sum(axis=1), len(names))
-            if i < len(own):
-                # Effects may have changed places: one that is in another's is there.
-                held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)
-                own_weight = weights[names == mine[i]].sum()
-                itself[i] += 1.0 if held >= mine.count(mine[i]) else own_weight
-                drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
-                slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
-                visited.add(tuple(one for one in slots if one is not None))
+            counted[i] += 1.0
+            chance = np.bincount(names, weights.sum(axis=1), len(names))
+            if i == len(own):
+                chances[i] += chance
+                continue
+            # Effects may have changed places: one that is in another's is there, and its own place says nothing of it.
+            held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)
+            if held >= mine.count(mine[i]):
+                itself[i] += 1.0
+            else:
+                itself[i] += chance[mine[i]]
+                chances[i] += np.where(np.isin(np.arange(len(names)), mine), 0.0, chance)
+            drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
+            slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
+            visited.add(tuple(one for one in slots if one is not None))
     counted = np.maximum(counted, 1.0)
-    empty = empty / counted
     itself = np.minimum(itself / counted[:-1], 1.0)
     found = []
     for i, chance in enumerate(chances / counted[:, None]):
@@ -129,12 +133,13 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
         for number in np.argsort(-odds).tolist():
             best.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
         probability = float(itself[i]) if i < len(own) else 0.0
-        others, reached = [], probability + empty[i]
+        nothing = max(1.0 - probability - float(chance.sum()), 0.0)
+        others, reached = [], probability + nothing
         for name in sorted(best, key=lambda one: -chance[one]):
             if name not in mine and (reached < CREDIBLE or i == len(own)):
                 others.append((best[name][0], float(chance[name])))
                 reached += chance[name]
-        found.append(Credible(probability, float(empty[i]), tuple(others), tuple(best.values())))
+        found.append(Credible(probability, nothing, tuple(others), tuple(best.values())))
     return tuple(found), visited
 
 
