@@ -71,8 +71,7 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     for one, amplitudes in zip(model, beside.amplitudes, strict=True):
         charges[one.number] = screen.charge(one.number, amplitudes)
     numbers = {number: i for i, number in enumerate(charges)}
-    every = screen.priors
-    priors = np.array([every[number] + screen.sized(number) - charge for number, charge in charges.items()])
+    priors = np.array([screen.prior(number) - charge for number, charge in charges.items()])
     return screen.dense(tuple(charges), priors), tuple(numbers[one.number] for one in model), numbers
 
 
@@ -97,6 +96,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
     rng, slots = np.random.default_rng(seed), list[Chosen | None](own)
     names = named(evidence, own)
     mine = [int(names[one.number]) for one in own]
+    other = ~np.isin(np.arange(len(names)), mine)
     itself = np.zeros(len(own))
     chances = np.zeros((len(own) + 1, len(names)))
     counted, visited = np.zeros(len(own) + 1), set[Model]()
@@ -105,9 +105,8 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
             if i == len(own) and None in slots:
                 continue  # what is drawn beside a model that lacks one is that one
             beside = evidence.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
-            logs = beside.odds
-            whole = float(np.logaddexp(0.0, logsumexp(logs)))
-            weights = np.exp(logs - whole)
+            whole = float(np.logaddexp(0.0, logsumexp(beside.odds)))
+            weights = np.exp(beside.odds - whole)
             counted[i] += 1.0
             chance = np.bincount(names, weights.sum(axis=1), len(names))
             if i == len(own):
@@ -119,7 +118,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
                 itself[i] += 1.0
             else:
                 itself[i] += chance[mine[i]]
-                chances[i] += np.where(np.isin(np.arange(len(names)), mine), 0.0, chance)
+                chances[i] += np.where(other, chance, 0.0)
             drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
             slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
             visited.add(tuple(one for one in slots if one is not None))
@@ -136,7 +135,7 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
         nothing = max(1.0 - probability - float(chance.sum()), 0.0)
         others, reached = [], probability + nothing
         for name in sorted(best, key=lambda one: -chance[one]):
-            if name not in mine and (reached < CREDIBLE or i == len(own)):
+            if other[name] and (reached < CREDIBLE or i == len(own)):
                 others.append((best[name][0], float(chance[name])))
                 reached += chance[name]
         found.append(Credible(probability, nothing, tuple(others), tuple(best.values())))

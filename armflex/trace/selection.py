@@ -203,6 +203,15 @@ class Evidence(ABC):
         """Return the (T,) log of how much likelier a scale of a hypothesis is than where all are equally likely."""
         return 0.0
 
+    def block_of(self, number: int) -> int:
+        """Return the place of the block that a hypothesis is in."""
+        return max(i for i, block in enumerate(self.blocks) if block.first <= number)
+
+    def prior(self, number: int) -> Array:
+        """Return the (T,) log prior probability of a hypothesis at each of its scales."""
+        block = self.blocks[self.block_of(number)]
+        return block.priors[number - block.first] + self.sized(number)
+
     @property
     def priors(self) -> Array:
         """(H, T) log prior probability of every hypothesis at each of its scales, but for what is `sized`."""
@@ -324,9 +333,7 @@ class Beside:
         evidence, found = self.evidence, 0.0
         values = self.inverse.T @ self.pull
         for one, amplitudes, first in zip(self.model, self.amplitudes, self._ends, strict=False):
-            block = evidence.blocks[self._block(one.number)]
-            prior = block.priors[one.number - block.first] + evidence.sized(one.number)
-            found += float(prior[one.scale]) - evidence.charge(one.number, amplitudes)
+            found += float(evidence.prior(one.number)[one.scale]) - evidence.charge(one.number, amplitudes)
             if evidence.groups[one.number].hypothesis.positive:
                 found += float(_sign(values[first] / np.sqrt(self.covariance[first, first])))
         return found + float(log_likelihood(self.left, evidence.count)) - 0.5 * self.volume + evidence.constant
@@ -336,12 +343,9 @@ class Beside:
         """(H, T) log odds of the model with each hypothesis at each scale more, over the model; nothing is charged."""
         return np.concatenate([self._odds_in(which) for which in range(len(self.evidence.blocks))])
 
-    def _block(self, number: int) -> int:
-        return max(i for i, block in enumerate(self.evidence.blocks) if block.first <= number)
-
     def odds_at(self, number: int) -> Array:
         """Return the (T,) log odds of a further hypothesis at each scale, as likely as that is; nothing is charged."""
-        which = self._block(number)
+        which = self.evidence.block_of(number)
         return self._odds_in(which)[number - self.evidence.blocks[which].first] + self.evidence.sized(number)
 
     def _odds_in(self, which: int) -> Array:
@@ -408,7 +412,7 @@ class Beside:
 
     def amplitudes_of(self, number: int, scale: int) -> Array:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
-        which = self._block(number)
+        which = self.evidence.block_of(number)
         block, (insides, scores) = self.evidence.blocks[which], self.reduced(which)
         batch, row = block.where[number - block.first]
         _, places, scales, *_ = block.batches[batch]
