@@ -113,13 +113,15 @@ class LinearGaussian:
     def _axes(self) -> tuple[Array, Array, Array]:
         """(r,) information and (P, r) axes of what is determined, (P, k) axes of the null space; all scaled by S.
 
-        Of the parameters that are not eliminated first.
+        Of the parameters that are not eliminated first. Where all is determined, axes are those of a triangular root.
         """
         scaled = self.information * self.scale * self.scale[:, None]
         alone = self.alone
         if alone.any():
             shared = scaled[np.ix_(~alone, alone)]
             scaled = scaled[np.ix_(~alone, ~alone)] - shared @ shared.T
+        if (axes := _inverse_root(scaled)) is not None:
+            return np.ones(len(axes)), self._with_alone(axes), np.empty((len(alone), 0))
         try:
             size, axes = np.linalg.eigh(scaled)
         except np.linalg.LinAlgError:  # now and then LAPACK's fast driver does not settle where the plain one does
@@ -193,6 +195,18 @@ class LinearGaussian:
     def with_precision(self, precision: Array) -> LinearGaussian:
         """Return what is known where (P,) precisions are added to the prior: other experience, a ridge, a damping."""
         return LinearGaussian(self.information + np.diag(precision))
+
+
+def _inverse_root(scaled: Array) -> Array | None:
+    """Return (P, P) V with V V' the inverse of a scaled matrix; None where it has a null space, or almost.
+
+    The eigenvalues of the inverse are at most its trace, which is the sum of squares of V.
+    """
+    from scipy.linalg.lapack import dpotrf, dtrtri  # not needed to import the package
+
+    root, failed = dpotrf(scaled, lower=1, clean=1)
+    inverse = None if failed else dtrtri(root, lower=1)[0].T
+    return None if inverse is None or not (inverse**2).sum() < 0.1 / ROUNDING else inverse
 
 
 CANCELLED = 1e-5

@@ -13,7 +13,6 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Act
 from armflex.progress import SILENT, Reporter
 
 MADE_AT_ONCE = 2**22
@@ -43,15 +42,16 @@ class Part:
     answer: Array | None
 
     def products(self, others: Any) -> Array:
-        """Return the (K, F) products of the columns with (F, n) others, an array or sparse rows."""
-        if self.answer is None:
-            return (others @ self.shapes.T).T[self.of]
-        if not isinstance(others, np.ndarray):
+        """Return the (K, F) products of the columns with (n, F) others, or with what they are as sparse (F, n) rows."""
+        if isinstance(others, np.ndarray):
+            if self.answer is not None:
+                others = np.einsum("rd,rdf->rf", self.answer, others.reshape(*self.answer.shape, -1))
+            return (self.shapes @ others)[self.of]
+        if self.answer is not None:
             count, depth = self.answer.shape
             answered = others.data * self.answer.ravel()[others.indices], others.indices // depth, others.indptr
-            return (type(others)(answered, shape=(others.shape[0], count)) @ self.shapes.T).T[self.of]
-        answered = np.einsum("frd,rd->fr", others.reshape(len(others), *self.answer.shape), self.answer)
-        return (self.shapes @ answered.T)[self.of]
+            others = type(others)(answered, shape=(others.shape[0], count))
+        return (others @ self.shapes.T).T[self.of]
 
     def squares(self, some: np.ndarray) -> Array:
         """Return the (g, k, k) products among themselves of (g, k) of the columns."""
@@ -60,7 +60,7 @@ class Part:
         return weighted @ shapes.transpose(0, 2, 1)
 
 
-Kind = tuple[Act, bool, bool, str, bytes]
+Kind = tuple[str, bool, bool, str, bytes]
 """By which columns are made together: how a law acts, whether it changes the model and depends on the load; site, and
 the bytes of a direction."""
 
@@ -162,14 +162,14 @@ class Bank:
         known: dict[tuple[int, ...], Array] = {}
         waiting: dict[Kind, list[tuple[int, Array]]] = {}
         here: Any = None  # of the law and place before
-        of_load, before = False, None
+        kind, of_load, before = ("", False, False, ""), False, None
         for index, candidate in enumerate(self.candidates):
-            self.reporter.step("screening candidates", index, len(self.candidates))
             law, location, inner = candidate.law, candidate.location, candidate.inner
             place = (law.name, location.site, location.axis, location.covariates, location.partner)
             if before != place:  # they come in a row
+                self.reporter.step("screening candidates", index, len(self.candidates))
                 here, of_load = self.context.here(location, view.arm), law.of_load(location)
-                before, own = place, {}
+                kind, before, own = (law.act.name, law.changes_model, of_load, location.site), place, {}
             direction = law.direction(here, inner)
             if direction is not None:
                 store, key = own if of_load else shared, (law.name, location.covariates, inner)
@@ -182,7 +182,7 @@ class Bank:
                 # Sums round by where a bank is cut: a law that changes the model counts by its columns.
                 held += view.sigma.size * len(location.terms) if law.changes_model else found.size
             along = b"" if direction is None else direction.tobytes()
-            waiting.setdefault((law.act, law.changes_model, of_load, location.site, along), []).append((index, found))
+            waiting.setdefault((*kind, along), []).append((index, found))
             if held > MADE_AT_ONCE:
                 yield from (self._part(key, some, known) for key, some in waiting.items())
                 waiting, held = {}, 0
@@ -223,9 +223,9 @@ class Bank:
 
 def products_of(parts: Iterable[Part], others: Array, count: int) -> Array:
     """Return the (count, F) products of all columns of some parts with (n, F) others."""
-    rows, found = np.ascontiguousarray(others.T), np.empty((count, others.shape[1]))
+    others, found = np.ascontiguousarray(others), np.empty((count, others.shape[1]))
     for part in parts:
-        found[part.places] = part.products(rows)
+        found[part.places] = part.products(others)
     return found
 
 

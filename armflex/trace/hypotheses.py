@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import log
 
 import numpy as np
 
@@ -123,10 +124,10 @@ def hypotheses(context: Context) -> list[Hypothesis]:
     for one, spot in zip(known, spots, strict=True):
         beside = values[spot, one.location.terms]
         prior = laws[one.law.name] - _share(one, places[one.law.name])
-        prior += float(np.log(RARE_VALUE)) * _rare(one, beside, context)
+        prior += log(RARE_VALUE) * _rare(one, beside, context)
         if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives.get(one.location.site):
-            prior += float(np.log(ACROSS))
-        found.append(Hypothesis((one,), prior - float(np.log(len(terms[spot]) * len(beside)))))
+            prior += log(ACROSS)
+        found.append(Hypothesis((one,), prior - log(len(terms[spot]) * len(beside))))
     return found
 
 
@@ -152,14 +153,14 @@ def _spot(one: Candidate) -> tuple:
 
 
 def _share(one: Candidate, places: int) -> float:
-    return float(np.log(places)) + PLAINER * one.location.site.startswith(LINK)
+    return log(places) + PLAINER * one.location.site.startswith(LINK)
 
 
 def _of_law(law: EffectLaw) -> float:
     """Return the log of how many effects of a law are expected."""
     alike = [one for one in EVERY.values() if one.physical == law.physical]
     share = (1.0 - NAMELESS - FAMILIAL) if law.physical else NAMELESS
-    return float(np.log(EFFECTS * share / len(alike))) - PLAINER * alike.index(law)
+    return log(EFFECTS * share / len(alike)) - PLAINER * alike.index(law)
 
 
 def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> Iterator[Hypothesis]:
@@ -168,7 +169,7 @@ def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> I
     for location in locations:
         inners, acting = list(grid(law, location, context)), replace(location, terms=tuple(range(len(law.amplitudes))))
         for inner in inners:
-            yield Hypothesis((Candidate(law, acting, inner),), _of_law(law) - float(np.log(places * len(inners))))
+            yield Hypothesis((Candidate(law, acting, inner),), _of_law(law) - log(places * len(inners)))
 
 
 def families(view: Solved, context: Context) -> list[Hypothesis]:
@@ -196,7 +197,7 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
         most = np.max([size for _, size in members], axis=0)
         kept = [(one, size) for one, size in members if (size > LEAST_SHARE * most).all()]
         if len(kept) > 1:
-            prior = float(np.log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]]))
+            prior = log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]])
             units = np.concatenate([1.0 / size for _, size in kept])
             found.append(Hypothesis(tuple(one for one, _ in kept), prior, units))
     return found

@@ -58,12 +58,15 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     take over does not: no reading could show it, and no prediction lacks it.
     """
     aliased = {number for number, (whole, inside) in screen.single().items() if inside <= ALMOST * whole}
+    own, mine = {screen.groups[one.number].hypothesis.members for one in model}, {one.number for one in model}
     refiner, found, charges = Refiner(screen), dict[int, float](), dict[int, float]()
     for i in range(len(model) + 1):
         rest = tuple(one for j, one in enumerate(model) if j != i)
         for one in rivals(screen.beside(rest), refiner, most=MOST_COMPETING):
             if one.chosen.number in aliased:
                 continue
+            if screen.groups[one.chosen.number].hypothesis.members in own and one.chosen.number not in mine:
+                continue  # the same again, from the grid: it would count twice
             number, odds = one.chosen.number, float(screen.beside(rest).odds_at(one.chosen.number).max())
             if one.odds > found.get(number, -np.inf):  # of the amplitudes that it has where it competes most
                 found[number], charges[number] = one.odds, max(odds - one.odds, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import islice, pairwise
+from itertools import islice
 
 import numpy as np
 
@@ -123,7 +123,7 @@ class Screen(Evidence):
         self._unit, self._first = unit_of(columns.fit) / quiet**2, int(columns.starts[-1])
         marks = projection.drawn(MARKS)
         others = np.column_stack([projection.shared, projection.residual, projection.cleared(marks)])
-        products, last = columns.products(others) / quiet, -1 - MARKS
+        products, last = columns.products(others / quiet), -1 - MARKS
         self._seen, scores = products[:, :last] @ projection.fitted.root, products[:, last]
         through = () if projection.apart is None else columns.squares_through(projection.apart.each)
         scale, self._squares = np.empty(self._first), np.empty(self._first)
@@ -137,9 +137,7 @@ class Screen(Evidence):
             scale[places] = self._scaled(self._squares[places])
             some.append((groups, places, inside))
         starts = columns.starts.tolist()
-        self.groups = [
-            Group(one, np.arange(a, b), scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)
-        ]
+        self.groups = [Group(one, a, scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)]
         self._single = next(((groups, inside[:, 0, 0]) for groups, _, inside in some if inside.shape[1] == 1), None)
         if self._single is not None:
             single, left = self._single
@@ -193,7 +191,7 @@ class Screen(Evidence):
         for one, columns in made:
             size, number = columns.shape[1], len(self.groups)
             at, end = np.arange(end, end + size), end + size
-            groups.append(Group(one, at, self.scale_of(columns, one.unit)))
+            groups.append(Group(one, int(at[0]), self.scale_of(columns, one.unit)))
             self.groups.append(groups[-1])
             inside = self._held.gram[np.ix_(own[at - first], own[at - first])]
             batch = batch_of(groups[-1:], np.array([number - block.first]), at[None] - self._first, inside[None])
@@ -215,8 +213,8 @@ class Screen(Evidence):
             seen, cleared = (self.projection.half @ columns).T, self.projection.cleared(columns)
             ends = np.cumsum([0, *(own.shape[1] for _, own in made)])
             groups = [
-                Group(one, np.arange(a, b), self._scaled((own**2).sum(axis=0)))
-                for (one, own), (a, b) in zip(made, pairwise(ends.tolist()), strict=True)
+                Group(one, first, self._scaled((own**2).sum(axis=0)))
+                for (one, own), first in zip(made, ends.tolist(), strict=False)
             ]
             parts = columns.T, cleared.T, seen
             batches = batches_of(groups, lambda places, parts=parts: _products(places, *parts))
@@ -329,10 +327,8 @@ class Screen(Evidence):
         kept = np.arange(len(projection.data)) if mask is None else np.flatnonzero(mask)
         known = [self.groups[i] for i in numbers]
         places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in known)])
-        ends = np.cumsum([0, *(len(one.places) for one in known)]).tolist()
-        groups = [
-            Group(one.hypothesis, np.arange(*pair), one.scale) for one, pair in zip(known, pairwise(ends), strict=True)
-        ]
+        starts = np.cumsum([0, *(len(one.scale) for one in known)]).tolist()
+        groups = [Group(one.hypothesis, first, one.scale) for one, first in zip(known, starts, strict=False)]
         own, shared = projection.regressors[kept], projection.shared[kept]
         root = LinearGaussian(own.T @ shared + np.diag(projection.precision)).root
         data, read = projection.data[kept], projection.cleared(projection.data)[kept]
@@ -384,14 +380,14 @@ def _named(groups: list[Group], single: np.ndarray, marked: Array) -> list[Group
     """
     physical = np.array([groups[i].hypothesis.one.law.physical for i in single.tolist()], dtype=bool)
     laws, free = np.flatnonzero(physical), np.flatnonzero(~physical)
-    first = np.abs(marked[:, 0])
+    first, squares = np.abs(marked[:, 0]), (marked**2).sum(axis=1)
     laws = laws[np.argsort(first[laws])]
     ends = np.searchsorted(first[laws], first[free, None] + 3.0 * np.sqrt(ALMOST) * np.array([-1.0, 1.0]))
     found = groups.copy()
     for i, (a, b) in zip(free.tolist(), ends.tolist(), strict=True):
         near = laws[a:b]
-        apart = [((marked[near] - sign * marked[i]) ** 2).mean(axis=1) for sign in (1.0, -1.0)]
-        alike = single[near[np.minimum(*apart) <= ALMOST]].tolist()
+        apart = squares[near] + squares[i] - 2.0 * np.abs(marked[near] @ marked[i])
+        alike = single[near[apart <= ALMOST * marked.shape[1]]].tolist()
         if alike:
             law, shape = max(alike, key=lambda one: found[one].hypothesis.prior), int(single[i])
             both = float(np.logaddexp(found[law].hypothesis.prior, groups[shape].hypothesis.prior))

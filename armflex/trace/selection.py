@@ -82,13 +82,18 @@ class Group:
 
     Attributes:
         hypothesis: What it says.
-        places: (k,) numbers of its columns.
+        first: Number of the first of its columns.
         scale: (k,) amplitude of the law that moves the target by 1 mm RMS, zero where it does not move it.
     """
 
     hypothesis: Hypothesis
-    places: np.ndarray
+    first: int
     scale: Array
+
+    @property
+    def places(self) -> np.ndarray:
+        """(k,) numbers of its columns."""
+        return np.arange(self.first, self.first + len(self.scale))
 
 
 Batch = tuple[np.ndarray, np.ndarray, Array, Array, np.ndarray]
@@ -110,7 +115,7 @@ def joined(some: Sequence[Batch]) -> Batch:
 
 def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -> tuple[Batch, ...]:
     """Return groups by their size; `inside` has the (g, k, k) parts of G at (g, k) columns."""
-    sizes, found = np.array([len(one.places) for one in groups], dtype=int), []
+    sizes, found = np.array([len(one.scale) for one in groups], dtype=int), []
     for size in np.unique(sizes).tolist():
         numbers = np.flatnonzero(sizes == size)
         some = [groups[i] for i in numbers.tolist()]
@@ -217,16 +222,13 @@ class Evidence(ABC):
         """(H, T) log prior probability of every hypothesis at each of its scales, but for what is `sized`."""
         return np.concatenate([one.priors for one in self.blocks])
 
-    @property
-    def spots(self) -> np.ndarray:
-        """(H,) numbers of the laws and places of all hypotheses."""
-        numbers, found = self._spots
-        found += [numbers.setdefault(one.hypothesis.spot, len(numbers)) for one in self.groups[len(found) :]]
-        return np.array(found)
+    def spots(self, some: np.ndarray) -> list[int]:
+        """Return the (k,) numbers of the laws and places of some hypotheses."""
+        return [self._spots.setdefault(self.groups[i].hypothesis.spot, len(self._spots)) for i in some.tolist()]
 
     @cached_property
-    def _spots(self) -> tuple[dict[tuple, int], list[int]]:
-        return {}, []
+    def _spots(self) -> dict[tuple, int]:
+        return {}
 
     @cached_property
     def _known(self) -> dict[Model, Beside]:
@@ -465,7 +467,7 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
     some = np.flatnonzero(best >= -WITHIN)
     order = some[np.argsort(-best[some], kind="stable")]
     evidence.ranked = np.union1d(evidence.ranked, order[:RANKED])
-    _, first = np.unique(evidence.spots[order], return_index=True)
+    _, first = np.unique(evidence.spots(order), return_index=True)
     top = -np.inf
     for number in order[np.sort(first)].tolist():
         if len(found) + len(rough) >= 4 * most:

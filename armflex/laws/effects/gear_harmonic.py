@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,13 +18,16 @@ MOST_PERIODS = 24.0
 
 
 def _orders(location: Location, context: Context) -> Iterable[float]:
-    """Return wave numbers a third of a period over the driven range apart, from two per turn (or per range) on.
+    """Return wave numbers a third of a period over the driven range apart, from two per turn (or per range) on."""
+    return _numbers(context.row.position(location.place).tobytes(), str(location.axis).startswith("r"))
 
-    Those that the poses at hand do not distinguish from their aliases are left out.
-    """
-    position = context.row.position(location.place)
+
+@lru_cache(64)
+def _numbers(column: bytes, turns: bool) -> list[float]:
+    """Return those that (N,) positions distinguish from their aliases; it is asked for in every linear problem."""
+    position = np.frombuffer(column)
     span = float(np.ptp(position)) or 1.0
-    least = 2.0 if str(location.axis).startswith("r") else np.pi / span
+    least = 2.0 if turns else np.pi / span
     numbers = np.arange(least, max(least, 2.0 * np.pi * MOST_PERIODS / span), 2.0 * np.pi / span / 3.0)
     return [number for number in numbers.tolist() if free_of_aliases(position, number)]
 

@@ -28,7 +28,7 @@ def problem(columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None
         law, term = (BASE_COMPLIANCE, 0) if i == signed else (BACKLASH, 0)
         candidate = Candidate(law, Location(f"J{i}", "rz", (), (term,)), ())
         prior = np.log(0.1) if priors is None else float(priors[i])
-        groups.append(Group(Hypothesis((candidate,), prior), np.array([i]), np.ones(1)))
+        groups.append(Group(Hypothesis((candidate,), prior), i, np.ones(1)))
     objective, scores = float(readings @ readings), columns.T @ readings
     return Dense(groups, columns.T @ columns, scores, objective, len(readings), prior_of(groups))
 
@@ -149,7 +149,7 @@ def test_a_law_about_one_axis_and_about_all_at_a_place_is_one_name() -> None:
     columns = rng.normal(size=(ROWS, 1))
     twins = np.hstack([columns, columns + 1e-9 * rng.normal(size=(ROWS, 1))])
     readings = 3.0 * columns[:, 0] + rng.normal(size=ROWS)
-    groups = [Group(one, np.array([i]), np.ones(1)) for i, one in enumerate((about_x, about_both))]
+    groups = [Group(one, i, np.ones(1)) for i, one in enumerate((about_x, about_both))]
     squares, scores = twins.T @ twins, twins.T @ readings
     evidence = Dense(groups, squares, scores, float(readings @ readings), ROWS, prior_of(groups))
     found, _ = sampled(evidence, climbed(evidence))
