@@ -477,7 +477,8 @@ class MechanismDeflection(Deflection):
     def drive_loads(self) -> Array:
         """See `Deflection`; of a cylinder its tension. What follows a drive by a gear loads it, too."""
         linkage, tensions = self.arm.robot.linkage, self._forces[len(self.arm.robot.linkage.loops) :, 0]
-        return np.append(-self._at_rest[1][self._mechanics.flex.v_index], tensions[: len(linkage.cylinders)])
+        torque = self._mechanics.held(self._configuration, self.solved.case, self._at_rest[1])
+        return np.append(-torque[self._mechanics.flex.v_index], tensions[: len(linkage.cylinders)])
 
     @cached_property
     def load_factor(self) -> float:

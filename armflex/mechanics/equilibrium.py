@@ -113,10 +113,10 @@ def find_equilibrium(
     compiled = mechanics.ties is not None and (method == "exact" or (loops and method == "newton"))
     if compiled and not case.moves and loop_kernel_pays(1):
         solver = solver_of(loaded, case.wrenches)
-        if found := solver.one(loaded.row(case.q, case.covariates)):
-            (model, moved, _), (nq, end, _) = found, solver.parts
-            parts = model[:nq], model[nq:end], model[end:]
-            return Equilibrium(loaded, case, *parts, "fixed_point", (), None, math.inf, moved)
+        found = solver.rest(case.q[None], loaded.row(case.q, case.covariates))
+        if found.fine[0]:
+            parts = solver.model(found, 0, case.q)
+            return Equilibrium(loaded, case, *parts, "fixed_point", (), None, math.inf, found.displacement[0])
     if loops:
         return _of_mechanism(mechanics, loaded, case, method, allow_large)
     laws = mechanics.laws

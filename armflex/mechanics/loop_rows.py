@@ -18,7 +18,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
-from armflex.mechanics.chain import chain_of
+from armflex.mechanics.chain import FLEXURE, chain_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import NOT_PUSHED, Pushes, displaced_from, loop_kernel
@@ -42,7 +42,6 @@ class Rested(NamedTuple):
     displacement: Array
     distance: Array
     idle: Array
-    model: Array
     fine: np.ndarray
 
 
@@ -51,62 +50,40 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
     compiled, model = loop_kernel(), flex.model
     carriers = {joint.idx_v: joint.id for joint in list(model.joints)[1:] if joint.nv == 6}
     starts = flex.flexure_v[::6].tolist()
-    chain = chain_of(flex, [carriers[start] for start in starts if start < model.nv])
-    kinds, in_tree = chain.kinds.copy(), [i for i, start in enumerate(starts) if start < model.nv]
-    flexures = np.array([-1 - (start - model.nv) // 6 for start in starts], dtype=np.int64)
-    for i in in_tree:
-        flexures[i] = carriers[starts[i]]
-        kinds[1, flexures[i]] = i
+    flexures = np.array([carriers.get(at, -1 - (at - model.nv) // 6) for at in starts], dtype=np.int64)
+    chain, in_tree = chain_of(flex, flexures[flexures >= 0].tolist()), np.flatnonzero(flexures >= 0)
+    kinds, driven = chain.kinds.copy(), len(flex.q_index)
+    kinds[1, flexures[in_tree]] = in_tree
     # Cylinders are drives, too, and stand before passive joints among the positions.
-    driven, cylinders = len(flex.q_index), len(ties.cylinders)
-    kinds[1, (kinds[0] & 3 > 0) & (kinds[1] >= driven)] += cylinders
-    everything, rows, at = (*ties.loops, *ties.cylinders), [], 0
-    count = len(ties.names) + len(ties.springs)
-    numbers, joins, carried = (
-        np.zeros((count, 48)),
-        np.zeros((count, 6), dtype=np.int64),
-        np.zeros((count, model.njoints)),
-    )
-    ends = {**dict(enumerate(everything)), **dict(enumerate(ties.sprung_rods, len(ties.names)))}
-    for t, one in ends.items():
-        for side, end in zip((-1.0, 1.0), one.ends, strict=True):
-            second = side > 0.0
-            numbers[t, 3 * second : 3 * second + 3] = end.point
-            numbers[t, 30 + 9 * second : 39 + 9 * second] = end.axes.ravel()
-            carried[t, list(model.supports[end.joint])] += side
-        joins[t, 1:3] = [end.joint for end in one.ends]
-    for t, one in enumerate(everything):
-        if isinstance(one, Pin):
-            joins[t, 0] = compiled.FIXED if one.fixed else compiled.AXIS
-            numbers[t, 6:9], numbers[t, 9:27] = one.axis, np.concatenate([turn.ravel() for turn in one.turns])
-            rows.append(one.rows)
-        else:
-            joins[t, 0], joins[t, 5] = compiled.ROD, driven + t - len(ties.loops)
-            numbers[t, 27] = closing.offsets[t - len(ties.loops)]
-            rows.append(np.eye(6)[:1])
+    kinds[1, (kinds[0] & 3 != FLEXURE) & (kinds[1] >= driven)] += len(ties.cylinders)
+    count, closed, at = len(ties.names) + len(ties.springs), len(ties.names), 0
+    numbers, joins, carried = np.zeros((count, 45)), np.zeros((count, 6), dtype=np.int64), np.zeros((count, model.njoints))
+    rows, ways = np.zeros((len(ties.rows), 6)), np.zeros((len(ties.rows), 6))
+    ends = [*enumerate((*ties.loops, *ties.cylinders)), *enumerate(ties.sprung_rods, closed)]
+    for t, one in ends:
+        for side, end in enumerate(one.ends):
+            numbers[t, 3 * side : 3 * side + 3] = end.point
+            numbers[t, 27 + 9 * side : 36 + 9 * side] = end.axes.ravel()
+            carried[t, list(model.supports[end.joint])] += 2 * side - 1
+            joins[t, 1 + side] = end.joint
+            if isinstance(one, Pin):
+                joins[t, 0] = one.held[side].shape[1]
+                numbers[t, 6 + 9 * side : 6 + 9 * side + one.held[side].size] = one.held[side].T.ravel()
+    for t in range(count):
+        one = ties.loops[t] if t < len(ties.loops) else None
+        own, axes = (one.rows, one.ends[0].axes) if one else (np.eye(6)[: t < closed], np.eye(3))
+        some = slice(at, at := at + len(own))
+        joins[t, 3:5], rows[some], ways[some] = (some.start, at), own, own @ np.kron(np.eye(2), axes.T)
+    for t, offset in enumerate(closing.offsets, len(ties.loops)):
+        joins[t, 0], joins[t, 5], numbers[t, 24] = compiled.ROD, driven + t - len(ties.loops), offset
     carrier = {joint.idx_q: joint.id for joint in list(model.joints)[1:]}
-    for t, (own, master, factor, offset) in enumerate(ties.gears, len(everything)):
-        joins[t, :3], numbers[t, 27:29] = (compiled.GEAR, carrier[own], carrier[master]), (factor, offset)
-        rows.append(np.eye(6)[:1])
-    for t, part in enumerate(rows):
-        joins[t, 3:5] = at, at + len(part)
-        at += len(part)
-    for t, spring in enumerate(ties.springs, len(ties.names)):
-        law = spring.law
-        if isinstance(law, CoilSpring):
-            joins[t, 0], numbers[t, 27:30] = compiled.COIL, law.numbers
-        else:
-            assert isinstance(law, GasSpring)
-            joins[t, 0], numbers[t, 27:30] = compiled.GAS, law.numbers
+    for t, (own, master, factor, offset) in enumerate(ties.gears, closed - len(ties.gears)):
+        joins[t, :3], numbers[t, 24:26] = (compiled.GEAR, carrier[own], carrier[master]), (factor, offset)
+    for t, spring in enumerate(ties.springs, closed):
+        joins[t, 0] = compiled.COIL if isinstance(spring.law, CoilSpring) else compiled.GAS
+        joins[t, 3:5], numbers[t, 24:27] = len(rows) + t - closed, spring.law.numbers
     parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
-    closes = np.concatenate([*rows, np.zeros((0, 6))])
-    element_v = [-1] * model.njoints
-    for joint in list(model.joints)[1:]:
-        element_v[joint.id] = joint.idx_v if joint.nv == 1 else -1
-    places = np.concatenate([flex.q_index, flex.free_q, flex.free_v, starts, element_v]).astype(np.int64)
-    return compiled.Tree(
-        chain.elements, kinds, parents, carried, numbers, joins, closes, flexures, flex.neutral.copy(), places
-    )
+    return compiled.Tree(chain.elements, kinds, parents, carried, numbers, joins, rows, ways, flexures)
 
 
 def trees(loaded: LoadedArm) -> tuple[Any, Any, Any]:
@@ -143,123 +120,77 @@ class LoopSolver:
         self._closing = true if loaded.arm.corrections.move else self._controlled
         self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
         self._tree, self._nominal = trees(loaded)[:2]
-        m, nq, size = len(self._tree.rows), len(mechanics.flex.neutral), mechanics.flex.size
-        self.parts = nq, nq + size, nq + 2 * size  # ends of what is in `Rested.model`
+        m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
         self._idle, self._ask = np.zeros((m, m)), loop_kernel().rest_rows
-        self._sizes = len(mechanics.flex.free_v), len(self._tree.flexures), m
-        self._differs = loaded.arm.stack.rows_differ
-        self._one, self._free = self._room(1, alone=True), np.empty(self._sizes[0])
-        alike = self._pushes.rows is None and not self._pushes.posed
-        self._simple = alike and self._nominal is None and not self._laws.bent
-        self._loads = self._pushes.wrenches(loaded.arm.robot.home[None]) if self._simple else NOT_PUSHED[1]
 
-    def one(self, row: Row) -> tuple[Array, Array, Array] | None:
-        """Return where the mechanism rests in one row, None as of `rest`.
-
-        These are `Rested.model`, (6,) displacement, and (n, 6) twists, which the next one overwrites.
-        """
-        laws, closing, q = self._laws, self._closing, row.q[None]
-        displacement, model = np.empty((1, 6)), np.empty((1, self.parts[2]))
-        if closing.last is not None and self._simple:
-            if self._differs:
-                laws.know(row)
-            if laws.curved:
-                return None
-            self._free[:] = closing.last[1]
-            known = laws.compliance, laws.offset, self._pushes.links, self._loads, q, True, 0, self._free, self._idle
-            closed, _, _, twists, *_ = before = self._one[0][:6]
-            if self._ask(self._tree, *known, *before, displacement, *self._one[0][7:9], model):
-                closing.last = row.q.copy(), closed[0].copy()
-                return model[0], displacement[0], twists[0]
-        found = self._one[0]._replace(displacement=displacement, model=model)
-        self.rest(q, row, into=(found, self._one[1]))
-        return (model[0], displacement[0], found.twists[0]) if found.fine[0] else None
-
-    def rest(
-        self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: tuple[Rested, ...] = ()
-    ) -> Rested:
+    def rest(self, q: Array, row: Row, alone: Callable[[int], None] | None = None) -> Rested:
         """Return where the mechanism rests in some rows.
 
         Args:
             q: (N, nq) positions of the drives.
             row: What its laws may know there.
             alone: Asked about each row that is not answered, in its turn; where it is not given no row after it is.
-            into: Arrays for that, and for where the controller has it.
         """
-        laws, pushes, mechanics = self._laws, self._pushes, self._mechanics
+        laws, pushes, nominal = self._laws, self._pushes, None
         if self._differs:
             laws.know(row)
-        plain = self.answers
+        plain = not (laws.curved or laws.bent or pushes.posed)
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
-        known = (laws.compliance, laws.offset, pushes.links, loads, q)
-        found, nominal = into or self._room(len(q))
-        found.fine[:] = nominal.fine[:] = False
+        known = laws.compliance, laws.offset, pushes.links, loads, q
 
-        def by_itself(i: int) -> None:
+        def by_itself(into: Rested, i: int) -> bool:
             if alone is not None:
-                if nominal.fine[i : i + 1].any():
+                if nominal is not None and nominal.fine[i]:
                     self._controlled.last = q[i].copy(), nominal.closed[i].copy()
                 alone(i)
+            return alone is not None
 
-        def nominally(i: int) -> None:
+        def nominally(into: Rested, i: int) -> bool:
             with suppress(ClosureError):  # the row will say so, asked by itself
-                nominal.tips[i] = mechanics.rigid_tip_pose(q[i]).homogeneous
-                nominal.closed[i], nominal.fine[i] = self._controlled.closed(q[i]), True
+                into.tips[i] = self._mechanics.rigid_tip_pose(q[i]).homogeneous
+                into.closed[i], into.fine[i] = self._controlled.closed(q[i]), True
+            return True
 
         if self._nominal is not None:
-            self._follow(self._nominal, self._controlled, (*known, False), nominal, True, nominally)
-        self._follow(self._tree, self._closing, (*known, True), found, plain, by_itself, alone is None)
-        if self._nominal is not None:
+            nominal = self._follow(self._nominal, self._controlled, (*known, False), True, nominally)
+        found = self._follow(self._tree, self._closing, (*known, True), plain, by_itself)
+        if nominal is not None:
             found.fine[:] &= nominal.fine
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
         return found
 
-    def _room(self, count: int, alone: bool = False) -> tuple[Rested, Rested]:
-        """Return room for so many rows, and for where the controller has them, where that is elsewhere."""
-        nominal = 0 if self._nominal is None else count
-        return self._rested(count, *self._sizes, alone), self._rested(nominal, self._sizes[0], 0, 0, alone)
-
-    def _rested(self, count: int, p: int, n: int, m: int, alone: bool) -> Rested:
-        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), ())
-        arrays = [np.empty((count, *shape)) for shape in shapes]
-        arrays += [np.empty((0 if alone else count, m, m)), np.empty((count if alone else 0, self.parts[2]))]
-        return Rested(*arrays, fine=np.zeros(count, dtype=bool))
-
-    @property
-    def answers(self) -> bool:
-        """Whether compiled code knows these laws and loads."""
-        return not (self._laws.curved or self._laws.bent or self._pushes.posed)
+    def model(self, found: Rested, i: int, q: Array) -> tuple[Array, Array, Array]:
+        """Return a row as `mechanism.Rest` has it: configuration, motion, and torque but that of joints."""
+        flex, ties = self._mechanics.flex, self._mechanics.ties
+        rigid, motion, torque = flex.neutral.copy(), np.zeros(flex.size), np.zeros(flex.size)
+        rigid[flex.q_index], rigid[flex.free_q] = q[: len(flex.q_index)], found.closed[i]
+        motion[flex.free_v], motion[flex.flexure_v] = found.flexed[i] - found.closed[i], found.twists[i].ravel()
+        torque[flex.flexure_v] = -found.loads[i].ravel()
+        torque[self._mechanics.model.nv :] = -ties.rows.T @ found.forces[i]  # pyright: ignore[reportOptionalMemberAccess]
+        return rigid, motion, torque
 
     def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array | None, idle: Array) -> None:
         """Put where `Mechanism` has row i at rest, and what is idle there, into the arrays."""
         mechanics, flex = self._mechanics, self._mechanics.flex
-        assert torque is not None
-        into.closed[i] = rigid[flex.free_q]
-        into.flexed[i] = mechanics.flexed(rigid, motion)[flex.free_q]
+        assert torque is not None and mechanics.ties is not None
+        into.closed[i], into.flexed[i] = rigid[flex.free_q], mechanics.flexed(rigid, motion)[flex.free_q]
         into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
-        assert mechanics.ties is not None
         into.forces[i], into.idle[i] = -mechanics.ties.rows @ torque[mechanics.model.nv :], idle @ idle.T
 
     def _follow(
-        self,
-        tree: Any,
-        closing: Closing,
-        known: tuple,
-        into: Rested,
-        plain: bool,
-        ask: Callable[[int], None],
-        ends: bool = False,
-    ) -> None:
+        self, tree: Any, closing: Closing, known: tuple, plain: bool, ask: Callable[[Rested, int], bool]
+    ) -> Rested:
         """Go through the rows, each from where the one before it closed; `ask` about those that are not answered."""
-        q, at, free, asked = known[4], 0, np.empty(self._sizes[0]), -1
+        q, at, asked, p, n, m = known[4], 0, -1, len(self._mechanics.flex.free_v), len(tree.flexures), len(self._idle)
+        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
+        into = Rested(*(np.empty((len(q), *shape)) for shape in shapes), fine=np.zeros(len(q), dtype=bool))
         while at < len(q):
             done = at
             if closing.last is None:
                 with suppress(ClosureError):
                     closing.closed(q[at])
             if plain and closing.last is not None:
-                free[:] = closing.last[1]
-                done = self._ask(tree, *known, at, free, self._idle, *into[:-1])
+                done = self._ask(tree, *known, at, closing.last[1].copy(), self._idle, *into[:-1])
             if done > at:
                 into.fine[at:done] = True
                 closing.last = q[done - 1].copy(), into.closed[done - 1].copy()
@@ -268,12 +199,11 @@ class LoopSolver:
                 with suppress(ClosureError):  # a row far from the one before it is closed in smaller steps
                     closing.closed(q[done])
                 at = done
-                continue
-            if done < len(q):
-                ask(done)
-                if ends:
-                    break
-            at = done + 1
+            elif done < len(q) and not ask(into, done):
+                break
+            else:
+                at = done + 1
+        return into
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,43 +55,37 @@ class Shift:
 
 
 class Pin:
-    """A loop's joint: six gaps, in axes of the first link, of which those of its kind are closed."""
+    """A loop's joint: six gaps, in axes of the first link, of which those of its kind are closed.
+
+    Gaps of points come first, and then the sum of a x b over axes a of the first link and b of the second that it holds
+    together: of three of them half of that, which for a small turn is its vector.
+    """
 
     def __init__(self, loop: Loop, ends: tuple[Carried, Carried]) -> None:
-        self.name, self.ends, self.axis, self.fixed = loop.name, ends, loop.axis, loop.kind == "fixed"
-        first, second = ends
-        self.turns, self._skew = (first.axes, second.axes @ loop.turn_to), skew(loop.axis)
+        self.name, self.ends = loop.name, ends
+        held = {"spherical": np.zeros((3, 0)), "fixed": UNITS}.get(loop.kind, loop.axis[:, None])
+        self.held = ends[0].axes @ held, (0.5 if loop.kind == "fixed" else 1.0) * ends[1].axes @ loop.turn_to @ held
         across = np.linalg.svd(loop.axis[None])[2][1:]
-        along = across if loop.kind == "cylindrical" else np.eye(3)
-        about = {"spherical": np.zeros((0, 3)), "fixed": np.eye(3)}.get(loop.kind, across)
+        along = across if loop.kind == "cylindrical" else UNITS
+        about = {"spherical": np.zeros((0, 3)), "fixed": UNITS}.get(loop.kind, across)
         self.rows = np.zeros((len(along) + len(about), 6))
         self.rows[: len(along), :3], self.rows[len(along) :, 3:] = along, about
 
     def place(self) -> tuple[Array, Array]:
         """Return (6,) gaps [m, rad] and (6, 6) how they change with the motion of the second end against the first."""
-        first, second = self.ends
-        self._here, axes = second.here, first.turn @ self.turns[0]
-        self._axes, turned = axes, axes.T @ (second.turn @ self.turns[1])
-        gap, way, back = np.empty(6), np.zeros((6, 6)), axes.T
-        gap[:3] = back.dot(self._here - first.here)
-        if self.fixed:
-            gap[3:] = pin.log3(turned)
-            self._turning = pin.Jlog3(turned) @ turned.T
-        else:
-            self._axis = turned @ self.axis
-            gap[3:] = self._skew.dot(self._axis)
-            self._turning = self.axis.dot(self._axis) * UNITS - self._axis[:, None] * self.axis
-        way[:3, :3], way[:3, 3:], way[3:, 3:] = back, -back.dot(skew(self._here)), self._turning.dot(back)
+        (first, second), gap, way = self.ends, np.empty(6), np.zeros((6, 6))
+        self._here, self._axes = second.here, first.turn @ first.axes
+        self._held = a, b = first.turn @ self.held[0], second.turn @ self.held[1]
+        back, self._turning = self._axes.T, (a * b).sum() * UNITS - b @ a.T
+        gap[:3], gap[3:] = back.dot(self._here - first.here), back.dot(np.cross(a, b, axis=0).sum(axis=1))
+        way[:3, :3], way[:3, 3:], way[3:, 3:] = back, -back.dot(skew(self._here)), back.dot(self._turning)
         return gap, way
 
     def shift(self, force: Array) -> Shift:
         """Return how the wrench of (6,) forces in its axes changes, where it was placed last."""
-        pull, moment = self._axes @ force[:3], self._turning.T @ force[3:]
-        if self.fixed:
-            turning = -0.5 * skew(force[3:]) @ self._turning
-        else:
-            turning = -(np.outer(force[3:], self.axis) - np.outer(self.axis, force[3:])) @ skew(self._axis)
-        turning, moment = self._axes @ turning @ self._axes.T, self._axes @ moment
+        pull, about, (a, b) = self._axes @ force[:3], self._axes @ force[3:], self._held
+        moment, other = self._turning.T @ about, np.cross(about, a, axisb=0, axisc=0)
+        turning = b @ other.T - (b * other).sum() * UNITS
         across, here = skew(pull), skew(self._here)
         first, second = np.zeros((6, 6)), np.zeros((6, 6))
         first[:3, 3:], first[3:, 3:] = -across, -here @ across - skew(moment) - turning
