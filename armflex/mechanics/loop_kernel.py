@@ -29,7 +29,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.mechanics.certificate import SHARE
-from armflex.mechanics.chain import FLEXURE, RIGID, SLIDES, TURNS
+from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, SLOWEST, SMALL, STEPS
 from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, bare, called, inner
 from armflex.mechanics.laws import LawStack
@@ -185,7 +185,7 @@ def _place(tree, q, free, flexed, here):
         for i in range(3):
             row = three(turn[back, i], 0)
             at = origin[back, i] + dot(row, three(local, 9))
-            row = _through(row, local)
+            row = _through(row, local) if kinds[0, k] & ROTATED else row
             if kind == FLEXURE and flexed:
                 at += dot(row, three(frame, 9))
                 row = _through(row, frame)

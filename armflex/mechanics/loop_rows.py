@@ -121,7 +121,13 @@ class LoopSolver:
         self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
         self._tree, self._nominal = trees(loaded)[:2]
         m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
-        self._idle, self._ask = np.zeros((m, m)), loop_kernel().rest_rows
+        self._idle, self._ask, flex = np.zeros((m, m)), loop_kernel().rest_rows, mechanics.flex
+        nq, flexures = len(flex.neutral), flex.flexure_v
+        self._driven, self._ends = len(flex.q_index), (nq, nq + flex.size)
+        self._blank = np.concatenate([flex.neutral, np.zeros(2 * flex.size)])
+        places = flex.q_index, flex.free_q, nq + flex.free_v, nq + flexures, nq + flex.size + flexures
+        self._places = np.concatenate(places)
+        self._slots = -mechanics.ties.rows.T  # pyright: ignore[reportOptionalMemberAccess]
 
     def rest(self, q: Array, row: Row, alone: Callable[[int], None] | None = None) -> Rested:
         """Return where the mechanism rests in some rows.
@@ -161,13 +167,13 @@ class LoopSolver:
 
     def model(self, found: Rested, i: int, q: Array) -> tuple[Array, Array, Array]:
         """Return a row as `mechanism.Rest` has it: configuration, motion, and torque but that of joints."""
-        flex, ties = self._mechanics.flex, self._mechanics.ties
-        rigid, motion, torque = flex.neutral.copy(), np.zeros(flex.size), np.zeros(flex.size)
-        rigid[flex.q_index], rigid[flex.free_q] = q[: len(flex.q_index)], found.closed[i]
-        motion[flex.free_v], motion[flex.flexure_v] = found.flexed[i] - found.closed[i], found.twists[i].ravel()
-        torque[flex.flexure_v] = -found.loads[i].ravel()
-        torque[self._mechanics.model.nv :] = -ties.rows.T @ found.forces[i]  # pyright: ignore[reportOptionalMemberAccess]
-        return rigid, motion, torque
+        closed, twists, loads, whole = found.closed[i], found.twists[i], found.loads[i], self._blank.copy()
+        whole[self._places] = np.concatenate(
+            [q[: self._driven], closed, found.flexed[i] - closed, twists.ravel(), -loads.ravel()]
+        )
+        torque = whole[self._ends[1] :]
+        torque[self._mechanics.model.nv :] = self._slots @ found.forces[i]
+        return whole[: self._ends[0]], whole[self._ends[0] : self._ends[1]], torque
 
     def fill(self, into: Rested, i: int, rigid: Array, motion: Array, torque: Array | None, idle: Array) -> None:
         """Put where `Mechanism` has row i at rest, and what is idle there, into the arrays."""

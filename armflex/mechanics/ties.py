@@ -76,15 +76,17 @@ class Pin:
         (first, second), gap, way = self.ends, np.empty(6), np.zeros((6, 6))
         self._here, self._axes = second.here, first.turn @ first.axes
         self._held = a, b = first.turn @ self.held[0], second.turn @ self.held[1]
-        back, self._turning = self._axes.T, (a * b).sum() * UNITS - b @ a.T
-        gap[:3], gap[3:] = back.dot(self._here - first.here), back.dot(np.cross(a, b, axis=0).sum(axis=1))
+        back, both = self._axes.T, b.dot(a.T)
+        self._turning = np.trace(both) * UNITS - both
+        across = [both[2, 1] - both[1, 2], both[0, 2] - both[2, 0], both[1, 0] - both[0, 1]]
+        gap[:3], gap[3:] = back.dot(self._here - first.here), back.dot(across)
         way[:3, :3], way[:3, 3:], way[3:, 3:] = back, -back.dot(skew(self._here)), back.dot(self._turning)
         return gap, way
 
     def shift(self, force: Array) -> Shift:
         """Return how the wrench of (6,) forces in its axes changes, where it was placed last."""
         pull, about, (a, b) = self._axes @ force[:3], self._axes @ force[3:], self._held
-        moment, other = self._turning.T @ about, np.cross(about, a, axisb=0, axisc=0)
+        moment, other = self._turning.T @ about, skew(about) @ a
         turning = b @ other.T - (b * other).sum() * UNITS
         across, here = skew(pull), skew(self._here)
         first, second = np.zeros((6, 6)), np.zeros((6, 6))
