@@ -16,7 +16,7 @@ from armflex.laws.joint.linear import LinearLaw, declared_std, read_compliance
 from armflex.laws.joint.oil_column import OilColumn
 from armflex.mechanics.mechanism import ASSEMBLED, Closing, gaping
 from armflex.mechanics.pinocchio_model import build_model
-from armflex.mechanics.ties import Pin, Ties
+from armflex.mechanics.ties import Ties
 from armflex.robot import Corrections, Robot
 from armflex.robot.linkage import KINDS, Cylinder, Linkage, Loop
 from armflex.robot.urdf import MOVING, Joint
@@ -200,9 +200,8 @@ def _turned(robot: Robot, names: Mapping[str, Declaration]) -> tuple[Loop, ...]:
     ties = Ties(model.model, data, replace(linkage, loops=tuple(found)))
     ties.place(met)
     said: list[tuple[str, set[int], Array]] = []
-    for name, one in zip(linkage.joined, (*ties.loops, *ties.cylinders), strict=True):
-        way = one.rows @ one.place()[1] if isinstance(one, Pin) else one.place()[1][None]
-        joints = {end.joint for end in one.ends}
+    for name, one in zip(linkage.joined, ties.joined, strict=True):
+        way, joints = one.place()[1], {end.joint for end in one.ends}
         for other, there, known in said:
             rank = np.linalg.matrix_rank(np.concatenate([way, known]), SAME)
             if joints == there and rank == max(len(way), len(known)):

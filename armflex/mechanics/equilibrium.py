@@ -113,10 +113,9 @@ def find_equilibrium(
     compiled = mechanics.ties is not None and (method == "exact" or (loops and method == "newton"))
     if compiled and not case.moves and loop_kernel_pays(1):
         solver = solver_of(loaded, case.wrenches)
-        found = solver.rest(case.q[None], loaded.row(case.q, case.covariates))
-        if found.fine[0]:
+        if found := solver.one(loaded.row(case.q, case.covariates)):
             parts = solver.model(found, 0, case.q)
-            return Equilibrium(loaded, case, *parts, "fixed_point", (), None, math.inf, found.displacement[0])
+            return Equilibrium(loaded, case, *parts, "fixed_point", (), None, math.inf, found.displacement[0].copy())
     if loops:
         return _of_mechanism(mechanics, loaded, case, method, allow_large)
     laws = mechanics.laws

@@ -31,12 +31,25 @@ from armflex.conventions import Array
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, SLOWEST, SMALL, STEPS
-from armflex.mechanics.kernel import _action, _compose, _exponential, _right_jacobian, _times, bare, called, inner
+from armflex.mechanics.kernel import _compose, _exponential, _right_jacobian, _times, bare, called, inner
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import ALIGNED, ASSEMBLED, CLOSED, LONGEST, MOST, ROUNDED
 from armflex.mechanics.spring import SHORTEST
 from armflex.mechanics.vectors import (
-    WIDE, add_columns, columns, cross, dot, eight, minus, plus, put, put_eight, three, times, turned, turned_back,
+    WIDE,
+    add_columns,
+    columns,
+    cross,
+    dot,
+    minus,
+    pack,
+    plus,
+    put,
+    put_pack,
+    three,
+    times,
+    turned,
+    turned_back,
 )  # fmt: skip
 from armflex.storage import kept_code
 from armflex.storage.kept_code import kept
@@ -92,7 +105,8 @@ class Here(NamedTuple):
     turn, origin: of every element. screws, carriers: (d + p + y) spatial twists of joints and laws, of which those of a
     closure have none, and their elements. roots, owner: (y, 6) R by rows, and the flexure of each; rank: how many there
     are. loads: (k, 6) on all that an element carries. twists, load: (n, 6) of flexures. gaps, forces: (m). ways: (m, 6)
-    W, and then of the springs. by: (m, p + y) A. pairs: (T, 18) axes of pins, lengths: (T) of rods. frame, square: to work in.
+    W, and then of the springs. by: (m, p + y) A. pairs: (T, 18) axes of pins, lengths: (T) of rods. angles: (k, 3) of
+    joints, with sine and versine. frame, square: to work in.
     """
 
     turn: Array
@@ -114,6 +128,7 @@ class Here(NamedTuple):
     y: Array
     frame: Array
     square: Array
+    angles: Array
 
 
 @called
@@ -129,11 +144,12 @@ def _memory(tree, driven, free):
         np.zeros(6 * n, dtype=np.int64), np.zeros(1, dtype=np.int64), np.empty((k, 6)), np.zeros((n, 6)),
         np.zeros((n, 6)), np.empty(m), np.zeros(m), np.zeros((m + t, 6)), np.zeros((m, free + 6 * n)),
         np.zeros((t, 18)), np.zeros(t), np.zeros(6 * n), np.empty(12), np.empty((6, 6)),
+        np.zeros((k, 3)),
     )  # fmt: skip
 
 
 class Room(NamedTuple):
-    """What equations of Z coordinates and m rows are worked with; rows of eights, see `vectors`.
+    """What equations of Z coordinates and m rows are worked with; rows of packs, see `vectors`.
 
     motion, field: (k, 6 W) see `_spread`. unit: (Z, W). stiff: (Z, W) G. matrix, order: of the equations, with a row to
     work in. right: (Z + m, 8). laws: (Z + m, W) their solution by coordinate of laws.
@@ -174,14 +190,14 @@ def _place(tree, q, free, flexed, here):
     kinds, turn, origin, frame = tree.kinds, here.turn, here.origin, here.frame
     for k in range(1, len(tree.parents)):
         kind, own, back, local = kinds[0, k] & 3, kinds[1, k], tree.parents[k], tree.elements[k]
-        value = sine = less = 0.0
-        screw, axis = here.screws[max(own, 0)], three(local, 12)
+        value, known, screw, axis = 0.0, here.angles[k], here.screws[max(own, 0)], three(local, 12)
         if kind == FLEXURE and flexed:
             _exponential(here.twists[own], frame)
         elif kind in (TURNS, SLIDES):
             value = _position(tree, q, free, k)
-            half = math.sin(0.5 * value)
-            sine, less = 2.0 * half * math.cos(0.5 * value), 2.0 * half * half
+            if value != known[0]:
+                half = math.sin(0.5 * value)
+                put(known, 0, (value, 2.0 * half * math.cos(0.5 * value), 2.0 * half * half))
         for i in range(3):
             row = three(turn[back, i], 0)
             at = origin[back, i] + dot(row, three(local, 9))
@@ -191,7 +207,7 @@ def _place(tree, q, free, flexed, here):
                 row = _through(row, frame)
             elif kind == TURNS:  # by Rodrigues
                 share = screw[3 + i] = dot(row, axis)
-                bent = plus(times(sine, cross(row, axis)), times(less, minus(times(share, axis), row)))
+                bent = plus(times(known[1], cross(row, axis)), times(known[2], minus(times(share, axis), row)))
                 row = plus(row, bent)
             elif kind == SLIDES:
                 screw[i] = dot(row, axis)
@@ -204,9 +220,15 @@ def _place(tree, q, free, flexed, here):
         z = len(q) + len(free) + c
         k = here.carriers[z]
         if k > 0:
-            about = turned(turn[k], three(here.roots[c], 3))
-            put(here.screws[z], 3, about)
-            put(here.screws[z], 0, plus(turned(turn[k], three(here.roots[c], 0)), cross(three(origin[k], 0), about)))
+            _screw(here, k, here.roots[c], here.screws[z])
+
+
+@inner
+def _screw(here, k, twist, found):
+    """Fill the spatial twist of one in the axes of an element."""
+    about = turned(here.turn[k], three(twist, 3))
+    put(found, 0, plus(turned(here.turn[k], three(twist, 0)), cross(three(here.origin[k], 0), about)))
+    put(found, 3, about)
 
 
 @inner
@@ -310,7 +332,7 @@ def _open(tree, here, driven, screws, roots, by):
 
 @bare
 def _factor(matrix, order):
-    """Factor a square matrix in place with row pivots, behind which a row is to work in; return whether it is regular."""
+    """Factor a square matrix in place, with one more row to work in, by row pivots; return whether it is regular."""
     n, pivot = len(order), matrix[len(order)]
     for c in range(n):
         best, first = c, c // WIDE * WIDE
@@ -328,7 +350,7 @@ def _factor(matrix, order):
             if matrix[a, c] != 0.0:
                 row, factor = matrix[a], own * matrix[a, c]
                 for b in range(first, len(row), WIDE):
-                    put_eight(row, b, eight(row, b) - factor * eight(pivot, b))
+                    put_pack(row, b, pack(row, b) - factor * pack(pivot, b))
                 row[c] = factor
     return True
 
@@ -336,9 +358,9 @@ def _factor(matrix, order):
 @inner
 def _swap(matrix, a, b):
     for c in range(0, matrix.shape[1] if a != b else 0, WIDE):
-        one, other = eight(matrix[a], c), eight(matrix[b], c)
-        put_eight(matrix[a], c, other)
-        put_eight(matrix[b], c, one)
+        one, other = pack(matrix[a], c), pack(matrix[b], c)
+        put_pack(matrix[a], c, other)
+        put_pack(matrix[b], c, one)
 
 
 @bare
@@ -349,20 +371,20 @@ def _solve(matrix, order, right):
         _swap(right, a, order[a])
     for c in range(0, right.shape[1], WIDE):
         for a in range(n):
-            put_eight(right[a], c, _left(matrix, right, a, 0, a, c))
+            put_pack(right[a], c, _left(matrix, right, a, 0, a, c))
         for a in range(n - 1, -1, -1):
-            put_eight(right[a], c, (1.0 / matrix[a, a]) * _left(matrix, right, a, a + 1, n, c))
+            put_pack(right[a], c, (1.0 / matrix[a, a]) * _left(matrix, right, a, a + 1, n, c))
 
 
 @inner
 def _left(matrix, right, a, first, last, c):
     """Return what other rows, from one on, leave of columns of a row."""
-    value, other = eight(right[a], c), 0.0 * eight(right[a], c)
+    value, other = pack(right[a], c), 0.0 * pack(right[a], c)
     for b in range(first, last - 1, 2):
-        value = value - matrix[a, b] * eight(right[b], c)
-        other = other - matrix[a, b + 1] * eight(right[b + 1], c)
+        value = value - matrix[a, b] * pack(right[b], c)
+        other = other - matrix[a, b + 1] * pack(right[b + 1], c)
     if (last - first) % 2:
-        value = value - matrix[a, last - 1] * eight(right[last - 1], c)
+        value = value - matrix[a, last - 1] * pack(right[last - 1], c)
     return value + other
 
 
@@ -530,14 +552,20 @@ def _weigh(tree, here, links, wrenches):
 
 
 @bare
+def _borne(load, turn, at, found):
+    """Fill a load in the axes of a frame."""
+    force, moment = three(load, 0), three(load, 3)
+    put(found, 0, turned_back(turn, force))
+    put(found, 3, turned_back(turn, plus(moment, cross(force, three(at, 0)))))
+
+
+@bare
 def _bear(tree, here):
     """Fill `load`: what flexures bear, in their axes."""
     for i in range(len(tree.flexures)):
         k, load = tree.flexures[i], here.load[i]
         if k >= 0:
-            force, moment = three(here.loads[k], 0), three(here.loads[k], 3)
-            put(load, 0, turned_back(here.turn[k], force))
-            put(load, 3, turned_back(here.turn[k], minus(moment, cross(three(here.origin[k], 0), force))))
+            _borne(here.loads[k], here.turn[k], here.origin[k], load)
             continue
         load[:] = 0.0
         _, _, _, start, end, _ = _tie(tree, -1 - k)
@@ -609,24 +637,20 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
             for s in range(m):
                 right[total + r, 0] += scale * idle[r, s] * forces[s]
         _solve(room.matrix, room.order, right)
-        size, square = 0.0, 0.0
+        size = square = 0.0
         for z in range(p):
             free[z] += right[z, 0]
             size += right[z, 0] ** 2
         for r in range(m):
             forces[r] += scale * right[total + r, 0]
         for c in range(rank):
-            y[c] += right[p + c, 0]
-            i = here.owner[c]
+            step, i, root = right[p + c, 0], here.owner[c], here.roots[c]
+            y[c] += step
+            size += step**2 * _six(root, root) if tree.flexures[i] >= 0 else 0.0
             for a in range(6):
-                moved = here.roots[c, a] * right[p + c, 0]
-                twists[i, a] += moved
+                twists[i, a] += root[a] * step
         for i in range(len(twists)):
-            for a in range(6):
-                square += twists[i, a] ** 2 if tree.flexures[i] >= 0 else 0.0
-        for c in range(rank):
-            if here.carriers[driven + p + c] > 0:
-                size += right[p + c, 0] ** 2 * _six(here.roots[c], here.roots[c])
+            square += _six(twists[i], twists[i]) if tree.flexures[i] >= 0 else 0.0
         if not size < np.inf or (count > 1 and not size < SLOWEST * before and size > CONVERGED):
             return np.inf
         if count > 1 and size * size <= ENDS * before:
@@ -659,12 +683,12 @@ def _distance(tree, here, room, links, wrenches, real, driven):
     half, whole = room.small, room.small[total]
     for b in range(0, laws.shape[1], WIDE):
         for z in range(total):
-            put_eight(half[z], b, _sum(stiff[z], laws, b, total))
+            put_pack(half[z], b, _sum(stiff[z], laws, b, total))
         for c in range(rank):
-            value = laws[0, c] * eight(half[0], b)
+            value = laws[0, c] * pack(half[0], b)
             for z in range(1, total):
-                value = value + laws[z, c] * eight(half[z], b)
-            put_eight(whole, 0, value)
+                value = value + laws[z, c] * pack(half[z], b)
+            put_pack(whole, 0, value)
             for a in range(WIDE):
                 square += whole[a] ** 2
     return math.sqrt(square)
@@ -672,30 +696,30 @@ def _distance(tree, here, room, links, wrenches, real, driven):
 
 @inner
 def _sum(shares, rows, start, count):
-    """Return eight columns of the product of some numbers with rows of eights."""
-    value = shares[0] * eight(rows[0], start)
+    """Return a pack of columns of the product of some numbers with rows of packs."""
+    value = shares[0] * pack(rows[0], start)
     for a in range(1, count):
-        value = value + shares[a] * eight(rows[a], start)
+        value = value + shares[a] * pack(rows[a], start)
     return value
 
 
 @bare
 def _stiffen(tree, here, room, links, wrenches, real, driven):
-    """Fill `stiff`: what motions of coordinates change of the loads, a row for each of the (Z, 6) motions that are met."""
+    """Fill `stiff`: what motions of coordinates change of the loads, a row for each of (Z, 6) motions that are met."""
     _spread(tree, here, driven, links, wrenches, room.unit, room.unit[:0], room.motion, room.field)
     wide = room.unit.shape[1]
     for z in range(len(real)):
         field = room.field[here.carriers[driven + z]]
         for b in range(0, wide, WIDE):
-            put_eight(room.stiff[z], b, _met(real[z], field, b, wide))
+            put_pack(room.stiff[z], b, _met(real[z], field, b, wide))
 
 
 @inner
 def _met(twist, field, start, wide):
-    """Return eight answers of a field to a spatial twist."""
-    value = twist[0] * eight(field, start)
+    """Return a pack of answers of a field to a spatial twist."""
+    value = twist[0] * pack(field, start)
     for a in range(1, 6):
-        value = value + twist[a] * eight(field, start + a * wide)
+        value = value + twist[a] * pack(field, start + a * wide)
     return value
 
 
@@ -719,7 +743,7 @@ def _system(here, room, idle, scale, by):
 def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
     """Fill (k, 6 W) motions of elements, and work per twist that is inserted at one and moves all that it carries.
 
-    That is of the changes of all loads with (Z, W) virtual motions of the coordinates, and with (m, W) virtual forces of
+    That is of the changes of all loads with (Z, W) virtual motions of coordinates, and with (m, W) virtual forces of
     gaps; those of no rows are none.
     """
     count, wide = len(tree.parents), rows.shape[1]
@@ -728,14 +752,15 @@ def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
     for z in range(len(rows)):
         k, screw = here.carriers[driven + z], here.screws[driven + z]
         if k > 0:
-            for a in range(6):
-                for b in range(0, wide, WIDE):
-                    at = a * wide + b
-                    put_eight(motion[k], at, eight(motion[k], at) + screw[a] * eight(rows[z], b))
-            _turn_back(here, driven + z, rows[z], field[k])
+            for b in range(0, wide, WIDE):
+                if rows[z, b] != 0.0 or rows[z, b + 1] != 0.0 or rows[z, b + 2] != 0.0 or rows[z, b + 3] != 0.0:
+                    rates = pack(rows[z], b)
+                    add_columns(motion[k], b, wide, times(rates, three(screw, 0)))
+                    add_columns(motion[k], b + 3 * wide, wide, times(rates, three(screw, 3)))
+                    _turn_back(here, driven + z, rates, field[k], b, wide)
     for k in range(1, count):
         for b in range(0, 6 * wide, WIDE):
-            put_eight(motion[k], b, eight(motion[k], b) + eight(motion[tree.parents[k]], b))
+            put_pack(motion[k], b, pack(motion[k], b) + pack(motion[tree.parents[k]], b))
     for j in range(-count, len(links)):
         k, point, force, moment = _pushed(tree, here, links, wrenches, j)
         follows = j >= 0 and links[j, 2] != 0
@@ -756,19 +781,17 @@ def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
     for k in range(count - 1, 0, -1):
         back = field[tree.parents[k]]
         for b in range(0, 6 * wide, WIDE):
-            put_eight(back, b, eight(back, b) + eight(field[k], b))
+            put_pack(back, b, pack(back, b) + pack(field[k], b))
 
 
-@bare
-def _turn_back(here, z, row, field):
-    """Take away by how much the load on what a coordinate carries turns with it, at (W) rates."""
-    load, screw, wide = here.loads[here.carriers[z]], here.screws[z], len(row)
+@inner
+def _turn_back(here, z, rates, field, start, wide):
+    """Take away by how much the load on what a coordinate carries turns with it, at some rates."""
+    load, screw = here.loads[here.carriers[z]], here.screws[z]
     about, force = three(screw, 3), three(load, 0)
-    change = cross(force, about)
+    add_columns(field, start, wide, times(rates, cross(force, about)))
     turning = plus(cross(three(load, 3), about), cross(force, three(screw, 0)))
-    for b in range(0, wide, WIDE):
-        add_columns(field, b, wide, times(eight(row, b), change))
-        add_columns(field, b + 3 * wide, wide, times(eight(row, b), turning))
+    add_columns(field, start + 3 * wide, wide, times(rates, turning))
 
 
 @bare
@@ -816,9 +839,9 @@ def _tied(tree, here, t, forces, motion, one, two, wide):
     for r in range(start, end if len(forces) else start):
         for a in range(6):
             for b in range(0, wide, WIDE):
-                share, at = here.ways[r, a] * eight(forces[r], b), a * wide + b
-                put_eight(one, at, eight(one, at) - share)
-                put_eight(two, at, eight(two, at) + share)
+                share, at = here.ways[r, a] * pack(forces[r], b), a * wide + b
+                put_pack(one, at, pack(one, at) - share)
+                put_pack(two, at, pack(two, at) + share)
 
 
 @bare
@@ -906,12 +929,12 @@ def rest_rows(
 @called
 def respond_rows(
     tree, tangents, links, wrenches, q, flexed, twists, forces, idle, end, places, numbers,
-    laws, joints, sites, motions, gravity, poses, loads,
+    laws, joints, sites, motions, poses, loads,
 ):  # fmt: skip
     """Fill how the origin of a frame moves, base axes, where the mechanism rests in N rows, into arrays that have rows.
 
-    With M the matrix of the head of this module, G as `_spread` has it, and J the frame's motion per coordinate, the six
-    virtual motions J M^-1 meet whatever else is changed.
+    With M the matrix of the head of this module and J the frame's motion per coordinate, the six virtual motions J M^-1
+    meet whatever else is changed.
 
     Args:
         tree, links, wrenches: As of `rest_rows`.
@@ -920,17 +943,17 @@ def respond_rows(
         end: (13,) the element that the frame is fixed to, and rotation and origin in its axes.
         places, numbers: See `Frames`; `sites` and `loads` have closures and pins behind them.
         laws, joints, sites: (N, 6, n, 6), (N, 6, nq) and (N, 6, s, 6) per twist of a law, drive, and twist at a site.
-        motions, gravity: (N, f, 6, 6) per wrench at a frame, and (N, 6, 3).
+        motions: (N, f, 6, 6) per wrench at a frame.
         poses, loads: (N, f, 4, 4) of the frames and (N, s, 6) at the sites.
     """
     driven, p, n, count, f = q.shape[1], flexed.shape[1], len(tree.flexures), len(tree.parents), places.shape[1]
     here = _memory(tree, driven, p)
     room, ties, first = _room(tree, p, 0), len(tree.joins), driven + p
-    at, turn, own, screw, carried = np.empty(3), np.empty((3, 3)), np.empty((6, 6)), np.empty((6, 6)), np.zeros(count)
-    roots, derived, by, derivative = here.roots.copy(), np.empty((n, 6, 6)), here.by.copy(), np.empty((6, 6))
+    at, turn, own, carried, still = np.empty(3), np.empty((3, 3)), np.empty((6, 6)), np.zeros(count), np.eye(3)
+    roots, derived, by, start = here.roots.copy(), np.empty((n, 6, 6)), here.by.copy(), np.zeros(6 * TIP)
     right, ends = np.zeros((0, TIP)), np.empty((2, 6 * TIP))
     motion, field = np.empty((count, 6 * TIP)), np.empty((count, 6 * TIP))
-    virtual, answer, turns = motion.reshape((count, 6, TIP)), field.reshape((count, 6, TIP)), ends.reshape((2, 6, TIP))
+    virtual, answer = motion.reshape((count, 6, TIP)).transpose((0, 2, 1)), field.reshape((count, 6, TIP))
     k, scale, real = int(end[0]), 0.0, here.screws
     while k > 0:
         carried[k] = 1.0
@@ -949,40 +972,34 @@ def respond_rows(
         _join(tree, q[row], flexed[row], here)
         _weigh(tree, here, links, pushed)
         for i in range(f if len(poses) + len(loads) else 0):
-            _frame(here, places[0, i], numbers[i], turn, at)
+            _compose(here.turn[places[0, i]], here.origin[places[0, i]], numbers[i], turn, at)
             if len(poses):
                 poses[row, i] = np.eye(4)
                 poses[row, i, :3, :3], poses[row, i, :3, 3] = turn, at
             if len(loads):
-                _action(turn, at, screw)
-                for a in range(6):
-                    loads[row, i, a] = 0.0
-                    for b in range(6):
-                        loads[row, i, a] += screw[b, a] * here.loads[places[1, i], b]
+                _borne(here.loads[places[1, i]], turn, at, loads[row, i])
         if len(loads):
             loads[row, f:] = 0.0
             for t in range(ties):
                 for r in range(tree.joins[t, 3], tree.joins[t, 4]):
                     loads[row, f + t] += here.forces[r] * tree.rows[r]
-        if len(laws) + len(joints) + len(sites) + len(motions) + len(gravity) == 0:
+        if len(laws) + len(joints) + len(sites) + len(motions) == 0:
             continue
         screws = here.screws[driven : driven + total]
         real[:] = screws
         for i in range(n):
-            k = tree.flexures[i]
-            if k >= 0:
-                _action(here.turn[k], here.origin[k], own)
-                _right_jacobian(here.twists[i], derivative)
-                _times(own, derivative, derived[i])
+            _right_jacobian(here.twists[i], derived[i])
         for c in range(here.rank[0]):
-            if here.carriers[first + c] > 0:
+            k = here.carriers[first + c]
+            if k > 0:
                 for a in range(6):
-                    real[p + c, a] = _six(derived[here.owner[c], a], roots[c])
+                    start[a] = _six(derived[here.owner[c], a], roots[c])
+                _screw(here, k, start, real[p + c])
         _open(tree, here, driven, screws, here.roots, here.by)
         _open(tree, here, driven, real, roots, by)
         _stiffen(tree, here, room, links, pushed, real, driven)
         _system(here, room, idle[row], scale, by)
-        _frame(here, int(end[0]), end[1:], turn, at)
+        _compose(here.turn[int(end[0])], here.origin[int(end[0])], end[1:], turn, at)
         right[:] = 0.0
         for z in range(total):
             if carried[here.carriers[driven + z]] > 0.0:
@@ -993,17 +1010,22 @@ def respond_rows(
         force = right[total:]
         force *= scale
         _spread(tree, here, driven, links, pushed, right[:total], force, motion, field)
-        _action(np.eye(3), -at, screw)
+        start[:] = 0.0
+        for b in range(3):  # the frame's own motion, as a load that asks for it
+            start[TIP * b + b] = start[TIP * (3 + b) + 3 + b] = 1.0
+            line = cross(three(at, 0), three(still[b], 0))
+            for a in range(3):
+                start[TIP * (3 + a) + b] = line[a]
         for k in range(count):
-            for a in range(6):
-                for b in range(6):
-                    answer[k, a, b] = carried[k] * screw[b, a] - answer[k, a, b]
+            for b in range(0, 6 * TIP, WIDE):
+                put_pack(field[k], b, carried[k] * pack(start, b) - pack(field[k], b))
         if len(laws):
             laws[row] = 0.0
             for i in range(n):
                 e = tree.flexures[i]
                 if e >= 0:
-                    _pair(answer[e], derived[i], laws[row, :, i])
+                    _answer(field[e], here.turn[e], here.origin[e], 1.0, ends[0], own)
+                    _times(own, derived[i], laws[row, :, i])
                 else:
                     _slots(tree, -1 - e, force, laws[row, :, i])
         if len(joints):
@@ -1021,13 +1043,12 @@ def respond_rows(
             sites[row] = 0.0
             for i in range(f):
                 k = places[0, i]
-                _frame(here, k, numbers[i], turn, at)
-                _action(turn, at, screw)
+                _compose(here.turn[k], here.origin[k], numbers[i], turn, at)
                 ends[0] = field[places[1, i]]
                 for z in range(p if k == places[1, i] else 0):  # outboard of a passive joint its axis stays
-                    if here.carriers[driven + z] == k:
-                        _turn_back(here, driven + z, right[z], ends[0])
-                _pair(turns[0], screw, sites[row, :, i])
+                    for b in range(0, TIP if here.carriers[driven + z] == k else 0, WIDE):
+                        _turn_back(here, driven + z, pack(right[z], b), ends[0], b, TIP)
+                _answer(ends[0], turn, at, 1.0, ends[1], sites[row, :, i])
             closures = 0
             for t in range(ties):
                 if tree.joins[t, 0] < COIL:
@@ -1043,37 +1064,28 @@ def respond_rows(
                     put(at, 0, _point(here, k, three(tree.ties[t], 3 * side)))
                     for a in range(3):
                         put(turn[a], 0, _through(three(here.turn[k, a], 0), tree.ties[t, 27 + 9 * side :]))
-                    _action(turn, at, screw)
-                    _pair(turns[side], -screw, sites[row, :, f + closures + 2 * t + side])
+                    _answer(ends[side], turn, at, -1.0, start, sites[row, :, f + closures + 2 * t + side])
         for i in range(f if len(motions) else 0):
-            k = places[0, i]
-            _frame(here, k, numbers[i], turn, at)
-            _action(np.eye(3), -at, screw)
-            own[:] = screw.T
-            _pair(virtual[k], own, motions[row, i])
-        if len(gravity):
-            gravity[row] = 0.0
-            for k in range(1, count):
-                put(at, 0, _point(here, k, three(tree.elements[k], 16)))
-                _action(np.eye(3), -at, screw)
-                derivative[:] = screw.T
-                _pair(virtual[k], derivative, own)
-                gravity[row] += tree.elements[k, 15] * own[:, :3]
+            _compose(here.turn[places[0, i]], here.origin[places[0, i]], numbers[i], turn, at)
+            for b in range(6):
+                way, about = three(virtual[places[0, i], b], 0), three(virtual[places[0, i], b], 3)
+                put(motions[row, i, b], 0, plus(way, cross(about, three(at, 0))))
+                put(motions[row, i, b], 3, about)
 
 
 @bare
-def _frame(here, k, numbers, turn, at):
-    _compose(here.turn[k], here.origin[k], numbers, turn, at)
-
-
-@bare
-def _pair(field, motions, found):
-    """Fill the (6, 6) answers to (6, 6) spatial motions."""
+def _answer(field, turn, at, sign, work, found):
+    """Fill the (6, 6) answers of a field to twists in the axes of a frame."""
+    for b in range(0, TIP, WIDE):
+        force, moment = columns(field, b, TIP), columns(field, b + 3 * TIP, TIP)
+        moment = turned_back(turn, plus(moment, cross(force, three(at, 0))))
+        force = turned_back(turn, force)
+        for a in range(3):
+            put_pack(work, b + a * TIP, sign * force[a])
+            put_pack(work, b + (3 + a) * TIP, sign * moment[a])
     for b in range(6):
-        for c in range(6):
-            found[b, c] = 0.0
-            for a in range(6):
-                found[b, c] += field[a, b] * motions[a, c]
+        for a in range(6):
+            found[b, a] = work[a * TIP + b]
 
 
 @bare
@@ -1097,7 +1109,7 @@ def compile_everything() -> None:
     arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, none, np.zeros(0), loads
     frames = np.zeros(13), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12))
     answers = np.zeros((0, 6, 0, 6)), np.zeros((0, 6, 0)), np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 6, 6))
-    answers += np.zeros((0, 6, 3)), np.zeros((0, 0, 4, 4)), loads
+    answers += np.zeros((0, 0, 4, 4)), loads
     with kept_code.compiled_once(rest_rows, respond_rows):
         rest_rows(tree, laws.compliance, laws.offset, *pushed, plain, True, 0, np.zeros(0), plain, *arrays)
         respond_rows(tree, laws.compliance, *pushed, plain, plain, loads, plain, loads, *frames, *answers)

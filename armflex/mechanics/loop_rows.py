@@ -18,13 +18,13 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
-from armflex.mechanics.chain import FLEXURE, chain_of
+from armflex.mechanics.chain import FLEXURE, Frames, chain_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import NOT_PUSHED, Pushes, displaced_from, loop_kernel
 from armflex.mechanics.mechanism import Closing, Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
-from armflex.mechanics.spring import CoilSpring, GasSpring
+from armflex.mechanics.spring import CoilSpring
 from armflex.mechanics.ties import Pin, Ties
 from armflex.robot import Corrections
 from armflex.rows.wrench import Wrench, same_objects
@@ -56,32 +56,32 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
     kinds[1, flexures[in_tree]] = in_tree
     # Cylinders are drives, too, and stand before passive joints among the positions.
     kinds[1, (kinds[0] & 3 != FLEXURE) & (kinds[1] >= driven)] += len(ties.cylinders)
-    count, closed, at = len(ties.names) + len(ties.springs), len(ties.names), 0
-    numbers, joins, carried = np.zeros((count, 45)), np.zeros((count, 6), dtype=np.int64), np.zeros((count, model.njoints))
-    rows, ways = np.zeros((len(ties.rows), 6)), np.zeros((len(ties.rows), 6))
-    ends = [*enumerate((*ties.loops, *ties.cylinders)), *enumerate(ties.sprung_rods, closed)]
-    for t, one in ends:
+    closed, count = len(ties.names), len(ties.names) + len(ties.springs)
+    numbers, joins = np.zeros((count, 45)), np.zeros((count, 6), dtype=np.int64)
+    carried, slots = np.zeros((count, model.njoints)), ties.rows.reshape(len(ties.rows), closed, 6)
+    rows, sizes = slots.sum(axis=1), slots.any(axis=2).sum(axis=0)
+    ways = rows.copy()
+    joins[:closed, 4], joins[closed:, 4] = np.cumsum(sizes), len(rows) + np.arange(len(ties.springs))
+    joins[:, 3] = joins[:, 4]
+    joins[:closed, 3] -= sizes
+    for t, one in [*enumerate(ties.joined), *enumerate(ties.sprung_rods, closed)]:
         for side, end in enumerate(one.ends):
             numbers[t, 3 * side : 3 * side + 3] = end.point
             numbers[t, 27 + 9 * side : 36 + 9 * side] = end.axes.ravel()
             carried[t, list(model.supports[end.joint])] += 2 * side - 1
             joins[t, 1 + side] = end.joint
             if isinstance(one, Pin):
-                joins[t, 0] = one.held[side].shape[1]
+                joins[t, 0], some = one.held[side].shape[1], slice(*joins[t, 3:5])
                 numbers[t, 6 + 9 * side : 6 + 9 * side + one.held[side].size] = one.held[side].T.ravel()
-    for t in range(count):
-        one = ties.loops[t] if t < len(ties.loops) else None
-        own, axes = (one.rows, one.ends[0].axes) if one else (np.eye(6)[: t < closed], np.eye(3))
-        some = slice(at, at := at + len(own))
-        joins[t, 3:5], rows[some], ways[some] = (some.start, at), own, own @ np.kron(np.eye(2), axes.T)
+                ways[some] = rows[some] @ np.kron(np.eye(2), one.ends[0].axes.T)
     for t, offset in enumerate(closing.offsets, len(ties.loops)):
         joins[t, 0], joins[t, 5], numbers[t, 24] = compiled.ROD, driven + t - len(ties.loops), offset
     carrier = {joint.idx_q: joint.id for joint in list(model.joints)[1:]}
-    for t, (own, master, factor, offset) in enumerate(ties.gears, closed - len(ties.gears)):
+    for t, (own, master, factor, offset) in enumerate(ties.gears, len(ties.joined)):
         joins[t, :3], numbers[t, 24:26] = (compiled.GEAR, carrier[own], carrier[master]), (factor, offset)
     for t, spring in enumerate(ties.springs, closed):
         joins[t, 0] = compiled.COIL if isinstance(spring.law, CoilSpring) else compiled.GAS
-        joins[t, 3:5], numbers[t, 24:27] = len(rows) + t - closed, spring.law.numbers
+        numbers[t, 24:27] = spring.law.numbers
     parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
     return compiled.Tree(chain.elements, kinds, parents, carried, numbers, joins, rows, ways, flexures)
 
@@ -127,15 +127,24 @@ class LoopSolver:
         self._blank = np.concatenate([flex.neutral, np.zeros(2 * flex.size)])
         places = flex.q_index, flex.free_q, nq + flex.free_v, nq + flexures, nq + flex.size + flexures
         self._places = np.concatenate(places)
+        self._single = self._room(self._tree, 1)
         self._slots = -mechanics.ties.rows.T  # pyright: ignore[reportOptionalMemberAccess]
 
-    def rest(self, q: Array, row: Row, alone: Callable[[int], None] | None = None) -> Rested:
+    def one(self, row: Row) -> Rested | None:
+        """Return where it rests in one row, in arrays that the next one overwrites; None where it is not answered."""
+        found = self.rest(row.q[None], row, into=self._single)
+        return found if found.fine[0] else None
+
+    def rest(
+        self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: Rested | None = None
+    ) -> Rested:
         """Return where the mechanism rests in some rows.
 
         Args:
             q: (N, nq) positions of the drives.
             row: What its laws may know there.
             alone: Asked about each row that is not answered, in its turn; where it is not given no row after it is.
+            into: Arrays to be filled.
         """
         laws, pushes, nominal = self._laws, self._pushes, None
         if self._differs:
@@ -158,8 +167,10 @@ class LoopSolver:
             return True
 
         if self._nominal is not None:
-            nominal = self._follow(self._nominal, self._controlled, (*known, False), True, nominally)
-        found = self._follow(self._tree, self._closing, (*known, True), plain, by_itself)
+            room = self._room(self._nominal, len(q))
+            nominal = self._follow(self._nominal, self._controlled, (*known, False), True, nominally, room)
+        found = into or self._room(self._tree, len(q))
+        self._follow(self._tree, self._closing, (*known, True), plain, by_itself, found)
         if nominal is not None:
             found.fine[:] &= nominal.fine
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
@@ -183,13 +194,17 @@ class LoopSolver:
         into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
         into.forces[i], into.idle[i] = -mechanics.ties.rows @ torque[mechanics.model.nv :], idle @ idle.T
 
+    def _room(self, tree: Any, count: int) -> Rested:
+        p, n, m = len(self._mechanics.flex.free_v), len(tree.flexures), len(self._idle)
+        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
+        return Rested(*(np.empty((count, *shape)) for shape in shapes), fine=np.empty(count, dtype=bool))
+
     def _follow(
-        self, tree: Any, closing: Closing, known: tuple, plain: bool, ask: Callable[[Rested, int], bool]
+        self, tree: Any, closing: Closing, known: tuple, plain: bool, ask: Callable[[Rested, int], bool], into: Rested
     ) -> Rested:
         """Go through the rows, each from where the one before it closed; `ask` about those that are not answered."""
-        q, at, asked, p, n, m = known[4], 0, -1, len(self._mechanics.flex.free_v), len(tree.flexures), len(self._idle)
-        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
-        into = Rested(*(np.empty((len(q), *shape)) for shape in shapes), fine=np.zeros(len(q), dtype=bool))
+        q, at, asked = known[4], 0, -1
+        into.fine[:] = False
         while at < len(q):
             done = at
             if closing.last is None:
@@ -248,20 +263,23 @@ class LoopRows:
     def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array | None = None) -> Array:
         """See `FewRows`; "laws" are (M, 6, n, 6)."""
         loaded, count, linkage = self.loaded, len(self.rows), self.loaded.arm.robot.linkage
-        links, tip = loaded.link_frames, loaded.tip_frame
+        links, tip, elements = loaded.link_frames, loaded.tip_frame, self.tree.elements[:-1]
         at = tip if end is None else links.some([links.names.index(end)])
-        frames = {"tip": tip, "links": links, "motions": links}.get(what, loaded.sites)
+        if what == "gravity":  # on the centres of all masses
+            turns = np.tile(np.eye(3).ravel(), (len(elements), 1))
+            places = np.tile(np.arange(len(elements)), (2, 1))
+            links = Frames((), places, np.concatenate([turns, elements[:, 16:19]], axis=1))
+        frames = {"tip": tip, "links": links, "motions": links, "gravity": links}.get(what, loaded.sites)
         f, sites = len(frames.numbers), len(frames.numbers) + len(linkage.closures) + len(linkage.pins)
         shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "joints": (6, q.shape[1])}
-        shapes |= {"sites": (6, sites, 6), "motions": (f, 6, 6), "gravity": (6, 3)}
-        shapes |= {"poses": (f, 4, 4), "loads": (sites, 6)}
-        kind = "poses" if what in ("tip", "links") else what
+        shapes |= {"sites": (6, sites, 6), "motions": (f, 6, 6), "poses": (f, 4, 4), "loads": (sites, 6)}
+        kind = {"tip": "poses", "links": "poses", "gravity": "motions"}.get(what, what)
         found = {name: np.empty((count if name == kind else 0, *shape)) for name, shape in shapes.items()}
         there = np.append(float(at.places[0, 0]), at.numbers[0]), frames.places, frames.numbers
         state = (self.flexed, np.ascontiguousarray(twists), self.forces, self.idle)
         given = (self.tree, self.tangents, self.links, self.wrenches, np.ascontiguousarray(q), *state)
         loop_kernel().respond_rows(*given, *there, *found.values())
-        return found[kind]
+        return found[kind] if what != "gravity" else np.einsum("nfba,f->nba", found[kind][..., :3], elements[:, 15])
 
 
 def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, tangents: Array) -> LoopRows:

@@ -328,7 +328,7 @@ class Mechanism(Mechanics):
         ties, given, free, nv = self.tied, self.given, self.flex.free_v, self.model.nv
         rigid, load = self.rigid_configuration(case.q), self.load(case)
         motion, forces, history = np.zeros(self.flex.size), np.zeros(len(ties.rows)), []
-        idle, last, matrix, base = self._idle(case, rigid, row), np.inf, np.eye(0), np.eye(0)
+        idle, last, matrix, base = self.idle(case, row, rigid), np.inf, np.eye(0), np.eye(0)
         t, p = len(given), len(free)
         for _ in range(MOST):
             configuration = self.flexed(rigid, motion)
@@ -412,9 +412,9 @@ class Mechanism(Mechanics):
         rows = self.tied.rows[:, places[closed] - nv]
         return rows @ tangent[np.ix_(closed, closed)] @ rows.T
 
-    def _idle(self, case: LoadCase, rigid: Array, row: Row) -> Array:
-        """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to."""
-        gaps, ways = self.true.gaps(case.q, rigid)
+    def idle(self, case: LoadCase, row: Row, rigid: Array | None = None) -> Array:
+        """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to; see `Rest.rigid`."""
+        gaps, ways = self.true.gaps(case.q, self.rigid_configuration(case.q) if rigid is None else rigid)
         yields, soft = self._ways_to_give(row)
         reached = np.concatenate([ways[:, self.flex.free_v], ways[:, self.given].dot(yields), soft], axis=1)
         sizes, left = np.linalg.eigh(reached.dot(reached.T))  # squares of the singular values, the least first
@@ -430,10 +430,6 @@ class Mechanism(Mechanics):
             self._yielding = _range(tangent[np.ix_(own, own)]), _range(self._closing(tangent))
         return self._yielding
 
-    def idle(self, case: LoadCase, row: Row) -> Array:
-        """Return (m, k) directions of the gaps that nothing answers to."""
-        return self._idle(case, self.rigid_configuration(case.q), row)
-
     def linear(
         self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row, idle: Array | None = None
     ) -> Linear:
@@ -446,36 +442,36 @@ class Mechanism(Mechanics):
             row: What its laws may know.
             idle: See `idle`, where it is known.
         """
-        given, free, nv = self.given, self.flex.free_v, self.model.nv
-        idle = self.idle(case, row) if idle is None else idle
-        _, ways = self.true.gaps(case.q, configuration)
-        self.tied.sprung()
-        bodily = self.exponential_jacobian(self.flex.neutral, motion[:nv])
-        matrix, _, scale, turned = self._matrix(configuration, bodily, torque, ways, case, row, idle)
+        given, free, nv, places = self.given, self.flex.free_v, self.model.nv, self.flex.flexure_v
+        matrix, _, scale, turned, ways, bodily = self._about(configuration, motion, torque, case, row, idle)
         t, p = len(given), len(free)
         inverse = np.linalg.inv(matrix)[: t + p]
         inverse[:t] = bodily @ inverse[:t]
         inverse[:, t : t + p] /= scale
-        tangent, own = self._compliance(torque, row), self._of_tree_places
-        moved = np.concatenate([given, free])
-        by_gap, by_load = np.zeros((nv, len(ways))), np.zeros((nv, nv))
+        own, moved = self._of_tree_places, np.concatenate([given, free])
+        by_gap, by_load, by_law = np.zeros((nv, len(ways))), np.zeros((nv, nv)), np.zeros((nv, len(places)))
         by_gap[moved] = inverse[:, t + p :]
-        by_load[np.ix_(moved, given)] = inverse[:, :t] @ tangent[np.ix_(own, own)]
+        by_load[np.ix_(moved, given)] = inverse[:, :t] @ self._compliance(torque, row)[np.ix_(own, own)]
         by_load[np.ix_(moved, free)] = inverse[:, t : t + p]
-        by_law = np.zeros((nv, len(self.flex.flexure_v)))
         by_law[np.ix_(moved, own)] = inverse[:, :t]
-        closed = np.flatnonzero(self.flex.flexure_v >= nv)
-        by_law[:, closed] = by_gap @ self.tied.rows[:, self.flex.flexure_v[closed] - nv]
+        closed = np.flatnonzero(places >= nv)
+        by_law[:, closed] = by_gap @ self.tied.rows[:, places[closed] - nv]
         return Linear(by_law, by_load, by_gap, ways, turned, bodily, self.tied.rows, self.true.lengths)
 
     def tangent(self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row) -> Array:
         """Return what its loads make of the mechanism without them, see `Rest`; arguments as of `linear`."""
-        idle = self.idle(case, row)
-        _, ways = self.true.gaps(case.q, configuration)
+        matrix, base, *_ = self._about(configuration, motion, torque, case, row)
+        return np.array(np.linalg.solve(base, matrix), dtype=float)
+
+    def _about(
+        self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row, idle: Array | None = None
+    ) -> tuple[Array, Array, float, Array, Array, Array]:
+        """Return what `_matrix` does where the mechanism rests, and `Linear.ways` and `bodily`."""
+        idle = self.idle(case, row) if idle is None else idle
+        ways = self.true.gaps(case.q, configuration)[1]
         self.tied.sprung()
         bodily = self.exponential_jacobian(self.flex.neutral, motion[: self.model.nv])
-        matrix, base, *_ = self._matrix(configuration, bodily, torque, ways, case, row, idle)
-        return np.array(np.linalg.solve(base, matrix), dtype=float)
+        return *self._matrix(configuration, bodily, torque, ways, case, row, idle), ways, bodily
 
     def held(self, configuration: Array, case: LoadCase, torque: Array) -> Array:
         """Return the (nv,) torque with the forces in closures that a (size,) torque has."""

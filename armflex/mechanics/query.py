@@ -215,8 +215,8 @@ def _quick_loops(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
             return None
         known = {name: covariate_array(value, name, 0) for name, value in covariates.items()}
         here = q.copy()
-        found = solver.rest(here[None], loaded.row(here, known))
-        return (here, found.twists[0], found.displacement[0]) if found.fine[0] else None
+        found = solver.one(loaded.row(here, known))
+        return found and (here, found.twists[0].copy(), found.displacement[0].copy())
 
     return quick
 

@@ -5,8 +5,9 @@ A spring pulls its two points together with a tension that depends on their dist
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,52 +18,53 @@ SHORTEST = 1e-9
 """Length [m] below which a spring has no direction."""
 
 
-class TensionLaw(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class TensionLaw(ABC):
     """A tension by length.
 
     Attributes:
-        parameters: Names and units of what calibration may find of it.
-        found: What it found, in this order; zero as declared.
+        found: What calibration found of `parameters`, in this order; zero as declared.
         strength: What is left of every tension, as a share: 0 of a spring that is broken.
+        parameters: Names and units of what calibration may find of it.
     """
 
-    @property
-    def parameters(self) -> tuple[tuple[str, str], ...]: ...
-    @property
-    def found(self) -> tuple[float, ...]: ...
-    @property
-    def strength(self) -> float: ...
+    found: tuple[float, ...] = (0.0,)
+    strength: float = 1.0
+    parameters: ClassVar[tuple[tuple[str, str], ...]]
 
+    @property
+    @abstractmethod
+    def numbers(self) -> tuple[float, float, float]:
+        """What the tension is made of, as it is."""
+
+    @abstractmethod
     def tension(self, length: float) -> float:
         """Return what pulls the ends together [N]; below zero it pushes them apart."""
-        ...
 
+    @abstractmethod
     def rate(self, length: float) -> float:
         """Return the change of the tension with the length [N/m]."""
-        ...
 
+    @abstractmethod
     def by_found(self, length: Array) -> Array:
         """Return the (k, N) change of (N,) tensions per unit of what may be found."""
-        ...
 
 
 @dataclass(frozen=True)
-class CoilSpring:
+class CoilSpring(TensionLaw):
     """A linear spring.
 
     Attributes:
         stiffness: [N/m].
-        preload: Tension at `length` [N].
         length: [m]; without a preload it is the free length.
+        preload: Tension at `length` [N].
         found: By which share the rate is higher, and how much longer the spring is without load [m].
-        strength: See `TensionLaw`.
     """
 
     stiffness: float
     length: float
     preload: float = 0.0
-    found: tuple[float, ...] = (0.0, 0.0)
-    strength: float = 1.0
+    found: tuple[float, ...] = field(default=(0.0, 0.0), kw_only=True)
     parameters = (("rate", "1"), ("length", "m"))
 
     @property
@@ -71,39 +73,32 @@ class CoilSpring:
         return self.rate(0.0), self.length + self.found[1], self.strength * self.preload
 
     def tension(self, length: float) -> float:
-        """See `TensionLaw`."""
         stiffness, at, preload = self.numbers
         return preload + stiffness * (length - at)
 
     def rate(self, length: float) -> float:
-        """See `TensionLaw`."""
         return self.strength * self.stiffness * (1.0 + self.found[0])
 
     def by_found(self, length: Array) -> Array:
-        """See `TensionLaw`."""
         rate = self.strength * self.stiffness
         return np.stack([rate * (length - self.length - self.found[1]), np.full_like(length, -self.rate(0.0))])
 
 
 @dataclass(frozen=True)
-class GasSpring:
+class GasSpring(TensionLaw):
     """A column of gas between the ends, which it pushes apart: pressure x length^exponent stays what it is.
 
     Attributes:
-        pressure: Over that of the surroundings, at `length` [Pa].
+        pressure: Over that of the surroundings, at `length` [Pa]; `found` is by which share it is higher.
         area: [m^2].
         length: Of the column, taken as the distance of the ends [m].
         exponent: 1 where the gas keeps its temperature, 1.4 where it keeps its heat.
-        found: By which share the pressure is higher.
-        strength: See `TensionLaw`.
     """
 
     pressure: float
     area: float
     length: float
     exponent: float = 1.0
-    found: tuple[float, ...] = (0.0,)
-    strength: float = 1.0
     parameters = (("pressure", "1"),)
 
     @property
@@ -112,16 +107,13 @@ class GasSpring:
         return self.strength * self.pressure * (1.0 + self.found[0]) * self.area, self.length, self.exponent
 
     def tension(self, length: float) -> float:
-        """See `TensionLaw`."""
         thrust, at, exponent = self.numbers
         return -thrust * (at / length) ** exponent
 
     def rate(self, length: float) -> float:
-        """See `TensionLaw`."""
         return -self.exponent * self.tension(length) / length
 
     def by_found(self, length: Array) -> Array:
-        """See `TensionLaw`."""
         return (-self.strength * self.pressure * self.area * (self.length / length) ** self.exponent)[None]
 
 
@@ -154,6 +146,4 @@ class Spring:
 
     def moved(self, step: Array) -> Spring:
         """Return the spring with what was found of it a step further; see `TensionLaw.found`."""
-        law: Any = self.law
-        found = tuple((np.array(law.found) + step).tolist())
-        return replace(self, law=replace(law, found=found))
+        return replace(self, law=replace(self.law, found=tuple((np.array(self.law.found) + step).tolist())))

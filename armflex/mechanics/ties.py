@@ -72,7 +72,7 @@ class Pin:
         self.rows[: len(along), :3], self.rows[len(along) :, 3:] = along, about
 
     def place(self) -> tuple[Array, Array]:
-        """Return (6,) gaps [m, rad] and (6, 6) how they change with the motion of the second end against the first."""
+        """Return (r,) gaps [m, rad] and (r, 6) how they change with the motion of the second end against the first."""
         (first, second), gap, way = self.ends, np.empty(6), np.zeros((6, 6))
         self._here, self._axes = second.here, first.turn @ first.axes
         self._held = a, b = first.turn @ self.held[0], second.turn @ self.held[1]
@@ -81,7 +81,7 @@ class Pin:
         across = [both[2, 1] - both[1, 2], both[0, 2] - both[2, 0], both[1, 0] - both[0, 1]]
         gap[:3], gap[3:] = back.dot(self._here - first.here), back.dot(across)
         way[:3, :3], way[:3, 3:], way[3:, 3:] = back, -back.dot(skew(self._here)), back.dot(self._turning)
-        return gap, way
+        return self.rows @ gap, self.rows @ way
 
     def shift(self, force: Array) -> Shift:
         """Return how the wrench of (6,) forces in its axes changes, where it was placed last."""
@@ -98,22 +98,24 @@ class Pin:
 class Rod:
     """The way between two points, of a cylinder or a spring."""
 
+    rows = np.eye(6)[:1]
+
     def __init__(self, name: str, ends: tuple[Carried, Carried]) -> None:
         self.name, self.ends = name, ends
 
     def place(self) -> tuple[float, Array]:
-        """Return its length [m] and (6,) how that changes with the motion of the second end against the first."""
+        """Return its length [m] and (1, 6) how that changes with the motion of the second end against the first."""
         self._here = self.ends[0].here, self.ends[1].here
         way = self._here[1] - self._here[0]
         self.length = math.sqrt(way.dot(way))
         if not self.length > SHORTEST:
             raise ConvergenceError(f"{self.name}: its ends meet, where it has no direction", ())
         self._along = way / self.length
-        return self.length, np.concatenate([self._along, skew(self._here[1]).dot(self._along)])
+        return self.length, np.concatenate([self._along, skew(self._here[1]).dot(self._along)])[None]
 
-    def shift(self, tension: float, rate: float = 0.0) -> Shift:
-        """Return how the wrench of a tension [N] changes that has a rate [N/m], where it was placed last."""
-        along, (p1, p2) = self._along[:, None] * self._along, map(skew, self._here)
+    def shift(self, force: Sequence[float] | Array, rate: float = 0.0) -> Shift:
+        """Return how the wrench of a tension, `force[0]` [N], changes at a rate [N/m], where it was placed last."""
+        tension, along, (p1, p2) = force[0], self._along[:, None] * self._along, map(skew, self._here)
         turns = tension / self.length * (UNITS - along) + rate * along
         across = tension * skew(self._along)
         first, second = np.empty((6, 6)), np.empty((6, 6))
@@ -133,7 +135,7 @@ class Ties:
         names: Of the closures: loops, cylinders, followers.
         rows: (m, 6 K) what is closed of the closures' slots, orthonormal.
         springs: The springs, in order.
-        loops, cylinders, sprung_rods: Where they are.
+        loops, cylinders, sprung_rods: Where they are; `joined` are loops and cylinders.
         gears: Places of a follower and its master in a configuration, factor, offset.
     """
 
@@ -162,22 +164,17 @@ class Ties:
             own, other = (model.joints[model.getJointId(one)] for one in (name, master))
             row[own.idx_v], row[other.idx_v] = 1.0, -factor
             self.gears.append((own.idx_q, other.idx_q, factor, offset))
-        self.rows = np.zeros(
-            (sum(len(one.rows) for one in self.loops) + len(self.names) - len(self.loops), 6 * len(self.names))
-        )
-        at = 0
-        for k, one in enumerate(self.loops):
-            self.rows[at : at + len(one.rows), 6 * k : 6 * k + 6] = one.rows
-            at += len(one.rows)
-        for k in range(len(self.loops), len(self.names)):
-            self.rows[at, 6 * k] = 1.0
-            at += 1
+        self.joined = (*self.loops, *self.cylinders)
+        parts = [one.rows for one in self.joined] + [Rod.rows] * len(self.gears)
+        self.rows, at = np.zeros((sum(map(len, parts)), 6 * len(parts))), 0
+        for k, part in enumerate(parts):
+            self.rows[at : at + len(part), 6 * k : 6 * k + 6] = part
+            at += len(part)
         carriers = [model.supports[joint] for joint in range(model.njoints)]
         owner = [joint.id for joint in list(model.joints)[1:] for _ in range(joint.nv)]
         # Which velocities carry the column of which: those of a joint carry each other.
         self._before = np.array([[b in list(carriers[a]) for b in owner] for a in owner], dtype=float)
-        rods = (*self.loops, *self.cylinders, *self.sprung_rods)
-        self._signs = [one.ends[1].moved - one.ends[0].moved for one in rods]
+        self._signs = [one.ends[1].moved - one.ends[0].moved for one in (*self.joined, *self.sprung_rods)]
 
     def place(self, configuration: Array) -> tuple[Array, Array]:
         """Return (m,) gaps of what is closed, cylinders' being their lengths, and (m, nv) their change per body motion.
@@ -186,15 +183,10 @@ class Ties:
         """
         jacobian = pin.computeJointJacobians(self.model, self.data, configuration)
         gaps, ways, count = np.empty(len(self.rows)), np.empty((len(self.rows), self.model.nv)), 0
-        for one, sign in zip(self.loops, self._signs, strict=False):
-            gap, way = one.place()
-            some = slice(count, count + len(one.rows))
-            gaps[some], ways[some] = one.rows @ gap, (one.rows @ way) @ (jacobian * sign)
-            count += len(one.rows)
-        for one, sign in zip(self.cylinders, self._signs[len(self.loops) :], strict=False):
-            gaps[count], way = one.place()
-            ways[count] = way @ (jacobian * sign)
-            count += 1
+        for one, sign in zip(self.joined, self._signs, strict=False):
+            some = slice(count, count := count + len(one.rows))
+            gaps[some], way = one.place()
+            ways[some] = way @ (jacobian * sign)
         for (own, master, factor, offset), row in zip(self.gears, self._geared, strict=True):
             gaps[count] = configuration[own] - factor * configuration[master] - offset
             ways[count] = row
@@ -207,11 +199,11 @@ class Ties:
         The joints' Jacobian must have been placed.
         """
         states, torque, jacobian = np.empty((len(self.springs), 2)), np.zeros(self.model.nv), self.data.J
-        signs = self._signs[len(self.loops) + len(self.cylinders) :]
+        signs = self._signs[len(self.joined) :]
         for state, spring, rod, sign in zip(states, self.springs, self.sprung_rods, signs, strict=True):
             length, way = rod.place()
             state[:] = length, spring.law.tension(length)
-            torque += sign * (state[1] * (way @ jacobian))
+            torque += sign * (state[1] * (way[0] @ jacobian))
         return states, torque
 
     def stiffness(self, forces: Array) -> Array:
@@ -220,11 +212,7 @@ class Ties:
         All must have been placed by `place` and `sprung`.
         """
         jacobian, total = self.data.J, np.zeros((self.model.nv, self.model.nv))
-        parts = [(one, one.shift(forces[6 * k : 6 * k + 6])) for k, one in enumerate(self.loops)]
-        parts += [(one, one.shift(forces[6 * k])) for k, one in enumerate(self.cylinders, len(self.loops))]
-        for spring, rod in zip(self.springs, self.sprung_rods, strict=True):
-            parts.append((rod, rod.shift(spring.law.tension(rod.length), spring.law.rate(rod.length))))
-        for (one, shift), sign in zip(parts, self._signs, strict=True):
+        for (one, shift), sign in zip(self._shifts(forces), self._signs, strict=True):
             force, moment = skew(shift.wrench[:3]), skew(shift.wrench[3:])
             crossed = np.zeros((6, 6))
             crossed[:3, 3:], crossed[3:, :3], crossed[3:, 3:] = force, force, moment
@@ -232,18 +220,20 @@ class Ties:
             total += sign[:, None] * ((jacobian.T @ (crossed @ jacobian)) * self._before + jacobian.T @ moved)
         return total
 
+    def _shifts(self, forces: Array) -> list[tuple[Pin | Rod, Shift]]:
+        """Return all of these but gears, each with how its wrench changes."""
+        laws = [(rod, spring.law, rod.length) for spring, rod in zip(self.springs, self.sprung_rods, strict=True)]
+        closed = [(one, one.shift(forces[6 * k : 6 * k + 6])) for k, one in enumerate(self.joined)]
+        return closed + [(rod, rod.shift([law.tension(at)], law.rate(at))) for rod, law, at in laws]
+
     def pins(self, forces: Array) -> tuple[Array, Array]:
         """Return (nv, 6 P) changes of torques and (m, 6 P) of gaps per twist of a pin's frame on its link.
 
         Pins are those of `Linkage.pins`, twists in the axes of the link. All must have been placed.
         """
         jacobian, torques, gaps, row = self.data.J, [], [], 0
-        for k, (one, sign) in enumerate(zip((*self.loops, *self.cylinders), self._signs, strict=False)):
-            own = forces[6 * k : 6 * k + 6]
-            if isinstance(one, Pin):
-                shift, closed = one.shift(own), one.rows @ one.place()[1]
-            else:
-                shift, closed = one.shift(float(own[0])), one.place()[1][None]
+        for (one, shift), sign in zip(self._shifts(forces)[: len(self.joined)], self._signs, strict=False):
+            closed = one.place()[1]
             for end, side, change in zip(one.ends, (-1.0, 1.0), (shift.by_first, shift.by_second), strict=True):
                 turn, screw = end.turn @ end.axes, np.zeros((6, 6))
                 screw[:3, :3] = screw[3:, 3:] = turn
@@ -258,13 +248,9 @@ class Ties:
 
     def push(self, forces: Array, into: pin.StdVec_Force) -> None:
         """Add what (6 K,) forces in closures, and springs, do to forces on Pinocchio's joints, in their axes."""
-        pulls = [(one, one.shift(forces[6 * k : 6 * k + 6]).wrench) for k, one in enumerate(self.loops)]
-        pulls += [(one, one.shift(forces[6 * k]).wrench) for k, one in enumerate(self.cylinders, len(self.loops))]
-        for spring, rod in zip(self.springs, self.sprung_rods, strict=True):
-            pulls.append((rod, rod.shift(spring.law.tension(rod.length)).wrench))
-        for one, wrench in pulls:
+        for one, shift in self._shifts(forces):
             for end, side in zip(one.ends, (1.0, -1.0), strict=True):
-                into[end.joint] += self.data.oMi[end.joint].actInv(pin.Force(side * wrench))
+                into[end.joint] += self.data.oMi[end.joint].actInv(pin.Force(side * shift.wrench))
 
     def apart(self, row: int) -> tuple[str, bool]:
         """Return the name of the closure that a row closes, and whether the row is an angle."""

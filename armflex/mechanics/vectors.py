@@ -1,7 +1,7 @@
-"""Vectors in compiled code: three numbers, each of them a double or eight doubles that the processor takes at once.
+"""Vectors in compiled code: three numbers, each of them a double or a pack of doubles that the processor takes at once.
 
-LLVM widens no loop over so few columns as a frame's six motions; `Eight` is a vector of its own type instead. Where a
-processor has shorter registers it takes two or four of them.
+LLVM widens no loop over so few columns as a frame's six motions; a `Pack` is of a type of its own instead. Where a
+processor has shorter registers it takes two of them.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ from numba.extending import intrinsic, models, overload, register_model
 from armflex.mechanics.kernel import LOOSE, inner
 
 WIDE = 4
+"""Doubles of a pack: more take longer to be loaded than they save."""
 VECTOR = ir.VectorType(ir.DoubleType(), WIDE)
 NUMBER = ir.IntType(32)
 
 
-class _Eight(types.Type):
+class _Pack(types.Type):
     def __init__(self) -> None:
-        super().__init__("Eight")
+        super().__init__("Pack")
 
 
-Eight = _Eight()
+Pack = _Pack()
 
 
-@register_model(_Eight)
+@register_model(_Pack)
 class _Model(models.PrimitiveModel):
     def __init__(self, manager, kind) -> None:
         super().__init__(manager, kind, VECTOR)
@@ -40,41 +41,41 @@ def _place(context, builder, sig, args):
 
 
 @intrinsic
-def eight(typing, array, start):
-    """Return eight numbers of a contiguous array."""
-    return Eight(array, types.intp), lambda *given: given[1].load(_place(*given), align=8)
+def pack(typing, array, start):
+    """Return a pack of a contiguous array."""
+    return Pack(array, types.intp), lambda *given: given[1].load(_place(*given), align=8)
 
 
 @intrinsic
-def put_eight(typing, array, start, value):
-    """Put eight numbers into a contiguous array."""
+def put_pack(typing, array, start, value):
+    """Put a pack into a contiguous array."""
 
     def made(context, builder, sig, args):
         builder.store(args[2], _place(context, builder, sig, args), align=8)
         return context.get_dummy_value()
 
-    return types.void(array, types.intp, Eight), made
+    return types.void(array, types.intp, Pack), made
 
 
 def _declare(sign: Callable, name: str) -> None:
-    """Let eights be added to, subtracted from and multiplied with each other and numbers, which are for all eight."""
+    """Let packs be added to, subtracted from and multiplied with each other and numbers, which are for all of one."""
 
     @intrinsic
     def found(typing, a, b):
         def made(context, builder, sig, args):
             nothing, both = ir.Constant(VECTOR, ir.Undefined), []
             for kind, value in zip(sig.args, args, strict=True):
-                if kind != Eight:
+                if kind != Pack:
                     first = builder.insert_element(nothing, value, NUMBER(0))
                     value = builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(NUMBER, WIDE), [0] * WIDE))
                 both.append(value)
             return getattr(builder, name)(*both, flags=sorted(LOOSE))
 
-        return Eight(a, b), made
+        return Pack(a, b), made
 
     @overload(sign)
     def declared(a, b):
-        if Eight in (a, b) and {a, b} <= {Eight, types.float64}:
+        if Pack in (a, b) and {a, b} <= {Pack, types.float64}:
             return lambda a, b: found(a, b)
         return None
 
@@ -133,12 +134,12 @@ def turned_back(turn, vector):
 
 @inner
 def columns(array, start, width):
-    """Return a vector of eights: from three of an array's rows of a width."""
-    return eight(array, start), eight(array, start + width), eight(array, start + 2 * width)
+    """Return a vector of packs: from three of an array's rows of a width."""
+    return pack(array, start), pack(array, start + width), pack(array, start + 2 * width)
 
 
 @inner
 def add_columns(array, start, width, vector):
-    """Add a vector of eights to three of an array's rows of a width."""
-    for a, value in enumerate(vector):
-        put_eight(array, start + a * width, eight(array, start + a * width) + value)
+    """Add a vector of packs to three of an array's rows of a width."""
+    for a in range(3):
+        put_pack(array, start + a * width, pack(array, start + a * width) + vector[a])

@@ -135,8 +135,8 @@ def solved(
     settings.staticSolver.verboseMode = 0
     settings.staticSolver.newton.residualMode = 1  # steps, not forces, are small where it ends
     settings.staticSolver.newton.relativeTolerance = 1e-12
-    settings.staticSolver.newton.absoluteTolerance = 1e-10  # at 1e-12 its rounding ends it now and then
-    settings.linearSolver.solverType = exudyn.LinearSolverType.EXUdense
+    settings.staticSolver.newton.absoluteTolerance = 1e-12
+    settings.linearSolver.solverType = exudyn.LinearSolverType.EigenDense  # the other one fails by rounding
     system.SolveStatic(settings, updateInitialValues=False)
     return np.array(system.GetSensorValues(tip))
 
