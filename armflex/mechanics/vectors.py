@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Callable
+from typing import Any
 
 from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic, models, overload, register_model
+from numba import extending, types
+from numba.extending import models, overload, register_model
 
 from armflex.mechanics.kernel import LOOSE, inner
+
+intrinsic: Any = extending.intrinsic  # whose first argument is numba's own
 
 WIDE = 4
 """Doubles of a pack: more take longer to be loaded than they save."""
