@@ -48,7 +48,7 @@ from armflex.robot.urdf import drive_of
 FEWEST_ROWS = 4
 """Tolerance: measured rows below which nothing is fitted."""
 
-MANY_ROWS, SOME = 4096, 8
+MANY_ROWS, SOME = 2048, 8
 """Tolerance: rows beyond which a fit begins where one in so many of them leads."""
 
 

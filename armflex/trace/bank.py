@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.context import Context
+from armflex.laws.effects.effect import Values
 from armflex.progress import SILENT, Reporter
 
 MADE_AT_ONCE = 2**22
@@ -158,34 +160,37 @@ class Bank:
         An answer is whitened once for all of them, and a twist in one direction takes one number a row, not six.
         """
         view, held = self.fit.view, 0
-        shared, own = dict[tuple, Array](), dict[tuple, Array]()  # at every site; at one, whichever terms act
+        shared = dict[tuple, Array]()  # at every site, whichever terms act
         known: dict[tuple[int, ...], Array] = {}
         waiting: dict[Kind, list[tuple[int, Array]]] = {}
-        here: Any = None  # of the law and place before
-        kind, of_load, before = ("", False, False, ""), False, None
-        for index, candidate in enumerate(self.candidates):
-            law, location, inner = candidate.law, candidate.location, candidate.inner
-            place = (law.name, location.site, location.axis, location.covariates, location.partner)
-            if before != place:  # they come in a row
-                self.reporter.step("screening candidates", index, len(self.candidates))
-                here, of_load = self.context.here(location, view.arm), law.of_load(location)
-                kind, before, own = (law.act.name, law.changes_model, of_load, location.site), place, {}
-            direction = law.direction(here, inner)
-            if direction is not None:
-                store, key = own if of_load else shared, (law.name, location.covariates, inner)
-                found = store.get(key)
-                if found is None:
-                    found = store[key] = np.ascontiguousarray(law.shapes(location, inner, view, self.context))
-                    held += found.size
-            else:
-                found = law.features(location, inner, view, self.context)
-                # Sums round by where a bank is cut: a law that changes the model counts by its columns.
-                held += view.sigma.size * len(location.terms) if law.changes_model else found.size
-            along = b"" if direction is None else direction.tobytes()
-            waiting.setdefault((*kind, along), []).append((index, found))
-            if held > MADE_AT_ONCE:
-                yield from (self._part(key, some, known) for key, some in waiting.items())
-                waiting, held = {}, 0
+        for _, run in groupby(enumerate(self.candidates), lambda pair: pair[1].spot):
+            some = list(run)
+            index, first = some[0]
+            self.reporter.step("screening candidates", index, len(self.candidates))
+            law, place, own = first.law, first.location, dict[tuple, Array]()
+            here, of_load = self.context.here(place, view.arm), law.of_load(place)
+            kind, whole = (law.act.name, law.changes_model, of_load, place.site), dict[Values, Array]()
+            if law.direction(here, first.inner) is None:
+                inners = list(dict.fromkeys(one.inner for _, one in some))
+                whole = dict(zip(inners, law.of_each(place, inners, view, self.context), strict=True))
+            for index, one in some:
+                direction, terms = law.direction(here, one.inner), list(one.location.terms)
+                if direction is not None:
+                    store, key = own if of_load else shared, (law.name, place.covariates, one.inner)
+                    found = store.get(key)
+                    if found is None:
+                        found = law.shapes(one.location, one.inner, view, self.context)
+                        found = store[key] = np.ascontiguousarray(found)
+                        held += found.size
+                else:
+                    found = whole[one.inner][:, terms]
+                    # Sums round by where a bank is cut: a law that changes the model counts by its columns.
+                    held += view.sigma.size * len(terms) if law.changes_model else found.size
+                along = b"" if direction is None else direction.tobytes()
+                waiting.setdefault((*kind, along), []).append((index, found))
+                if held > MADE_AT_ONCE:
+                    yield from (self._part(key, each, known) for key, each in waiting.items())
+                    waiting, held = {}, 0
         yield from (self._part(key, some, known) for key, some in waiting.items())
 
     def _part(self, kind: Kind, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> Part:

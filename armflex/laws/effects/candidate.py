@@ -27,6 +27,12 @@ class Candidate:
         return Effect(self.law, self.location, ()).name
 
     @property
+    def spot(self) -> tuple:
+        """Law and place, whatever is inside the law and whichever of its terms act."""
+        place = self.location
+        return (self.law.name, place.site, place.axis, place.covariates, place.partner)
+
+    @property
     def searched(self) -> tuple[int, ...]:
         """Inner parameters that are searched; a positive one at zero is switched off."""
         pairs = enumerate(zip(self.law.inner, self.inner, strict=True))

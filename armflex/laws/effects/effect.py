@@ -267,9 +267,13 @@ class EffectLaw(ABC):
         """Whether it has neither a free shape nor a place in space to be searched."""
         return self.physical and not self.spatial
 
-    @abstractmethod
     def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         """Return (M, k, n) what it does in some rows per amplitude of `location.terms`; `act` says what that is."""
+        return self.of_each(location, [inner], view, context)[0][:, list(location.terms)]
+
+    @abstractmethod
+    def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
+        """Return for each of some inner values (M, k, n) what it does in some rows per amplitude, all of them."""
 
     def size(self, done: Array, arm: Manipulator) -> float:
         """Return how large (M, n) features, amplitudes in them, are over what is plausible: RMS, dimensionless.
@@ -477,8 +481,8 @@ class TwistLaw(EffectLaw):
     basis: Basis
     terms: TermsBy | None = None
 
-    def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
-        return self.basis(*self._asked(location, inner, view, context))[:, list(location.terms)]
+    def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
+        return [self.basis(*self._asked(location, inner, view, context)) for inner in inners]
 
     def direction(self, here: Here, inner: Values) -> Array | None:
         """Return the (6,) twist of a law whose basis is `Along` one, else None."""
@@ -499,8 +503,8 @@ class TwistLaw(EffectLaw):
         return here, view.load_at(location.site), row, inner
 
 
-Pull = Callable[[Here, Array, Values], Array]
-"""(here, (..., 4, 4) pose of the link, inner) -> (..., k, 6) wrench per amplitude at its origin, base axes."""
+Pull = Callable[[Here, Array, Values | Array], Array]
+"""(here, (..., 4, 4) pose of the link, (..., i) inner) -> (..., k, 6) wrench per amplitude at its origin, base axes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -510,9 +514,10 @@ class LoadLaw(EffectLaw):
     act: Act = Act.LOAD
     pull: Pull
 
-    def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
+    def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
         pose = view.pose_of(link_of(location.site, context.robot))
-        return self.pull(context.here(location, view.arm), pose, inner)[:, list(location.terms)]
+        each = self.pull(context.here(location, view.arm), pose, np.array(inners)[:, None])
+        return list(np.broadcast_to(each, (len(inners), *each.shape[-3:])))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -528,8 +533,8 @@ class ModelLaw(EffectLaw):
     changed: Callable[[Effect, Model], Model]
     changes_model: ClassVar[bool] = True
 
-    def features(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
-        return self.made(context.here(location, view.arm), view, context)[:, list(location.terms)]
+    def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
+        return [self.made(context.here(location, view.arm), view, context)] * len(inners)
 
     def change(self, effect: Effect, model: Model) -> Model:
         return self.changed(effect, model)

@@ -14,11 +14,11 @@ NEAR = 0.5
 """Part of the diagonal of where an arm was, beyond which nothing pulls it towards a point."""
 
 
-def _pull(here: Here, pose: Array, inner: Values) -> Array:
-    lever = pose[..., :3, :3] @ middle_of(here)
-    way = np.array(inner[:3]) - pose[..., :3, 3] - lever
+def _pull(here: Here, pose: Array, inner: Values | Array) -> Array:
+    inner, lever = np.asarray(inner), pose[..., :3, :3] @ middle_of(here)
+    way = inner[..., :3] - pose[..., :3, 3] - lever
     distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
-    return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[3] ** 2, 1e-6), lever)
+    return force_at(way / np.maximum(distance, 1e-9) / np.maximum(distance**2 + inner[..., 3:] ** 2, 1e-6), lever)
 
 
 def _within_reach(effect: Effect, context: Context, arm: Manipulator) -> bool:

@@ -14,18 +14,20 @@ FAR = 2.0
 """Times the diagonal of where an arm was, beyond which no hose is anchored: what pulls from there is a force."""
 
 
-def _pull(here: Here, pose: Array, inner: Values) -> Array:
+def _pull(here: Here, pose: Array, inner: Values | Array) -> Array:
     """Return k (|d| - rest) along d, the way from the hook on the link to the anchor; slack pushes nothing."""
-    lever = pose[..., :3, :3] @ hook_of(here, inner)
-    way = np.array(inner[:3]) - pose[..., :3, 3] - lever
+    inner = np.asarray(inner)
+    lever = (pose[..., :3, :3] @ hook_of(here, inner)[..., None])[..., 0]
+    way = inner[..., :3] - pose[..., :3, 3] - lever
     distance = np.sqrt((way * way).sum(axis=-1, keepdims=True))
-    stretched = np.maximum(distance - inner[3], 0.0) / np.maximum(distance, 1e-9)
+    stretched = np.maximum(distance - inner[..., 3:4], 0.0) / np.maximum(distance, 1e-9)
     return force_at(stretched * way, lever)
 
 
-def hook_of(here: Here, inner: Values) -> Array:
-    """Return the (3,) point that it is hooked on at, in the link's frame."""
-    return inner[4] * end_of(here) + np.array(inner[5:])
+def hook_of(here: Here, inner: Values | Array) -> Array:
+    """Return the (..., 3) point that it is hooked on at, in the link's frame."""
+    inner = np.asarray(inner)
+    return inner[..., 4:5] * end_of(here) + inner[..., 5:]
 
 
 def _is_anchored(effect: Effect, context: Context, arm: Manipulator) -> bool:
