@@ -66,43 +66,53 @@ def unit_of(fit: Fit) -> float:
 
 
 class Held:
-    """Columns that are held, with all products among them: those of models, and those that are of no grid.
+    """Columns that are held: those of models, and those that are of no grid.
 
     Attributes:
         columns, cleared: (h, n) columns, and the same cleared of the parameters apart.
         seen: (h, r) their products with the `half` of the projection.
-        gram, scores: (h, h) X'MX and (h,) X'My.
+        scores: (h,) X'My.
     """
 
     def __init__(self, projection: Projection) -> None:
         self._projection, self.count, size = projection, 0, len(projection.residual)
         self._columns, self._seen = np.empty((0, size)), np.empty((0, len(projection.half)))
-        self._cleared = self._columns if projection.apart is None else np.empty((0, size))
-        self._gram, self._scores = np.empty((0, 0)), np.empty(0)
+        self._cleared, self._scores = self._columns, np.empty(0)
+        self._products = dict[int, Array]()
 
     columns = property(lambda self: self._columns[: self.count])
     cleared = property(lambda self: self._cleared[: self.count])
     seen = property(lambda self: self._seen[: self.count])
-    gram = property(lambda self: self._gram[: self.count, : self.count])
     scores = property(lambda self: self._scores[: self.count])
 
     def add(self, columns: Array) -> np.ndarray:
         """Hold (n, k) columns more, and return their (k,) places."""
         first, last, projection = self.count, self.count + columns.shape[1], self._projection
         if last > len(self._scores):  # room for more than are asked for, so that few are moved
-            more = 64 + last + last // 2 - first
-            self._columns = np.pad(self.columns, ((0, more), (0, 0)))
-            self._cleared = self._columns if projection.apart is None else np.pad(self.cleared, ((0, more), (0, 0)))
-            self._seen, self._gram = np.pad(self.seen, ((0, more), (0, 0))), np.pad(self.gram, (0, more))
-            self._scores = np.pad(self.scores, (0, more))
-        self.count, cleared = last, projection.cleared(columns)
+
+            def grown(held: Array) -> Array:
+                more = np.empty((64 + last + last // 2, *held.shape[1:]))
+                more[:first] = held[:first]
+                return more
+
+            self._columns, self._seen, self._scores = map(grown, (self._columns, self._seen, self._scores))
+            self._cleared = self._columns if projection.apart is None else grown(self._cleared)
+        self.count = last
         self.columns[first:] = columns.T
-        self.cleared[first:] = cleared.T
+        if projection.apart is not None:
+            self.cleared[first:] = projection.cleared(columns).T
         self.seen[first:] = columns.T @ projection.half.T
-        self.gram[first:] = cleared.T @ self.columns.T - self.seen[first:] @ self.seen.T
-        self.gram[:, first:] = self.gram[first:].T
         self.scores[first:] = columns.T @ projection.residual
         return np.arange(first, last)
+
+    def products(self, at: np.ndarray) -> list[Array]:
+        """Return (h,) X'MX of each of (k,) columns with all; what was asked for before is known but for what is new."""
+        known, some = self._products, dict.fromkeys(at.tolist())
+        for length in {len(known.get(i, ())) for i in some} - {self.count}:
+            own = np.array([i for i in some if len(known.get(i, ())) == length])
+            more = self.cleared[own] @ self.columns[length:].T - self.seen[own] @ self.seen[length:].T
+            known |= {i: np.append(known.get(i, ()), one) for i, one in zip(own.tolist(), more, strict=True)}
+        return [known[i] for i in at.tolist()]
 
 
 class Screen(Evidence):
@@ -193,8 +203,8 @@ class Screen(Evidence):
             at, end = np.arange(end, end + size), end + size
             groups.append(Group(one, int(at[0]), self.scale_of(columns, one.unit)))
             self.groups.append(groups[-1])
-            inside = self._held.gram[np.ix_(own[at - first], own[at - first])]
-            batch = batch_of(groups[-1:], np.array([number - block.first]), at[None] - self._first, inside[None])
+            inside = _products(own[at - first][None], self._held.columns, self._held.cleared, self._held.seen)
+            batch = batch_of(groups[-1:], np.array([number - block.first]), at[None] - self._first, inside)
             by_size.setdefault(size, []).append(batch)
         batches = tuple(joined(some) for some in by_size.values())
         priors = np.concatenate([block.priors, prior_of(groups)])
@@ -276,12 +286,13 @@ class Screen(Evidence):
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         at = self._held_at(places)
-        return self._held.gram[np.ix_(at, at)], self._held.scores[at]
+        products = [one[at] for one in self._held.products(at)]
+        return np.array(products).reshape(len(at), len(at)), self._held.scores[at]
 
     def gram(self, block: int, places: np.ndarray) -> Array:
         at = self._held_at(places)
         if block:
-            return self._held.gram[at].T[self._further]
+            return np.array([one[self._further] for one in self._held.products(at)]).T
         kept = self.blocks[0].kept
         rows = self._rows if kept is None else self._narrow_rows
         missing = np.array([place for place in dict.fromkeys(places.tolist()) if place not in rows], dtype=int)
