@@ -62,14 +62,6 @@ class Part:
         return weighted @ shapes.transpose(0, 2, 1)
 
 
-Kind = tuple[str, bool, bool, str, bytes]
-"""By which columns are made together: how a law acts, whether it changes the model and depends on the load; site, and
-the bytes of a direction."""
-
-Squares = Callable[[np.ndarray], Array]
-"""Of (g, k) columns of a part the (g, k, k) products among themselves."""
-
-
 @dataclass(frozen=True, eq=False)
 class Bank:
     """Candidates with their whitened columns at one fit: n rows, K columns in all.
@@ -131,13 +123,15 @@ class Bank:
     def squares_through(self, rows: Any) -> tuple[tuple[np.ndarray, Array], ...]:
         """Return the same of the columns' products with (m, n) sparse rows."""
 
-        def squares(part: Part) -> Squares:
+        def squares(part: Part) -> Callable[[np.ndarray], Array]:
             seen = part.products(rows)
             return lambda some: seen[some] @ seen[some].transpose(0, 2, 1)
 
         return self._by_size(squares)
 
-    def _by_size(self, squares: Callable[[Part], Squares]) -> tuple[tuple[np.ndarray, Array], ...]:
+    def _by_size(
+        self, squares: Callable[[Part], Callable[[np.ndarray], Array]]
+    ) -> tuple[tuple[np.ndarray, Array], ...]:
         found: dict[int, list[tuple[np.ndarray, Array]]] = {}
         for part in self.parts:
             sizes, of = self.sizes[part.groups], squares(part)
@@ -162,39 +156,37 @@ class Bank:
         view, held = self.fit.view, 0
         shared = dict[tuple, Array]()  # at every site, whichever terms act
         known: dict[tuple[int, ...], Array] = {}
-        waiting: dict[Kind, list[tuple[int, Array]]] = {}
+        waiting: dict[tuple, list[tuple[int, Array]]] = {}
         for _, run in groupby(enumerate(self.candidates), lambda pair: pair[1].spot):
             some = list(run)
-            index, first = some[0]
-            self.reporter.step("screening candidates", index, len(self.candidates))
-            law, place, own = first.law, first.location, dict[tuple, Array]()
-            here, of_load = self.context.here(place, view.arm), law.of_load(place)
-            kind, whole = (law.act.name, law.changes_model, of_load, place.site), dict[Values, Array]()
-            if law.direction(here, first.inner) is None:
+            self.reporter.step("screening candidates", some[0][0], len(self.candidates))
+            law, place, own = some[0][1].law, some[0][1].location, dict[tuple, Array]()
+            here, of_load, whole = self.context.here(place, view.arm), law.of_load(place), dict[Values, Array]()
+            if law.direction(here, some[0][1].inner) is None:
                 inners = list(dict.fromkeys(one.inner for _, one in some))
                 whole = dict(zip(inners, law.of_each(place, inners, view, self.context), strict=True))
             for index, one in some:
                 direction, terms = law.direction(here, one.inner), list(one.location.terms)
                 if direction is not None:
                     store, key = own if of_load else shared, (law.name, place.covariates, one.inner)
-                    found = store.get(key)
-                    if found is None:
-                        found = law.shapes(one.location, one.inner, view, self.context)
-                        found = store[key] = np.ascontiguousarray(found)
-                        held += found.size
+                    if key not in store:
+                        store[key] = np.ascontiguousarray(law.shapes(one.location, one.inner, view, self.context))
+                        held += store[key].size
+                    found = store[key]
                 else:
                     found = whole[one.inner][:, terms]
                     # Sums round by where a bank is cut: a law that changes the model counts by its columns.
                     held += view.sigma.size * len(terms) if law.changes_model else found.size
                 along = b"" if direction is None else direction.tobytes()
-                waiting.setdefault((*kind, along), []).append((index, found))
+                kind = (law.act.name, law.changes_model, of_load, place.site, along)
+                waiting.setdefault(kind, []).append((index, found))
                 if held > MADE_AT_ONCE:
                     yield from (self._part(key, each, known) for key, each in waiting.items())
                     waiting, held = {}, 0
         yield from (self._part(key, some, known) for key, some in waiting.items())
 
-    def _part(self, kind: Kind, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> Part:
-        """Return the columns of candidates of a kind from what each of them brings, by its number.
+    def _part(self, kind: tuple, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> Part:
+        """Return the columns of candidates that act alike at a site from what each of them brings, by its number.
 
         `known` are shapes without loads that were put together before, by the arrays that they are of.
         """
@@ -243,12 +235,8 @@ def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Ar
         return (shapes[:, :, None] * _answer(fit, location.site, direction)).reshape(len(shapes), -1).T
     features = law.features(location, inner, view, context)
     columns = view.per(law, location) @ features.transpose(0, 2, 1)
-    return whiten(columns + view.effect_quotient(law, location, inner, features) if view.indirect else columns, fit)
-
-
-def whiten(regressors: Array, fit: Fit) -> Array:
-    """Return (n, k) whitened and weighted (M, d, k) columns."""
-    return (regressors * _scale(fit)[:, :, None]).reshape(fit.view.residual.size, -1)
+    columns = columns + view.effect_quotient(law, location, inner, features) if view.indirect else columns
+    return (columns * _scale(fit)[:, :, None]).reshape(view.residual.size, -1)
 
 
 def _answer(fit: Fit, site: str, direction: Array) -> Array:

@@ -188,8 +188,7 @@ class Screen(Evidence):
 
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""
-        made = [(one, self.made(one.members)) for one in more]
-        made = [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
+        made = self._moving(more)
         if not made:
             return
         block, first = self.blocks[-1], self._first + len(self._further)
@@ -215,8 +214,7 @@ class Screen(Evidence):
         best: list[tuple[float, Hypothesis]] = []
         known = [(beside, *self.columns_of(beside)) for beside in map(self.beside, models)]
         for piece in batched(more, SOUGHT_AT_ONCE):
-            made = [(one, self.made(one.members)) for one in piece]
-            made = [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
+            made = self._moving(piece)
             if not made:
                 continue
             columns = np.hstack([own for _, own in made])
@@ -241,6 +239,10 @@ class Screen(Evidence):
         """Return the (n, k) scaled and cleared columns of a model, and their (k, r) products with the `half`."""
         at = self._held_at(beside.places)
         return (self._held.cleared[at] * beside.scale[:, None]).T, self._held.seen[at] * beside.scale[:, None]
+
+    def _moving(self, some: Iterable[Hypothesis]) -> list[tuple[Hypothesis, Array]]:
+        made = [(one, self.made(one.members)) for one in some]
+        return [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
 
     def made(self, members: Sequence[Candidate]) -> Array:
         """Return the (n, k) columns of some candidates, by the scatter of the readings."""

@@ -11,6 +11,7 @@ import contextlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -59,22 +60,41 @@ class Standing:
         state: The arm so far.
         screen: All hypotheses at its fit, its own effects taken out.
         model: Its own hypotheses there.
-        places: Where a random twist from pose to pose would explain what its model leaves, the likeliest first.
-        changing: The same of one from row to row: what comes from a column that changes while the arm is at a pose.
         rejected: Laws and places of models that the arm was fitted with from here, and that came out worth no more.
     """
 
     state: State
     screen: Screen
     model: Model
-    places: tuple[RandomTwist, ...]
-    changing: tuple[RandomTwist, ...]
     rejected: list[Counter] = field(default_factory=list)
 
     @property
     def value(self) -> float:
         """Its log posterior."""
         return self.screen.log_posterior(self.model)
+
+    def _twists(self, groups: np.ndarray) -> tuple[RandomTwist, ...]:
+        """Return where a random twist in every group of rows would explain what its model leaves, the likeliest first.
+
+        By what was stated, as the fit has it.
+        """
+        screen, beside, left = self.screen, self.screen.beside(self.model), self.screen.projection
+        if self.model:
+            columns = np.hstack([left.regressors, screen.columns(beside.places) * beside.scale])
+            left = left.with_fitted(columns, np.concatenate([left.precision, beside.held]))
+        left = replace(left, residual=left.residual * screen.quiet)
+        return localise(screen.fit, screen.context, left, groups)
+
+    @cached_property
+    def places(self) -> tuple[RandomTwist, ...]:
+        """Random twists from pose to pose."""
+        return self._twists(self.state.groups)
+
+    @cached_property
+    def changing(self) -> tuple[RandomTwist, ...]:
+        """Those from row to row: what comes from a column that changes while the arm is at a pose."""
+        rows = np.arange(len(self.state.rows))
+        return self.places if len(set(self.state.groups)) == len(rows) else self._twists(rows)
 
     @property
     def unrecorded(self) -> RandomTwist | None:
@@ -96,8 +116,7 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     columns = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter)
     screen = Screen(known, columns, state.bare, state.quiet)
     screen.extend(families(state.fit.view, state.context))
-    model = own_model(screen, state.hypotheses)
-    return Standing(state, screen, model, *random_places(state, screen, model))
+    return Standing(state, screen, own_model(screen, state.hypotheses))
 
 
 def alone(state: State) -> tuple[Screen, Model]:
@@ -122,20 +141,6 @@ def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
 def spots(screen: Screen, model: Model) -> Counter:
     """Return laws and places of a model, and how often each is in it: gears have several harmonics."""
     return Counter(screen.groups[one.number].hypothesis.spot for one in model)
-
-
-def random_places(
-    state: State, screen: Screen, model: Model
-) -> tuple[tuple[RandomTwist, ...], tuple[RandomTwist, ...]]:
-    """Return where a random twist would explain what a model leaves, from pose to pose, and from row to row."""
-    beside, left = screen.beside(model), screen.projection
-    if model:
-        columns = np.hstack([left.regressors, screen.columns(beside.places) * beside.scale])
-        left = left.with_fitted(columns, np.concatenate([left.precision, beside.held]))
-    left = replace(left, residual=left.residual * screen.quiet)  # by what was stated, as the fit has it
-    places = localise(state.fit, state.context, left, state.groups)
-    rows = np.arange(len(state.rows))
-    return places, places if len(set(state.groups)) == len(rows) else localise(state.fit, state.context, left, rows)
 
 
 def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:

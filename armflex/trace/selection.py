@@ -222,14 +222,6 @@ class Evidence(ABC):
         """(H, T) log prior probability of every hypothesis at each of its scales, but for what is `sized`."""
         return np.concatenate([one.priors for one in self.blocks])
 
-    def spots(self, some: np.ndarray) -> list[int]:
-        """Return the (k,) numbers of the laws and places of some hypotheses."""
-        return [self._spots.setdefault(self.groups[i].hypothesis.spot, len(self._spots)) for i in some.tolist()]
-
-    @cached_property
-    def _spots(self) -> dict[tuple, int]:
-        return {}
-
     @cached_property
     def _known(self) -> dict[Model, Beside]:
         return {}
@@ -461,20 +453,20 @@ which one competes whose inner values lie on a grid, and how many of each do at 
 def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = None, most: int = SHORT) -> list[Rival]:
     """Return the best hypotheses beside a model, one of each law and place, the best first."""
     evidence, found = beside.evidence, list[Rival]()
-    known, rough = len(evidence.groups), list[Rival]()
+    known, rough, spots = len(evidence.groups), list[Rival](), set[tuple]()
     odds = beside.odds
     best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
     some = np.flatnonzero(best >= -WITHIN)
     order = some[np.argsort(-best[some], kind="stable")]
     evidence.ranked = np.union1d(evidence.ranked, order[:RANKED])
-    _, first = np.unique(evidence.spots(order), return_index=True)
     top = -np.inf
-    for number in order[np.sort(first)].tolist():
-        if len(found) + len(rough) >= 4 * most:
+    for number in order.tolist():
+        if len(found) + len(rough) >= 4 * most or best[number] < top - max(WITHIN, GRID_ERROR * top):
             break
         hypothesis = evidence.groups[number].hypothesis
-        if best[number] < top - max(WITHIN, GRID_ERROR * top) or (only is not None and not only(hypothesis)):
+        if hypothesis.spot in spots or (only is not None and not only(hypothesis)):
             continue
+        spots.add(hypothesis.spot)
         coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
         if not coarse and best[number] < top - WITHIN:
             continue
