@@ -52,15 +52,9 @@ def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[
             raise table.fail("passive", f"joint {name!r} mimics {joint.mimic[0]!r}, so it has its position from there")
         table.finish()
     names: dict[str, Declaration] = {}
-    ends = []
-    for table in (*loops, *cylinders.values()):
-        ends.append(read_ends(table, robot))
-    read = tuple(_loop(table, *own) for table, own in zip(loops, ends, strict=False))
-    pistons = tuple(
-        _cylinder(name, table, *own) for (name, table), own in zip(cylinders.items(), ends[len(loops) :], strict=True)
-    )
-    tables = (*loops, *cylinders.values())
-    for one, table in zip((*read, *pistons), tables, strict=True):
+    read = tuple(_loop(table, *read_ends(table, robot)) for table in loops)
+    pistons = tuple(_cylinder(name, table, *read_ends(table, robot)) for name, table in cylinders.items())
+    for one, table in zip((*read, *pistons), (*loops, *cylinders.values()), strict=True):
         if one.name in names or one.name in robot.urdf.joints:
             raise table.fail("name", f"{one.name!r} is the name of another loop, cylinder or joint: choose another one")
         names[one.name] = table
@@ -80,10 +74,9 @@ def read_linkage(root: Declaration, robot: Robot, held: Sequence[str]) -> tuple[
     locked = {name: at for name, at in robot.locked.items() if name not in {joint.name for joint in beside}}
     flags = tuple(f for f in robot.flags if f.code != "locked_mimic" or not any(repr(j.name) in f.text for j in beside))
     robot = replace(robot, linkage=linkage, locked=locked, flags=flags)
-    _check(root, robot, names)
-    robot = replace(robot, linkage=replace(linkage, loops=_turned(robot, names)))
+    robot = replace(robot, linkage=replace(linkage, loops=_checked(root, robot, names)))
     flexures = [_gives(one, names[one.name]) for one in (*read, *pistons)]
-    for table in tables:
+    for table in names.values():
         table.finish()
     return robot, tuple(one for one in flexures if one is not None)
 
@@ -131,27 +124,30 @@ def _cylinder(name: str, table: Declaration, first: tuple[str, Array], second: t
     return Cylinder(name, *first, *second, lower, upper, effort, table.place())
 
 
-def _check(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) -> None:
-    """Refuse loops that no joint moves, that say the same, or that close nowhere; and joints that nothing holds."""
-    linkage, model = robot.linkage, build_model(robot)
-    closures = (*linkage.loops, *linkage.cylinders)
-    carrier = {link: model.model.frames[model.frame(link)].parentJoint for link in model.links}
-    for one in closures:
-        if carrier[one.link] == carrier[one.to]:
-            text = f"joins {one.link!r} to {one.to!r}, which no joint moves against each other"
-            raise names[one.name].fail("to", f"{one.name!r} {text}")
-    held = set().union(*(_ways(robot, one.link) ^ _ways(robot, one.to) for one in closures))
+def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) -> tuple[Loop, ...]:
+    """Return the loops with the axes of `link` in `to`, as they are where the points meet near the zero pose.
+
+    Loops that no joint moves, that say the same, or that close nowhere are refused; so are joints that nothing holds.
+    """
+    linkage, flex = robot.linkage, build_model(robot)
+    model, data = flex.model, flex.model.createData()
+    points = replace(linkage, loops=tuple(replace(loop, kind="spherical") for loop in linkage.loops))
+    ties, held = Ties(model, data, points), set()
+    for name, one in zip(linkage.joined, ties.joined, strict=True):
+        first, second = (end.joint for end in one.ends)
+        if first == second:
+            own = next(own for own in (*linkage.loops, *linkage.cylinders) if own.name == name)
+            text = f"joins {own.link!r} to {own.to!r}, which no joint moves against each other"
+            raise names[name].fail("to", f"{name!r} {text}")
+        held |= set(model.supports[first]) ^ set(model.supports[second])
     for name in linkage.passive:
-        if name not in held:
+        if model.getJointId(name) not in held:
             text = f"joint {name!r} is passive, but no loop or cylinder is around it: nothing would hold it"
             raise root.subs("joint")[name].fail("passive", text)
-    free = len(linkage.free)
-    data = model.model.createData()
-    ties = Ties(model.model, data, replace(linkage, loops=_as_points(linkage.loops)))
-    closing = Closing(robot, model, ties, Corrections())
-    start = np.array([*robot.home, *(at or 0.0 for at in linkage.free.values())])
-    lower = np.array([*robot.lower, *np.full(free, -np.inf)])
-    upper = np.array([*robot.upper, *np.full(free, np.inf)])
+    free, closing = np.array([at or 0.0 for at in linkage.free.values()]), Closing(robot, flex, ties, Corrections())
+    lower, upper = (
+        np.append(one, np.full(len(free), end)) for one, end in ((robot.lower, -np.inf), (robot.upper, np.inf))
+    )
 
     from scipy.optimize import least_squares  # only where a file with loops is read
 
@@ -159,45 +155,18 @@ def _check(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) ->
         q, others = np.split(at, [len(robot.lower)])
         return closing.gaps(q, closing.configuration(q, others))[0]
 
-    best = least_squares(gaps, np.clip(start, lower, upper), bounds=(lower - 1e-9, upper + 1e-9))
+    start = np.clip(np.append(robot.home, free), lower, upper)
+    best = least_squares(gaps, start, bounds=(lower - 1e-9, upper + 1e-9))
     if np.abs(best.fun).max() > ASSEMBLED:
         error = gaping(ties, best.fun, "closes nowhere within the limits of the drives")
         raise names.get(error.loop, root).fail("at", str(error))
-
-
-def _ways(robot: Robot, link: str) -> set[str]:
-    """Return the joints between the base and a link."""
-    found = set()
-    while link != robot.base and link in robot.urdf.parents:
-        found.add(robot.urdf.parents[link].name)
-        link = robot.urdf.parents[link].parent
-    return found
-
-
-def _as_points(loops: Sequence[Loop]) -> tuple[Loop, ...]:
-    return tuple(replace(loop, kind="spherical") for loop in loops)
-
-
-def _turned(robot: Robot, names: Mapping[str, Declaration]) -> tuple[Loop, ...]:
-    """Return the loops with the axes of `link` in `to`, as they are where the points meet near the zero pose.
-
-    Loops and cylinders between the same bodies are refused where one leaves nothing free that the other holds.
-    """
-    linkage, model = robot.linkage, build_model(robot)
-    data = model.model.createData()
-    ties = Ties(model.model, data, replace(linkage, loops=_as_points(linkage.loops)))
-    closing = Closing(robot, model, ties, Corrections())
-    free = np.array([at or 0.0 for at in linkage.free.values()])
     met = closing.configuration(robot.home, closing.nearest(robot.home, free))
     ties.place(met)
     found = []
-    for loop in linkage.loops:
-        turns = []
-        for link in (loop.link, loop.to):
-            frame = model.model.frames[model.frame(link)]
-            turns.append(data.oMi[frame.parentJoint].rotation @ frame.placement.rotation)
-        found.append(replace(loop, turn_to=turns[1].T @ turns[0]))
-    ties = Ties(model.model, data, replace(linkage, loops=tuple(found)))
+    for loop, one in zip(linkage.loops, ties.loops, strict=True):
+        first, second = (end.turn @ end.axes for end in one.ends)
+        found.append(replace(loop, turn_to=second.T @ first))
+    ties = Ties(model, data, replace(linkage, loops=tuple(found)))
     ties.place(met)
     said: list[tuple[str, set[int], Array]] = []
     for name, one in zip(linkage.joined, ties.joined, strict=True):
