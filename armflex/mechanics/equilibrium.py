@@ -169,12 +169,11 @@ def _of_mechanism(
     row = loaded.row(case.q, case.covariates)
     if mechanics.laws.changing:
         mechanics.laws.know(row)
-    rest = mechanics.rest(case, row)
-    factor = _lasting(rest.tangent)
+    rigid, motion, torque, history, tangent = mechanics.rest(case, row)
+    factor, squares = _lasting(tangent), np.square(history).tolist()
     if not allow_large:
-        check_small(rest.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
-    squares = np.square(rest.history).tolist()
-    return Equilibrium(loaded, case, rest.rigid, rest.motion, rest.torque, "newton", squares, None, factor)
+        check_small(motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
+    return Equilibrium(loaded, case, rigid, motion, torque, "newton", squares, None, factor)
 
 
 RUNS_AWAY = np.errstate(over="ignore", invalid="ignore")

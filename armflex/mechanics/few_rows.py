@@ -170,7 +170,7 @@ def _closed(
     assert isinstance(mechanics, Mechanism) and found.torque is not None
     motion[nv:], torque = found.motion[mechanics.model.nv :], np.zeros(probed.flex.size)
     free = mechanics.flexed(found.rigid, found.motion)[mechanics.flex.free_q]
-    configuration = probed.flexed(probed.configuration(case.q, free), motion)
+    configuration = probed.flexed(probed.true.configuration(case.q, free), motion)
     torque[nv:] = found.torque[mechanics.model.nv :]
     torque[:nv] = probed.held(configuration, case, torque)
     linear = probed.linear(configuration, motion, torque, case, row, mechanics.idle(case, row))

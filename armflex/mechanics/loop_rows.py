@@ -177,7 +177,7 @@ class LoopSolver:
         return found
 
     def model(self, found: Rested, i: int, q: Array) -> tuple[Array, Array, Array]:
-        """Return a row as `mechanism.Rest` has it: configuration, motion, and torque but that of joints."""
+        """Return a row as `Mechanism.rest` has it: configuration, motion, and torque but that of joints."""
         closed, twists, loads, whole = found.closed[i], found.twists[i], found.loads[i], self._blank.copy()
         whole[self._places] = np.concatenate(
             [q[: self._driven], closed, found.flexed[i] - closed, twists.ravel(), -loads.ravel()]

@@ -1,6 +1,6 @@
 """A mechanism at rest: a tree of links with loops, passive joints, cylinders, gears, and flexures in all of them.
 
-    mechanics.rest(case, row)   where it is, see `Rest`; `find_equilibrium` makes an `Equilibrium` of it
+    mechanics.rest(case, row)   where it is; `find_equilibrium` makes an `Equilibrium` of it
     mechanics.closed(q)         positions of the joints without a drive, nothing giving
     mechanics.linear(...)       how it answers to laws, loads, lengths and positions, see `Linear`
 
@@ -86,12 +86,9 @@ class Closing:
 
     def __init__(self, robot: Robot, flex: FlexModel, ties: Ties, corrections: Corrections) -> None:
         self._robot, self._flex, self.ties, self._linkage = robot, flex, ties, robot.linkage
-        self._driven, count = len(flex.q_index), len(ties.rows)
-        cylinders = self._linkage.cylinders
-        self.lengths = slice(
-            count - len(self._linkage.followers) - len(cylinders), count - len(self._linkage.followers)
-        )
-        self.offsets = np.array([corrections.joint_offset.get(one.name, 0.0) for one in cylinders])
+        self._driven, first = len(flex.q_index), sum(len(one.rows) for one in ties.loops)
+        self.lengths = slice(first, first + len(ties.cylinders))
+        self.offsets = np.array([corrections.joint_offset.get(one.name, 0.0) for one in self._linkage.cylinders])
         self.last: tuple[Array, Array] | None = None if self._linkage else (robot.home, np.zeros(0))
 
     def configuration(self, q: Array, free: Array) -> Array:
@@ -119,11 +116,8 @@ class Closing:
             free = self._first(q)
         if free is None:
             raise self._open(q)
-        gaps, ways = self.gaps(q, self.configuration(q, free))
-        if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
-            raise gaping(self.ties, gaps, "cannot close")
-        if (loose := self._loose(gaps, ways, SINGULAR)) is not None:
-            raise loose
+        if (wrong := self._wrong(q, free, SINGULAR)) is not None:
+            raise wrong
         self.last = q.copy(), free
         return free
 
@@ -183,17 +177,17 @@ class Closing:
         """Return what is said of drives that the loops do not let come so far."""
         given = np.array([at or 0.0 for at in self._linkage.free.values()])
         free = self.nearest(q, given if self.last is None else self.last[1])
-        gaps, ways = self.gaps(q, self.configuration(q, free))
-        if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
-            return gaping(self.ties, gaps, "cannot close")
-        if (loose := self._loose(gaps, ways, NEARLY)) is not None:
-            return loose
-        name = self.ties.apart(int(np.abs(gaps).argmax()))[0]
+        if (wrong := self._wrong(q, free, NEARLY)) is not None:
+            return wrong
+        name = self.ties.apart(int(np.abs(self.gaps(q, self.configuration(q, free))[0]).argmax()))[0]
         text = f"loop {name!r} closes here, but the way here leads through a singular pose, where its branches meet"
         return ClosureError(f"{text}: give q0 of its passive joints near the first row", name, 0.0)
 
-    def _loose(self, gaps: Array, ways: Array, least: float) -> ClosureError | None:
-        """Return what is said of a joint that the loops do not hold, by the least singular value of what holds it."""
+    def _wrong(self, q: Array, free: Array, least: float) -> ClosureError | None:
+        """Return what is said of a gap, or of a joint that the least singular value says is not held."""
+        gaps, ways = self.gaps(q, self.configuration(q, free))
+        if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
+            return gaping(self.ties, gaps, "cannot close")
         held = ways[:, self._flex.free_v]
         sizes, motions = np.linalg.svd(held)[1:]
         if held.shape[1] <= len(sizes) and not sizes[-1:] < least * sizes[:1]:
@@ -257,24 +251,6 @@ class Linear:
         return np.eye(len(self.turned)) - self.by_load @ self.turned - self.by_gap @ self.ways
 
 
-@dataclass(frozen=True, eq=False)
-class Rest:
-    """A mechanism at rest.
-
-    Attributes:
-        rigid: (nq_model,) configuration with the loops closed and no flexure giving.
-        motion, torque: (size,) see the head of this file.
-        history: Largest residual before each step.
-        tangent: What its loads make of the mechanism without them, whose eigenvalues are above zero where it stays.
-    """
-
-    rigid: Array
-    motion: Array
-    torque: Array
-    history: list[float]
-    tangent: Array
-
-
 class Mechanism(Mechanics):
     """One thread's Pinocchio of a mechanism with its payload; never to be shared between threads."""
 
@@ -310,16 +286,15 @@ class Mechanism(Mechanics):
         """See `Mechanics`; the loops are closed."""
         return self.true.configuration(q, self.closed(q))
 
-    def configuration(self, q: Array, free: Array) -> Array:
-        """Return the configuration with drives at (nq,), the others at (p,) positions and every flexure at zero."""
-        return self.true.configuration(q, free)
-
     def flexed(self, rigid: Array, motion: Array) -> Array:
         """See `Mechanics`; the joints without a drive move, too."""
         return integrate(self.model, rigid, motion[: self.model.nv])
 
-    def rest(self, case: LoadCase, row: Row) -> Rest:
+    def rest(self, case: LoadCase, row: Row) -> tuple[Array, Array, Array, list[float], Array]:
         """Return where the mechanism comes to rest.
+
+        That is its (nq_model,) configuration with the loops closed and no flexure giving, and from there its (size,)
+        motion and torque, see the head of this file; the largest residual before each step; and its `tangent`.
 
         Raises:
             ClosureError: A loop cannot be closed.
@@ -336,13 +311,8 @@ class Mechanism(Mechanics):
             gaps, ways = self.true.gaps(case.q, configuration)
             torque = np.concatenate([tree + ways.T @ forces, -ties.rows.T @ forces])
             law = self.laws.motion(torque)
-            left = np.concatenate(
-                [
-                    motion[given] - law[given],
-                    torque[free],
-                    gaps - ties.rows @ law[nv:] - idle @ (idle.T @ forces),
-                ]
-            )
+            unclosed = gaps - ties.rows @ law[nv:]
+            left = np.concatenate([motion[given] - law[given], torque[free], unclosed - idle @ (idle.T @ forces)])
             motion[nv:] = law[nv:]
             sizes = np.abs(left)
             sizes[t : t + p] /= max(1.0, float(np.abs(tree).max(initial=0.0)))
@@ -351,11 +321,10 @@ class Mechanism(Mechanics):
             if not np.isfinite(largest):
                 break
             if largest <= TOLERANCE and last <= POLISHED:
-                unclosed = gaps - ties.rows @ law[nv:]
                 if np.abs(unclosed).max(initial=0.0) > ALIGNED:
                     raise gaping(ties, unclosed, "cannot close")
                 # The tangent is that of the step before, from which this one is as good as nothing.
-                return Rest(rigid, motion, torque, history, np.array(np.linalg.solve(base, matrix), dtype=float))
+                return rigid, motion, torque, history, np.array(np.linalg.solve(base, matrix), dtype=float)
             bodily = self.exponential_jacobian(rigid, motion[:nv])
             matrix, base, scale, _ = self._matrix(configuration, bodily, torque, ways, case, row, idle)
             left[t : t + p] /= scale
@@ -413,7 +382,7 @@ class Mechanism(Mechanics):
         return rows @ tangent[np.ix_(closed, closed)] @ rows.T
 
     def idle(self, case: LoadCase, row: Row, rigid: Array | None = None) -> Array:
-        """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to; see `Rest.rigid`."""
+        """Return (m, k) directions of the gaps that no passive joint, flexure or pin answers to where it is rigid."""
         gaps, ways = self.true.gaps(case.q, self.rigid_configuration(case.q) if rigid is None else rigid)
         yields, soft = self._ways_to_give(row)
         reached = np.concatenate([ways[:, self.flex.free_v], ways[:, self.given].dot(yields), soft], axis=1)
@@ -437,7 +406,7 @@ class Mechanism(Mechanics):
 
         Args:
             configuration: (nq_model,) where it rests.
-            motion, torque: (size,) see `Rest`.
+            motion, torque: (size,) see `rest`.
             case: What acts.
             row: What its laws may know.
             idle: See `idle`, where it is known.
@@ -459,7 +428,10 @@ class Mechanism(Mechanics):
         return Linear(by_law, by_load, by_gap, ways, turned, bodily, self.tied.rows, self.true.lengths)
 
     def tangent(self, configuration: Array, motion: Array, torque: Array, case: LoadCase, row: Row) -> Array:
-        """Return what its loads make of the mechanism without them, see `Rest`; arguments as of `linear`."""
+        """Return what its loads make of the mechanism without them, of eigenvalues above zero where it stays.
+
+        Arguments are as of `linear`.
+        """
         matrix, base, *_ = self._about(configuration, motion, torque, case, row)
         return np.array(np.linalg.solve(base, matrix), dtype=float)
 
