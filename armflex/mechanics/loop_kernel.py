@@ -151,8 +151,8 @@ def _memory(tree, driven, free):
 class Room(NamedTuple):
     """What equations of Z coordinates and m rows are worked with; rows of packs, see `vectors`.
 
-    motion, field: (k, 6, W) see `_spread`. unit, stiff: (Z, W) ones and G. matrix, order: of the equations, with a row
-    to work in. right: (Z + m, 4), laws: (Z + m, W) their solutions, by coordinate of laws.
+    motion, field: (k, 6 W) see `_spread`. unit: (Z, W). stiff: (Z, W) G. matrix, order: of the equations, with a row to
+    work in. right: (Z + m, 8). laws: (Z + m, W) their solution by coordinate of laws.
     """
 
     motion: Array
@@ -173,7 +173,7 @@ def _room(tree, p, rank):
     free, k, m = p + rank, len(tree.parents), len(tree.rows)
     size, wide, most = free + m, _wide(free), max(free, m)
     return Room(
-        np.empty((k, 6, wide)), np.empty((k, 6, wide)), np.eye(free, wide), np.zeros((free, wide)),
+        np.empty((k, 6 * wide)), np.empty((k, 6 * wide)), np.eye(free, wide), np.zeros((free, wide)),
         np.zeros((size + 1, _wide(size))), np.empty(size, dtype=np.int64), np.zeros((size, WIDE)),
         np.zeros((size, _wide(rank))), np.zeros((most + 1, _wide(most))), np.zeros((most, _wide(most))),
     )  # fmt: skip
@@ -449,25 +449,26 @@ def _idle(here, room, p, idle):
 
     Returns whether the gaps are closed there.
     """
-    m, rank, total, worst, some = len(here.gaps), here.rank[0], 0.0, 0.0, idle.any()
-    trial, reached, by = room.small[: m + 1], np.zeros((m, m)), here.by[:, : p + here.rank[0]].copy()
-    for c in range(rank):  # a law's by the size of its twist
-        by[:, p + c] *= 1.0 / math.sqrt(_six(here.roots[c], here.roots[c]))
+    m, total, by, worst, some = len(here.gaps), 0.0, here.by, 0.0, False
+    trial, reached, count = room.small[: m + 1], np.zeros((m, m)), p + here.rank[0]
+    shares = np.ones(count)
+    for c in range(here.rank[0]):  # a law's by the size of its twist
+        shares[p + c] = 1.0 / _six(here.roots[c], here.roots[c])
     for r in range(m):
         for s in range(r + 1):
-            for z in range(p + rank):
-                reached[r, s] += by[r, z] * by[s, z]
-            reached[s, r] = reached[r, s]
-        total += reached[r, r]
+            for z in range(count):
+                reached[r, s] += by[r, z] * by[s, z] * shares[z]
+        total, some = total + reached[r, r], some or idle[r, r] != 0.0
     for r in range(m):
-        for z in range(p + rank if some else 0):
+        for z in range(count if some else 0):
             left = 0.0
             for s in range(m):
                 left += idle[r, s] * by[s, z]
-            worst = max(worst, abs(left))
-        for s in range(m):
-            trial[r, s] = reached[r, s] + total * idle[r, s]
-    same = worst <= 1e-13 * math.sqrt(total) and _factor(trial, room.order[:m])
+            worst = max(worst, left * left * shares[z])
+        for s in range(r + 1):
+            reached[s, r] = reached[r, s]
+            trial[r, s] = trial[s, r] = reached[r, s] + total * idle[r, s]
+    same = worst <= 1e-26 * total and _factor(trial, room.order[:m])
     if not (same and _least(trial, room.order[:m], room.inverse) > 10.0 * ALIGNED**2 * total):
         sizes, ways = np.linalg.eigh(reached)
         idle[:] = 0.0
@@ -696,10 +697,9 @@ def _distance(tree, here, room, links, wrenches, real, driven):
 @inner
 def _sum(shares, rows, start, count):
     """Return a pack of columns of the product of some numbers with rows of packs."""
-    width = rows.shape[1]
-    value = shares[0] * pack(rows, start)
+    value = shares[0] * pack(rows[0], start)
     for a in range(1, count):
-        value = value + shares[a] * pack(rows, start + a * width)
+        value = value + shares[a] * pack(rows[a], start)
     return value
 
 
@@ -707,9 +707,20 @@ def _sum(shares, rows, start, count):
 def _stiffen(tree, here, room, links, wrenches, real, driven):
     """Fill `stiff`: what motions of coordinates change of the loads, a row for each of (Z, 6) motions that are met."""
     _spread(tree, here, driven, links, wrenches, room.unit, room.unit[:0], room.motion, room.field)
+    wide = room.unit.shape[1]
     for z in range(len(real)):
-        for b in range(0, room.unit.shape[1], WIDE):
-            put_pack(room.stiff[z], b, _sum(real[z], room.field[here.carriers[driven + z]], b, 6))
+        field = room.field[here.carriers[driven + z]]
+        for b in range(0, wide, WIDE):
+            put_pack(room.stiff[z], b, _met(real[z], field, b, wide))
+
+
+@inner
+def _met(twist, field, start, wide):
+    """Return a pack of answers of a field to a spatial twist."""
+    value = twist[0] * pack(field, start)
+    for a in range(1, 6):
+        value = value + twist[a] * pack(field, start + a * wide)
+    return value
 
 
 @bare
@@ -730,7 +741,7 @@ def _system(here, room, idle, scale, by):
 
 @bare
 def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
-    """Fill (k, 6, W) motions of elements, and work per twist that is inserted at one and moves all that it carries.
+    """Fill (k, 6 W) motions of elements, and work per twist that is inserted at one and moves all that it carries.
 
     That is of the changes of all loads with (Z, W) virtual motions of coordinates, and with (m, W) virtual forces of
     gaps; those of no rows are none.
@@ -740,54 +751,51 @@ def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
     field[:] = 0.0
     for z in range(len(rows)):
         k, screw = here.carriers[driven + z], here.screws[driven + z]
-        for b in range(0, wide if k > 0 else 0, WIDE):
-            size = 0.0
-            for c in range(b, b + WIDE):
-                size += abs(rows[z, c])
-            if size > 0.0:
-                rates = pack(rows[z], b)
-                add_columns(motion[k], 0, b, times(rates, three(screw, 0)))
-                add_columns(motion[k], 3, b, times(rates, three(screw, 3)))
-                _turn_back(here, driven + z, rates, field[k], b)
+        if k > 0:
+            for b in range(0, wide, WIDE):
+                if rows[z, b] != 0.0 or rows[z, b + 1] != 0.0 or rows[z, b + 2] != 0.0 or rows[z, b + 3] != 0.0:
+                    rates = pack(rows[z], b)
+                    add_columns(motion[k], b, wide, times(rates, three(screw, 0)))
+                    add_columns(motion[k], b + 3 * wide, wide, times(rates, three(screw, 3)))
+                    _turn_back(here, driven + z, rates, field[k], b, wide)
     for k in range(1, count):
-        _add(motion[k], motion[tree.parents[k]])
+        for b in range(0, 6 * wide, WIDE):
+            put_pack(motion[k], b, pack(motion[k], b) + pack(motion[tree.parents[k]], b))
     for j in range(-count, len(links)):
         k, point, force, moment = _pushed(tree, here, links, wrenches, j)
         follows = j >= 0 and links[j, 2] != 0
         moment = plus(moment, cross(point, force))
         for b in range(0, wide if follows or dot(force, force) > 0.0 else 0, WIDE):
-            about = columns(motion[k], 3, b)
+            about = columns(motion[k], b + 3 * wide, wide)
             change = cross(about, force)  # of a force that keeps its direction only the point moves
-            add_columns(field[k], 0, b, change)
+            add_columns(field[k], b, wide, change)
             if follows:
-                add_columns(field[k], 3, b, plus(cross(about, moment), cross(columns(motion[k], 0, b), force)))
+                turning = plus(cross(about, moment), cross(columns(motion[k], b, wide), force))
+                add_columns(field[k], b + 3 * wide, wide, turning)
             else:
-                add_columns(field[k], 3, b, cross(point, change))
+                add_columns(field[k], b + 3 * wide, wide, cross(point, change))
     for t in range(len(tree.joins)):
         if tree.joins[t, 0] != GEAR:
             _, e1, e2, _, _, _ = _tie(tree, t)
-            _tied(tree, here, t, forces, motion, field[e1], field[e2])
+            _tied(tree, here, t, forces, motion, field[e1], field[e2], wide)
     for k in range(count - 1, 0, -1):
-        _add(field[tree.parents[k]], field[k])
+        back = field[tree.parents[k]]
+        for b in range(0, 6 * wide, WIDE):
+            put_pack(back, b, pack(back, b) + pack(field[k], b))
 
 
 @inner
-def _add(into, more):
-    for b in range(0, into.size, WIDE):
-        put_pack(into, b, pack(into, b) + pack(more, b))
-
-
-@inner
-def _turn_back(here, z, rates, field, start):
+def _turn_back(here, z, rates, field, start, wide):
     """Take away by how much the load on what a coordinate carries turns with it, at some rates."""
     load, screw = here.loads[here.carriers[z]], here.screws[z]
     about, force = three(screw, 3), three(load, 0)
-    add_columns(field, 0, start, times(rates, cross(force, about)))
-    add_columns(field, 3, start, times(rates, plus(cross(three(load, 3), about), cross(force, three(screw, 0)))))
+    add_columns(field, start, wide, times(rates, cross(force, about)))
+    turning = plus(cross(three(load, 3), about), cross(force, three(screw, 0)))
+    add_columns(field, start + 3 * wide, wide, times(rates, turning))
 
 
 @bare
-def _tied(tree, here, t, forces, motion, one, two):
+def _tied(tree, here, t, forces, motion, one, two, wide):
     """Add what the change of a tie's wrench gives at its ends, see `shift` of `ties`, and the change of its gaps."""
     kind, e1, e2, start, end, _ = _tie(tree, t)
     tie, pairs = tree.ties[t], here.pairs[t]
@@ -807,31 +815,31 @@ def _tied(tree, here, t, forces, motion, one, two):
         pull, about = turned(here.turn[e1], pull), turned(here.turn[e1], about)
         for j in range(kind):
             moment = plus(moment, cross(three(pairs, 9 + 3 * j), cross(about, three(pairs, 3 * j))))
-    for b in range(0, motion.shape[2], WIDE):
-        turn = minus(columns(motion[e2], 3, b), columns(motion[e1], 3, b))
-        shift = minus(columns(motion[e2], 0, b), columns(motion[e1], 0, b))
+    for b in range(0, wide, WIDE):
+        turn = minus(columns(motion[e2], b + 3 * wide, wide), columns(motion[e1], b + 3 * wide, wide))
+        shift = minus(columns(motion[e2], b, wide), columns(motion[e1], b, wide))
         shift = plus(shift, cross(turn, p2))
         change = cross(pull, turn)
         if kind >= ROD:
             stretch = (rate - across) * dot(along, shift)
             push = plus(times(across, shift), times(stretch, along))
             change = plus(change, push)
-            add_columns(one, 0, b, times(-1.0, push))
-            add_columns(one, 3, b, cross(push, p1))
-            add_columns(two, 3, b, cross(p2, change))
+            add_columns(one, b, wide, times(-1.0, push))
+            add_columns(one, b + 3 * wide, wide, cross(push, p1))
+            add_columns(two, b + 3 * wide, wide, cross(p2, change))
         else:
             other = cross(p2, change)
             back = plus(cross(pull, shift), cross(moment, turn))
             for j in range(kind):
                 held = cross(three(pairs, 9 + 3 * j), cross(cross(about, three(pairs, 3 * j)), turn))
                 other, back = plus(other, held), minus(back, held)
-            add_columns(one, 3, b, back)
-            add_columns(two, 3, b, other)
-        add_columns(two, 0, b, change)
+            add_columns(one, b + 3 * wide, wide, back)
+            add_columns(two, b + 3 * wide, wide, other)
+        add_columns(two, b, wide, change)
     for r in range(start, end if len(forces) else start):
         for a in range(6):
-            for b in range(0, forces.shape[1], WIDE):
-                share, at = here.ways[r, a] * pack(forces[r], b), a * forces.shape[1] + b
+            for b in range(0, wide, WIDE):
+                share, at = here.ways[r, a] * pack(forces[r], b), a * wide + b
                 put_pack(one, at, pack(one, at) - share)
                 put_pack(two, at, pack(two, at) + share)
 
@@ -942,9 +950,10 @@ def respond_rows(
     here = _memory(tree, driven, p)
     room, ties, first = _room(tree, p, 0), len(tree.joins), driven + p
     at, turn, own, carried, still = np.empty(3), np.empty((3, 3)), np.empty((6, 6)), np.zeros(count), np.eye(3)
-    roots, derived, by, line = here.roots.copy(), np.empty((n, 6, 6)), here.by.copy(), np.empty(6)
-    right, start, work = np.zeros((0, TIP)), np.zeros((6, TIP)), np.empty((3, 6, TIP))
-    motion, field = np.empty((count, 6, TIP)), np.empty((count, 6, TIP))
+    roots, derived, by, start = here.roots.copy(), np.empty((n, 6, 6)), here.by.copy(), np.zeros(6 * TIP)
+    right, ends = np.zeros((0, TIP)), np.empty((2, 6 * TIP))
+    motion, field = np.empty((count, 6 * TIP)), np.empty((count, 6 * TIP))
+    virtual, answer = motion.reshape((count, 6, TIP)).transpose((0, 2, 1)), field.reshape((count, 6, TIP))
     k, scale, real = int(end[0]), 0.0, here.screws
     while k > 0:
         carried[k] = 1.0
@@ -984,33 +993,38 @@ def respond_rows(
             k = here.carriers[first + c]
             if k > 0:
                 for a in range(6):
-                    line[a] = _six(derived[here.owner[c], a], roots[c])
-                _screw(here, k, line, real[p + c])
+                    start[a] = _six(derived[here.owner[c], a], roots[c])
+                _screw(here, k, start, real[p + c])
         _open(tree, here, driven, screws, here.roots, here.by)
         _open(tree, here, driven, real, roots, by)
         _stiffen(tree, here, room, links, pushed, real, driven)
         _system(here, room, idle[row], scale, by)
         _compose(here.turn[int(end[0])], here.origin[int(end[0])], end[1:], turn, at)
         right[:] = 0.0
-        for b in range(3):  # the frame's own motion, as a load that asks for it
-            start[b, b] = start[3 + b, 3 + b] = 1.0
-            start[3, b], start[4, b], start[5, b] = cross(three(at, 0), three(still[b], 0))
         for z in range(total):
-            for b in range(0, TIP if carried[here.carriers[driven + z]] > 0.0 else 0, WIDE):
-                put_pack(right[z], b, _sum(real[z], start, b, 6))
+            if carried[here.carriers[driven + z]] > 0.0:
+                about = three(real[z], 3)
+                put(right[z], 0, plus(three(real[z], 0), cross(about, three(at, 0))))
+                put(right[z], 3, about)
         _solve(room.matrix, room.order, right)
         force = right[total:]
         force *= scale
         _spread(tree, here, driven, links, pushed, right[:total], force, motion, field)
+        start[:] = 0.0
+        for b in range(3):  # the frame's own motion, as a load that asks for it
+            start[TIP * b + b] = start[TIP * (3 + b) + 3 + b] = 1.0
+            line = cross(three(at, 0), three(still[b], 0))
+            for a in range(3):
+                start[TIP * (3 + a) + b] = line[a]
         for k in range(count):
-            for b in range(0, start.size, WIDE):
+            for b in range(0, 6 * TIP, WIDE):
                 put_pack(field[k], b, carried[k] * pack(start, b) - pack(field[k], b))
         if len(laws):
             laws[row] = 0.0
             for i in range(n):
                 e = tree.flexures[i]
                 if e >= 0:
-                    _answer(field[e], here.turn[e], here.origin[e], 1.0, work[0], own)
+                    _answer(field[e], here.turn[e], here.origin[e], 1.0, ends[0], own)
                     _times(own, derived[i], laws[row, :, i])
                 else:
                     _slots(tree, -1 - e, force, laws[row, :, i])
@@ -1018,7 +1032,7 @@ def respond_rows(
             joints[row] = 0.0
             for j in range(driven):
                 for a in range(6 if here.carriers[j] > 0 else 0):
-                    joints[row, :, j] += here.screws[j, a] * field[here.carriers[j], a, :6]
+                    joints[row, :, j] += here.screws[j, a] * answer[here.carriers[j], a, :6]
             for t in range(ties):
                 kind, _, e2, r, _, j = _tie(tree, t)
                 if kind == ROD:
@@ -1030,11 +1044,11 @@ def respond_rows(
             for i in range(f):
                 k = places[0, i]
                 _compose(here.turn[k], here.origin[k], numbers[i], turn, at)
-                work[0] = field[places[1, i]]
+                ends[0] = field[places[1, i]]
                 for z in range(p if k == places[1, i] else 0):  # outboard of a passive joint its axis stays
                     for b in range(0, TIP if here.carriers[driven + z] == k else 0, WIDE):
-                        _turn_back(here, driven + z, pack(right[z], b), work[0], b)
-                _answer(work[0], turn, at, 1.0, work[2], sites[row, :, i])
+                        _turn_back(here, driven + z, pack(right[z], b), ends[0], b, TIP)
+                _answer(ends[0], turn, at, 1.0, ends[1], sites[row, :, i])
             closures = 0
             for t in range(ties):
                 if tree.joins[t, 0] < COIL:
@@ -1043,18 +1057,18 @@ def respond_rows(
             for t in range(closures):
                 if tree.joins[t, 0] == GEAR:
                     break
-                work[:] = 0.0
-                _tied(tree, here, t, force, motion, work[0], work[1])
+                ends[:] = 0.0
+                _tied(tree, here, t, force, motion, ends[0], ends[1], TIP)
                 for side in range(2):
                     k = tree.joins[t, 1 + side]
                     put(at, 0, _point(here, k, three(tree.ties[t], 3 * side)))
                     for a in range(3):
                         put(turn[a], 0, _through(three(here.turn[k, a], 0), tree.ties[t, 27 + 9 * side :]))
-                    _answer(work[side], turn, at, -1.0, work[2], sites[row, :, f + closures + 2 * t + side])
+                    _answer(ends[side], turn, at, -1.0, start, sites[row, :, f + closures + 2 * t + side])
         for i in range(f if len(motions) else 0):
             _compose(here.turn[places[0, i]], here.origin[places[0, i]], numbers[i], turn, at)
             for b in range(6):
-                way, about = three(motion[places[0, i], :, b], 0), three(motion[places[0, i], :, b], 3)
+                way, about = three(virtual[places[0, i], b], 0), three(virtual[places[0, i], b], 3)
                 put(motions[row, i, b], 0, plus(way, cross(about, three(at, 0))))
                 put(motions[row, i, b], 3, about)
 
@@ -1063,14 +1077,15 @@ def respond_rows(
 def _answer(field, turn, at, sign, work, found):
     """Fill the (6, 6) answers of a field to twists in the axes of a frame."""
     for b in range(0, TIP, WIDE):
-        force, moment = columns(field, 0, b), columns(field, 3, b)
-        moment, force = turned_back(turn, plus(moment, cross(force, three(at, 0)))), turned_back(turn, force)
+        force, moment = columns(field, b, TIP), columns(field, b + 3 * TIP, TIP)
+        moment = turned_back(turn, plus(moment, cross(force, three(at, 0))))
+        force = turned_back(turn, force)
         for a in range(3):
-            put_pack(work[a], b, sign * force[a])
-            put_pack(work[3 + a], b, sign * moment[a])
+            put_pack(work, b + a * TIP, sign * force[a])
+            put_pack(work, b + (3 + a) * TIP, sign * moment[a])
     for b in range(6):
         for a in range(6):
-            found[b, a] = work[a, b]
+            found[b, a] = work[a * TIP + b]
 
 
 @bare

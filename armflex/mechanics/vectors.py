@@ -45,7 +45,7 @@ def _place(context, builder, sig, args):
 
 @intrinsic
 def pack(typing, array, start):
-    """Return a pack of a contiguous array, of one dimension or counted through all."""
+    """Return a pack of a contiguous array."""
     return Pack(array, types.intp), lambda *given: given[1].load(_place(*given), align=8)
 
 
@@ -136,15 +136,13 @@ def turned_back(turn, vector):
 
 
 @inner
-def columns(array, row, start):
-    """Return a vector of packs, of three rows from one on."""
-    at, width = row * array.shape[1] + start, array.shape[1]
-    return pack(array, at), pack(array, at + width), pack(array, at + 2 * width)
+def columns(array, start, width):
+    """Return a vector of packs: from three of an array's rows of a width."""
+    return pack(array, start), pack(array, start + width), pack(array, start + 2 * width)
 
 
 @inner
-def add_columns(array, row, start, vector):
-    """Add a vector of packs to three rows from one on."""
+def add_columns(array, start, width, vector):
+    """Add a vector of packs to three of an array's rows of a width."""
     for a in range(3):
-        at = (row + a) * array.shape[1] + start
-        put_pack(array, at, pack(array, at) + vector[a])
+        put_pack(array, start + a * width, pack(array, start + a * width) + vector[a])

@@ -62,9 +62,8 @@ class OilColumn(Compliance):
         (head, ring), dead = self.areas, self.dead_volume
         first, second = head * (length - self.lower) + dead, ring * (self.upper - length) + dead
         softness = first * second / (self.bulk_modulus * (head**2 * second + ring**2 * first))
-        found = np.zeros((*np.shape(softness), 6, 6))
-        found[..., 0, 0] = self.factor * softness
-        return found
+        found = self.factor * softness
+        return (found[..., None, None] if isinstance(found, np.ndarray) else found) * ALONG
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the change of the twist with the bulk modulus: the less compliant, the more of it."""
