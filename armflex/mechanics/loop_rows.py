@@ -132,8 +132,24 @@ class LoopSolver:
 
     def one(self, row: Row) -> Rested | None:
         """Return where it rests in one row, in arrays that the next one overwrites; None where it is not answered."""
-        found = self.rest(row.q[None], row, into=self._single)
+        closing, found, q = self._closing, self._single, row.q[None]
+        known, plain = self._known(q, row)
+        if plain and self._nominal is None and closing.last is not None:
+            free = closing.last[1].copy()
+            if self._ask(self._tree, *known, True, 0, free, self._idle, *found[:-1]):
+                closing.last = row.q.copy(), found.closed[0].copy()
+                return found
+        self.rest(q, row, into=found)
         return found if found.fine[0] else None
+
+    def _known(self, q: Array, row: Row) -> tuple[tuple, bool]:
+        """Return laws, loads and positions for compiled code, and whether it knows them."""
+        laws, pushes = self._laws, self._pushes
+        if self._differs:
+            laws.know(row)
+        plain = not (laws.curved or laws.bent or pushes.posed)
+        loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
+        return (laws.compliance, laws.offset, pushes.links, loads, q), plain
 
     def rest(
         self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: Rested | None = None
@@ -146,12 +162,7 @@ class LoopSolver:
             alone: Asked about each row that is not answered, in its turn; where it is not given no row after it is.
             into: Arrays to be filled.
         """
-        laws, pushes, nominal = self._laws, self._pushes, None
-        if self._differs:
-            laws.know(row)
-        plain = not (laws.curved or laws.bent or pushes.posed)
-        loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
-        known = laws.compliance, laws.offset, pushes.links, loads, q
+        (known, plain), nominal = self._known(q, row), None
 
         def by_itself(into: Rested, i: int) -> bool:
             if alone is not None:
