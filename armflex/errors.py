@@ -309,6 +309,10 @@ def shown(value: object, most: int = 200) -> str:
     return text if len(text) <= most else f"{text[:most]} ..."
 
 
+FEW = 3
+"""Names of many that a message has room for, the worst first."""
+
+
 def listing(names: Iterable[str], most: int = 20) -> str:
     """Return names joined by commas, cut after `most` of them."""
     names = list(names)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.errors import Flag, InputError, UnknownNameError
+from armflex.errors import FEW, Flag, InputError, UnknownNameError
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.effect import Act, Effect
@@ -242,7 +242,7 @@ def beyond_priors(pulls: Mapping[str, float]) -> Iterator[Flag]:
     """
     far = sorted((label for label, pull in pulls.items() if pull > ABSURD), key=lambda label: -pulls[label])
     if far:
-        worst = ", ".join(f"{label} by {pulls[label]:.0f} prior standard deviations" for label in far[:3])
+        worst = ", ".join(f"{label} by {pulls[label]:.0f} prior standard deviations" for label in far[:FEW])
         text = f"{len(far)} value{'s are' if len(far) > 1 else ' is'} absurdly far from what was declared ({worst})"
         text += ": units, conventions and priors are more likely wrong than the arm is"
         yield Flag("beyond_priors", text, far[0], pulls[far[0]])

@@ -15,7 +15,7 @@ import numpy as np
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array
-from armflex.estimate.view import View
+from armflex.estimate.view import QUOTIENT_STEP, View
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.catalogue import CATALOGUE
@@ -26,12 +26,6 @@ from armflex.laws.law import split
 from armflex.laws.learned import LearnedLaw, Seen, learned_law, seen_in
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, ParameterKind, of_effect, of_law
-
-QUOTIENT_STEP = 1e-4
-"""Tolerance: step of a difference quotient, in prior standard deviations, or as a part of what a value is."""
-
-USUAL_STEP = {"1": 0.1, "m": 1e-3, "rad": 1e-3}
-"""Tolerance: by unit what takes the place of a prior standard deviation where there is none."""
 
 
 class Block(ABC):
@@ -69,8 +63,8 @@ class Block(ABC):
     def steps(self) -> Array:
         """(k,) steps of difference quotients, where readings need them: small parts of what is likely."""
         likely = np.where(np.isfinite(self.prior), self.prior, 0.0) if len(self.prior) else np.zeros(len(self.start))
-        usual = np.array([USUAL_STEP.get(unit, 1e-3) for unit in self.units])
-        return np.where(likely > 0.0, QUOTIENT_STEP * likely, QUOTIENT_STEP * np.maximum(np.abs(self.start), usual))
+        usual = np.where(self.start != 0.0, np.abs(self.start), 1.0)
+        return QUOTIENT_STEP * np.where(likely > 0.0, likely, usual)
 
     def at_setup(self, setup: Setup) -> Block:
         """Return the block with its start where a setup is that the block was applied to."""
@@ -148,13 +142,6 @@ def parameters_of(blocks: Sequence[Block]) -> tuple[ArmParameter, ...]:
     """Return the parameters of all blocks in their order."""
     return tuple(parameter for block in blocks for parameter in block.parameters)
 
-
-LARGEST_MOTION = 0.03
-"""Prior: RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard
-deviation. An axis that is off by two degrees somebody sees."""
-
-EXACT = 1e-9
-"""Tolerance: part of a standard deviation, or metres and radians of an arm, that is as good as nothing."""
 
 LOOSE_INNER = 2.0
 """Prior: standard deviation of the logarithm of an inner parameter about where its search ended."""
@@ -264,20 +251,15 @@ def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: 
     return np.concatenate(jacobian, axis=2)
 
 
-def largest_motion(view: View) -> float:
-    """Return the RMS of the tip's motion that is expected of a missing effect at most [m]; see `LARGEST_MOTION`."""
-    return LARGEST_MOTION * float(np.linalg.norm(view.line.tip[:, :3, 3], axis=1).max())
-
-
 def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
-    """Return (k,) prior standard deviations: amplitudes that move the tip by `largest_motion`, inner ones loosely.
+    """Return (k,) prior standard deviations: amplitudes that move the tip by `View.largest_motion`, inner ones loosely.
 
     What pulls towards a point is no farther from where its search ended than the arm reaches.
     """
     jacobian = view.effect_jacobian(effect, context)
     moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)]) / view.per_metre
     # What moves nothing stays at zero rather than wander off.
-    amplitudes = np.where(moved > 0.0, largest_motion(view) / np.where(moved > 0.0, moved, 1.0), 1e-12)
+    amplitudes = np.where(moved > 0.0, view.largest_motion / np.where(moved > 0.0, moved, 1.0), 1e-12)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
     far = context.size if effect.law.spatial else np.inf
     searched = [one.spread or (LOOSE_INNER if one.positive else far) for one in map(effect.law.inner.__getitem__, free)]

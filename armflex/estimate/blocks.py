@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from armflex.arm import Prior, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.errors import UnsupportedError
-from armflex.estimate.block import EXACT, Block, EffectBlock, LawBlock, factor_block, learned_laws, parameters_of
+from armflex.estimate.block import Block, EffectBlock, LawBlock, factor_block, learned_laws, parameters_of
 from armflex.estimate.view import View
 from armflex.laws.effects.context import Context
 from armflex.laws.law import anywhere
@@ -408,7 +408,7 @@ def _as_in_fleet(block: Block, prior: Prior) -> Block:
         prior.each.get(one.label, (0.0, std)) for one, std in zip(block.parameters, block.prior.tolist(), strict=True)
     ]
     mean, std = np.array(pairs).T
-    return FleetBlock(block, mean, np.maximum(std, EXACT))
+    return FleetBlock(block, mean, np.maximum(std, RESOLUTION))
 
 
 def blocks_of(parameters: Sequence[ArmParameter], setup: Setup, context: Context | None = None) -> list[Block] | None:

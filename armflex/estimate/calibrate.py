@@ -17,16 +17,17 @@ from armflex.conventions import RESOLUTION, TWIST_NAMES, row_numbers, said_of
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
-from armflex.estimate.fit import WEIGHINGS, Fit, Weighed, fit, realise
+from armflex.estimate.fit import Fit, Weighed, fit, realise
 from armflex.estimate.held_out import POSE_FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
+from armflex.estimate.hypotheses import USUAL_PRIOR
 from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
 from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
-from armflex.estimate.placement import check_enough, first_guess
+from armflex.estimate.placement import FEWEST_ROWS, check_enough, first_guess
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.robust import huber_weights, instrument_weights
+from armflex.estimate.robust import ROWS_AT_ONCE, huber_weights, instrument_weights
 from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
@@ -42,18 +43,9 @@ from armflex.measured.table import Tabular
 from armflex.parameters import FRAMES, OF_SESSION, ArmParameter, Group, ParameterKind, beyond_priors
 from armflex.progress import Progress
 from armflex.readings import Kind
+from armflex.readings.instrument import ROUNDS
 from armflex.result import Result
 from armflex.robot.urdf import drive_of
-
-FEWEST_ROWS = 4
-"""Tolerance: measured rows below which nothing is fitted."""
-
-MANY_ROWS, SOME = 2048, 8
-"""Tolerance: rows beyond which a fit begins where one in so many of them leads."""
-
-
-PLAY = 5e-3
-"""Prior: standard deviation [rad or m] by which a joint may stand off at random, from which a fit finds its own."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -282,7 +274,7 @@ def fitted_to(
     looks = any(kind.apart for kind in measurements.readings.kinds)
     if looks and as_stated:  # while the arm lacks something the corners of a picture repeat each other
         measurements = replace(measurements, readings=measurements.readings.as_looks)
-    begun, rounds = Weighed(measurements), WEIGHINGS if looks or not as_stated else 0
+    begun, rounds = Weighed(measurements), ROUNDS if looks or not as_stated else 0
     if looks:
         # What the arm lacks all numbers of a look share: weighed as stated they would drive what is free far beyond
         # its prior before their scatter is known.
@@ -335,11 +327,11 @@ def _fit(
 ) -> Fit:
     """Return a fit to readings that scatter as they are weighed.
 
-    Of many rows some lead almost to where all do, in a fraction of the time.
+    Of many rows `ROWS_AT_ONCE` lead almost to where all do, in a fraction of the time.
     """
     start = None
-    if len(used) > MANY_ROWS:
-        some = np.sort(np.random.default_rng(0).choice(used, len(used) // SOME, replace=False))
+    if len(used) > 2 * ROWS_AT_ONCE:
+        some = np.sort(np.random.default_rng(0).choice(used, ROWS_AT_ONCE, replace=False))
         with contextlib.suppress(ArmflexError):  # they may be too few
             first = _fit(declared, blocks, weighed, some, rounds, progress, begun)
             start, weighed = first.values, replace(weighed, factors=first.factors)
@@ -366,7 +358,7 @@ def _with_play(found: Fit, measurements: Measurements, rounds: int, progress: Pr
     twists, poses = [], measurements.pose_number
     for joint in (joint for joint in found.setup.arm.robot.moving if drive_of(joint).any()):
         axis = TWIST_NAMES[int(np.abs(drive_of(joint)).argmax())]
-        twists.append(PoseBlock(joint.name, axis, PLAY, poses))
+        twists.append(PoseBlock(joint.name, axis, USUAL_PRIOR.joint_offset, poses))
     return _fit(
         found.declared, [*found.blocks, *twists], Weighed(measurements), found.view.rows, rounds, progress, begun
     )

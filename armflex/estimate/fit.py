@@ -12,9 +12,12 @@ import numpy as np
 
 from armflex.arm import Setup
 from armflex.conventions import Array
-from armflex.errors import ArmflexError, ConvergenceError
+from armflex.errors import FEW, ArmflexError, ConvergenceError
 from armflex.estimate.block import Block, parameters_of, places_of
 from armflex.estimate.robust import (
+    BY_CHANCE,
+    EVEN,
+    chi_squared,
     huber_weights,
     median_scatter,
     objective,
@@ -29,43 +32,12 @@ from armflex.measured.measurements import Measurements
 from armflex.parameters import ArmParameter
 from armflex.progress import Progress
 
-SETTLED_STEP = 1e-3
-"""Tolerance: steps below this many posterior standard deviations end the iteration."""
-
-MOVING = 10
-"""Tolerance: steps after which the length beyond which rows count less stays as it is."""
-
 LIGHT = 1e-4
 """Tolerance: least damping, relative to a parameter's own information."""
-
-PROMISE_BROKEN, PROMISE_KEPT = 0.25, 0.75
-"""Tolerance: shares of the promised fall of the cost below which damping grows, and above which it shrinks."""
-
-CALM = 1e-2
-"""Tolerance: damping beyond which a step is short because it must be, not because it has arrived."""
-
-RESISTING = 3
-"""Tolerance: parameters and rows that are named where a fit does not settle."""
 
 TURN = 2.0 * np.pi
 """Tolerance: length of a step [rad], as a standard deviation, of an angle that no prior holds: it means nothing beyond
 a turn."""
-
-FLAT_COST = 1e-2
-"""Tolerance: fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as
-stated."""
-
-MOSTLY = 0.5
-"""Confidence: part of the squares that are expected of an instrument which its readings far off may have in its
-noise."""
-
-BEYOND_CHANCE = 4.0
-"""Confidence: standard deviations of its cube root (Wilson and Hilferty 1931) by which a sum of squares is too large
-for chance."""
-
-EVEN, WEIGHINGS = 0.05, 5
-"""Tolerance: change of the factor below which readings need not be weighed once more, and how often they are at
-most."""
 
 
 @dataclass(frozen=True)
@@ -74,19 +46,18 @@ class Effort:
 
     Attributes:
         iterations: Steps at most.
-        trials: Dampings of a step that are tried.
-        flat: Fall of the cost (-2 log posterior density) below which a step is the last.
+        flat: Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as
+            stated: such a step is the last, and one that promises no more is not tried.
         content: Whether what is reached is taken where it does not settle, rather than an error raised.
     """
 
     iterations: int
-    trials: int
     flat: float
     content: bool
 
 
-THOROUGH = Effort(200, 8, FLAT_COST, content=False)
-ROUGH = Effort(10, 4, 0.3, content=True)
+THOROUGH = Effort(200, 1e-2, content=False)
+ROUGH = Effort(10, 0.3, content=True)
 """Tolerances, of which the second compares candidates: a fall of 0.3 is a tenth of what distinguishes two, and some
 laws have kinks."""
 
@@ -202,13 +173,13 @@ class Fit:
         """Return the noise of an instrument, from the median where readings far off would make up most of it.
 
         Each of those adds the square of the limit to a sum that is to be one a number, and weighing by what comes of it
-        would add more: beyond as many of them proposal 2 has no finite answer (Huber 1981, 6.6).
+        would add more: where they make up most of it proposal 2 soon has no finite answer (Huber 1981, 6.6).
         """
         place = self.view.readings.groups[number]
         count = np.isfinite(self.view.sigma[:, place]).sum(axis=1)
         far = ((self.weights[:, place] < 1.0) & np.isfinite(self.view.sigma[:, place])).sum(axis=1)
         limits = np.array([outlier_limit(max(int(one), 1)) ** 2 / max(int(one), 1) for one in range(count.max() + 1)])
-        if (far * limits[count]).sum() < MOSTLY * count.sum():
+        if 2.0 * (far * limits[count]).sum() < count.sum():
             return noise
         return median_scatter(self.view, number) * float(np.sqrt(count.sum() / freedom))
 
@@ -313,9 +284,8 @@ class Weighed:
 
 
 def by_chance(scatter: float, freedom: float) -> bool:
-    """Return whether so many readings scatter by chance so many times as much as they state; see `BEYOND_CHANCE`."""
-    spread = 2.0 / (9.0 * freedom)
-    return bool(scatter ** (2.0 / 3.0) <= 1.0 - spread + BEYOND_CHANCE * np.sqrt(spread))
+    """Return whether so many readings scatter by chance so many times as much as they state; see `BY_CHANCE`."""
+    return scatter**2 * freedom <= chi_squared(freedom, BY_CHANCE)
 
 
 def prior_of(blocks: Sequence[Block]) -> Array:
@@ -384,22 +354,23 @@ def _settled(
     history: list[float] = []
     damping, limit, fall = 0.0, np.inf, np.inf
     for iteration in range(effort.iterations):
-        # A limit that goes on moving with the residuals' median could keep the fit going round in circles.
-        limit = robust_limit(here.view) if iteration < MOVING else limit
+        # A limit that rose and fell with the residuals' median could keep the fit going round in circles.
+        limit = np.minimum(limit, robust_limit(here.view))
         before, problem = task.cost(here, limit), task.problem(here, limit)
-        found = task.descend(here, problem, limit, effort.trials, damping)
         unit = max(1.0, before / here.view.count)  # while the model is wrong the residual is many times the noise
+        found = task.descend(here, problem, limit, effort.flat * unit, damping)
         if found is None:
             left = problem.promised(problem.step(max(damping, LIGHT))) / unit
             if effort.content or left < effort.flat:  # a step that promises nothing need not keep anything
                 return here, history, left if effort.content else 0.0
             raise task.resisting("calibration finds no better values along its step", here, problem, [before])
-        size, (here, damping) = problem.length(found[0].values - here.values), found
+        here, damping = found
         history.append(task.cost(here, limit))
         if progress:
             progress(iteration + 1, effort.iterations)
         fall = (before - history[-1]) / unit
-        if (size < SETTLED_STEP or fall < effort.flat) and (damping <= CALM or not effort.content):
+        # A step that is short because it must be has not arrived.
+        if fall < effort.flat and (damping <= LIGHT or not effort.content):
             return here, history, 0.0
     if not effort.content:
         raise task.resisting("calibration did not settle", here, task.problem(here, limit), history)
@@ -451,20 +422,7 @@ class _Problem:
 
     def promised(self, step: Array) -> float:
         """Return the fall of the cost that the linear problem promises of a step."""
-        return max(float(step @ (2.0 * self.gradient - self.known.information @ step)), 1e-300)
-
-    def length(self, step: Array) -> float:
-        """Return the RMS length of a step in posterior standard deviations."""
-        return float(np.sqrt(max(step @ self.known.information @ step, 0.0) / max(len(step), 1)))
-
-
-def _next_damping(damping: float, kept: float) -> float:
-    """Return the damping after a step that kept so much of its promise: a step too long may fall, and fall back."""
-    if kept < PROMISE_BROKEN:
-        return max(10.0 * damping, LIGHT)
-    if kept < PROMISE_KEPT:
-        return damping
-    return damping / 10.0 if damping > LIGHT else 0.0
+        return float(step @ (2.0 * self.gradient - self.known.information @ step))
 
 
 @dataclass(frozen=True)
@@ -495,11 +453,11 @@ class _Task:
     def resisting(self, text: str, here: _Iterate, problem: _Problem, history: Sequence[float]) -> ConvergenceError:
         """Return the error of a fit that ended unsettled, with the parameters and rows that keep it from settling."""
         step, names = problem.step(LIGHT) / problem.known.std, parameters_of(self.blocks)
-        most = [int(i) for i in np.argsort(-np.abs(step))[:RESISTING] if np.isfinite(step[i]) and step[i] != 0.0]
+        most = [int(i) for i in np.argsort(-np.abs(step))[:FEW] if np.isfinite(step[i]) and step[i] != 0.0]
         moving = ", ".join(f"{names[i].label} by {abs(step[i]):.2g} of its uncertainty" for i in most)
         view, places = here.view, self.measurements.places
         squares = (np.nan_to_num(view.residual / view.sigma) ** 2).sum(axis=1)
-        worst = np.argsort(-squares)[:RESISTING]
+        worst = np.argsort(-squares)[:FEW]
         far = ", ".join(str(places[view.rows[i]] if places else f"row {view.rows[i]}") for i in worst)
         share = squares[worst].sum() / max(float(squares.sum()), 1e-300)
         still = f"still moving: {moving or 'nothing'}"
@@ -521,26 +479,31 @@ class _Task:
         return _Problem(known, gradient, bend, turning, regressors, residual, weights)
 
     def descend(
-        self, here: _Iterate, problem: _Problem, limit: Array | float, trials: int, damping: float
+        self, here: _Iterate, problem: _Problem, limit: Array | float, least: float, damping: float
     ) -> tuple[_Iterate, float] | None:
-        """Return the iterate after a step, damped until the cost falls or is flat, and the next damping; None if never.
+        """Return the iterate after a step, damped until the cost falls or is flat, and the next damping.
 
-        Laws have kinks, and along some directions only priors hold: a full step may be far too long in a few of them.
+        None where steps that promise `least` are none. Laws have kinks, and along some directions only priors hold: a
+        full step may be far too long in a few of them.
         """
-        before, start = self.cost(here, limit), damping
-        for _ in range(trials):
+        before, start, promised = self.cost(here, limit), damping, np.inf
+        while promised > least:
+            step = problem.step(damping)
+            promised = problem.promised(step)
+            more = max(10.0 * damping, LIGHT)
             with contextlib.suppress(ArmflexError):
-                step = problem.step(damping)
                 trial = self.at(moved(self.blocks, here.values, step), here.view.rows)
                 after = self.cost(trial, limit)
-                if before - after < PROMISE_BROKEN * problem.promised(step):
+                if 2.0 * (before - after) < promised:
                     bent = self.at(
                         moved(self.blocks, here.values, problem.bent(step, damping, trial.view)), here.view.rows
                     )
                     trial, after = min((trial, after), (bent, self.cost(bent, limit)), key=lambda pair: pair[1])
                 if after <= before + 1e-9 * abs(before):
-                    kept = (before - after) / problem.promised(step)
+                    if 2.0 * (before - after) < promised:  # a step too long may fall, and fall back
+                        return trial, more
                     # What had to be damped more just now is not asked with less at once: it would fail again.
-                    return trial, max(_next_damping(damping, kept), damping if damping > start else 0.0)
-            damping = max(10.0 * damping, LIGHT)
+                    less = damping / 10.0 if damping > LIGHT else 0.0
+                    return trial, damping if damping > start else less
+            damping = more
         return None

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import Array
+from armflex.conventions import RESOLUTION, Array
 from armflex.errors import InputError, listing
-from armflex.estimate.block import EXACT
-from armflex.estimate.robust import RARE_ROW
+from armflex.estimate.identify import UNDETERMINED
+from armflex.estimate.robust import BY_CHANCE
 from armflex.parameters import ArmParameter, ParameterKind
 
 SHARED = (
@@ -38,15 +38,11 @@ SHARED = (
 FEWEST_SISTERS = 3
 """Tolerance: sisters from which a spread can be estimated."""
 
-VISIBLE = 3.0
-"""Confidence: information on a parameter of all sisters together, in units of its prior, below which it stays as
-declared."""
-
 SPREADS = np.geomspace(0.02, 3.0, 60)
 """Prior: spreads that are considered, in units of the declared prior."""
 
-SISTER_DRAWS, BURNT = 3000, 500
-"""Tolerance: sweeps of the sampler, and those left out at its beginning."""
+SISTER_DRAWS = 4000
+"""Tolerance: sweeps of the sampler, of which the first half finds its way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +113,13 @@ def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
     while len(sisters) > FEWEST_SISTERS:
         odds = []
         for i, one in enumerate(sisters):
-            mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, SISTER_DRAWS // 3)
+            mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed)
             odds.append(_evidence(one, 0.0 * ones, ones) - _evidence(one, mean, std))
         worst = int(np.argmax(odds))
-        if odds[worst] < -np.log(RARE_ROW):  # for the declared prior against that of the others
+        if odds[worst] < -np.log(BY_CHANCE):  # for the declared prior against that of the others
             break
         strangers[sisters.pop(worst).name] = float(odds[worst])
-    mean, spread, std = _predicted(sisters, seed, SISTER_DRAWS)
+    mean, spread, std = _predicted(sisters, seed)
     return Fleet(
         parameters,
         mean * scale,
@@ -165,7 +161,7 @@ def said(
     if not len(chosen):
         raise InputError("the campaigns of all arms together determine no parameter better than its prior")
     # What is seen, but not beside the chosen ones, is the same as some of these; what is not seen stays as uncertain.
-    held = tuple(one for i, one in enumerate(parameters) if i not in chosen and whole[i, i] >= VISIBLE)
+    held = tuple(one for i, one in enumerate(parameters) if i not in chosen and _shown(whole[i, i]))
     some = [
         Sister(one.name, one.information[np.ix_(chosen, chosen)], one.pull[chosen], one.value[chosen])
         for one in sisters
@@ -181,10 +177,8 @@ def _alike(one: Arm, other: Arm) -> bool:
     """Return whether two arms are declared alike: joints, their frames, and where they give."""
     if one.joint_names != other.joint_names or one.flexure_names != other.flexure_names or one.prior != other.prior:
         return False
-    pairs = zip(one.robot.chain, other.robot.chain, strict=False)
-    return len(one.robot.chain) == len(other.robot.chain) and all(
-        np.abs(a.origin - b.origin).max() < EXACT and np.abs(a.rotation - b.rotation).max() < EXACT for a, b in pairs
-    )
+    frames = [[np.append(joint.rotation, joint.origin) for joint in own.robot.chain] for own in (one, other)]
+    return len(frames[0]) == len(frames[1]) and np.allclose(*frames, rtol=0.0, atol=RESOLUTION)
 
 
 def _sister(name: str, arm: Arm, parameters: Sequence[ArmParameter], scale: Array) -> Sister:
@@ -208,36 +202,39 @@ def _visible(information: Array) -> np.ndarray:
         diagonal = np.diag(left).copy()
         diagonal[chosen] = 0.0
         best = int(diagonal.argmax())
-        if diagonal[best] < VISIBLE:
+        if not _shown(diagonal[best]):
             return np.array(sorted(chosen), dtype=int)
         chosen.append(best)
         left = left - np.outer(left[:, best], left[best]) / left[best, best]
 
 
-def _predicted(sisters: Sequence[Sister], seed: int, draws: int) -> tuple[Array, Array, Array]:
+def _shown(information: float) -> bool:
+    """Return whether information on a parameter, in units of its prior, determines it; see `UNDETERMINED`."""
+    return bool((1.0 + information) * UNDETERMINED**2 > 1.0)
+
+
+def _predicted(sisters: Sequence[Sister], seed: int) -> tuple[Array, Array, Array]:
     """Return (P,) mean and spread of sisters, and the standard deviation of the next one, in units of the priors."""
     rng, count, size = np.random.default_rng(seed), len(sisters), len(sisters[0].pull)
-    mean, spread = np.mean([one.value for one in sisters], axis=0), np.full(size, 0.3)
+    information, pulls = (np.array([getattr(one, name) for one in sisters]) for name in ("information", "pull"))
+    mean, spread = np.mean([one.value for one in sisters], axis=0), np.ones(size)
     means, squares, sizes = [], [], []
-    for sweep in range(BURNT + draws):
-        own = []
-        for one in sisters:
-            root = np.linalg.cholesky(one.information + np.diag(spread**-2.0))
-            half = np.linalg.solve(root, one.pull + mean * spread**-2.0)
-            own.append(np.linalg.solve(root.T, half + rng.normal(size=size)))
-        values = np.array(own)
+    for sweep in range(SISTER_DRAWS):
+        roots = np.linalg.cholesky(information + np.diag(spread**-2.0))
+        halves = np.linalg.solve(roots, (pulls + mean * spread**-2.0)[:, :, None])
+        values = np.linalg.solve(roots.swapaxes(1, 2), halves + rng.normal(size=halves.shape))[:, :, 0]
         precision = count * spread**-2.0 + 1.0
         mean = (values.sum(axis=0) * spread**-2.0) / precision + rng.normal(size=size) / np.sqrt(precision)
         sums = ((values - mean) ** 2).sum(axis=0)
         logs = -count * np.log(SPREADS) - 0.5 * sums[:, None] / SPREADS**2
         shares = np.exp(logs - logs.max(axis=1, keepdims=True)).cumsum(axis=1)
         spread = SPREADS[(shares < rng.uniform(size=(size, 1)) * shares[:, -1:]).sum(axis=1)]
-        if sweep >= BURNT:
+        if 2 * sweep >= SISTER_DRAWS:
             means.append(mean)
             squares.append(spread**2)
             sizes.append(np.log(spread))
     variance = np.mean(squares, axis=0) + np.var(means, axis=0)
-    return np.mean(means, axis=0), np.exp(np.mean(sizes, axis=0)), np.minimum(np.sqrt(variance), 3.0)
+    return np.mean(means, axis=0), np.exp(np.mean(sizes, axis=0)), np.minimum(np.sqrt(variance), SPREADS[-1])
 
 
 def _evidence(one: Sister, mean: Array, std: Array) -> float:

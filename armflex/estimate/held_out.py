@@ -9,27 +9,17 @@ from typing import Any, cast
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.estimate.block import EXACT
-from armflex.estimate.fit import BEYOND_CHANCE, Fit
+from armflex.conventions import RESOLUTION, Array
+from armflex.estimate.fit import Fit
 from armflex.estimate.outliers import DOUBTED
-from armflex.estimate.robust import huber_weights, robust_limit
+from armflex.estimate.robust import EVEN, huber_weights, outlier_limit, robust_limit
 from armflex.estimate.view import View, foremost_rms
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
 from armflex.parameters import OF_SESSION, Group, ParameterKind
 from armflex.rows.rows import numbered
 
 POSE_FOLDS = 5
-"""Tolerance: parts into which poses are divided that predict each other."""
-
-PARTS = 4
-"""Tolerance: parts of joint space that predict each other, where it is asked how far a fit is off elsewhere."""
-
-LOG_VARIANCE = 0.02
-"""Tolerance: of the logarithm of a variance, or of a design effect, to which it is found."""
-
-WIDEST_EXCESS = 7.0
-"""Tolerance: of the logarithm of an excess over the noise, within which it is sought to either side."""
+"""Tolerance: parts into which poses, or joint space, are divided that predict each other."""
 
 FIRST = (ParameterKind.INSTRUMENT, ParameterKind.MOUNTING, ParameterKind.TOOL)
 """What is of the first of several campaigns, and of those after it but for what is their own."""
@@ -215,10 +205,10 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
     view = fit.view
     if len(np.unique(view.driven.pose_number[view.rows])) < POSE_FOLDS or not len(fit.values):
         return 1.0
-    folds = apart_folds(view.driven.q[view.rows], PARTS)
+    folds = apart_folds(view.driven.q[view.rows], POSE_FOLDS)
     data, counted, parts = fit.residual + fit.regressors @ fit.values, near(view), []
     counted[:, view.foremost.stop :] = False
-    scale = 1.0 / (np.maximum(fit.scatter_by_number, EXACT) * np.sqrt(fit.weights)).ravel()
+    scale = 1.0 / (np.maximum(fit.scatter_by_number, RESOLUTION) * np.sqrt(fit.weights)).ravel()
     prior = np.where(fit.precision > 0.0, fit.prior, 0.0)
     rows = _readings_of(fit, folds)
     scores = _of_others([fit.regressors[own].T @ np.column_stack([data[own], others[own]]) for own in rows])
@@ -245,8 +235,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
         return total
 
     most = np.log(max(sum(len(error) for *_, error in parts), 2))
-    options = {"xatol": LOG_VARIANCE}
-    found = cast(Any, minimize_scalar(cost, bounds=(0.0, most), method="bounded", options=options))
+    found = cast(Any, minimize_scalar(cost, bounds=(0.0, most), method="bounded", options={"xatol": EVEN}))
     return float(np.exp(found.x)) if found.fun < cost(0.0) else 1.0
 
 
@@ -288,10 +277,10 @@ def excess(fit: Fit, folds: np.ndarray, errors: Array, judged: np.ndarray, effec
         return float((np.log(variance) + squares / variance).sum())
 
     least = float((np.log(known) + squares / known).sum())
-    middle = 0.5 * np.log(known.mean() / shift.mean())
-    around = (middle - WIDEST_EXCESS, middle + WIDEST_EXCESS)
-    found = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": LOG_VARIANCE})).x
-    return float(np.exp(found)) if least - cost(found) > BEYOND_CHANCE**2 else 0.0
+    # No reading is off by more, nor would so many show less.
+    around = 0.5 * np.log(np.array([known.mean() / len(known), max(known.max(), squares.max())]) / shift.mean())
+    found = cast(Any, minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": EVEN})).x
+    return float(np.exp(found)) if least - cost(found) > outlier_limit(1) ** 2 else 0.0
 
 
 def apart_folds(q: Array, count: int) -> np.ndarray:
@@ -301,7 +290,7 @@ def apart_folds(q: Array, count: int) -> np.ndarray:
         q: (M, nq) joint positions [rad or m]; each counts by its range.
         count: How many parts.
     """
-    q, chosen = q / np.maximum(np.ptp(q, axis=0), 1e-9), [0]
+    q, chosen = q / np.maximum(np.ptp(q, axis=0), RESOLUTION), [0]
     for _ in range(4 * count - 1):
         nearest = np.linalg.norm(q[:, None] - q[chosen], axis=2).min(axis=1)
         chosen.append(int(nearest.argmax()))

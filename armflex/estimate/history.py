@@ -2,7 +2,7 @@
 
 Each parameter has a value and an uncertainty at every date. It stays, drifts (a straight line over the dates) or jumps
 once (one value before, another after). A change counts where it lowers the sum of squares by more than chance does in
-one of a hundred histories, counting all parameters and all moments at which one may jump (Bonferroni). Where drift and
+one of a thousand histories, counting all parameters and all moments at which one may jump (Bonferroni). Where drift and
 jump are as likely but for `DOUBT`, both are named.
 """
 
@@ -17,10 +17,8 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import InputError
 from armflex.estimate.fleet import said
+from armflex.estimate.robust import BY_CHANCE, chi_squared, outlier_limit
 from armflex.parameters import DOUBT, ArmParameter
-
-FALSE_CHANGE = 0.01
-"""Confidence: probability with which a machine that stays the same is said to have changed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +63,9 @@ class History:
         return tuple(one for one in self.courses if one.change)
 
     def between(self, i: int, j: int) -> list[tuple[Course, float, float]]:
-        """Return what differs between two dates by more than three standard uncertainties: by how much, and its std."""
+        """Return what differs between two dates by more than chance makes of one: by how much, and its std."""
         found = [(one, one.value[j] - one.value[i], float(np.hypot(one.std[i], one.std[j]))) for one in self.courses]
-        return [(one, float(step), std) for one, step, std in found if abs(step) > 3.0 * std]
+        return [(one, float(step), std) for one, step, std in found if abs(step) > outlier_limit(1) * std]
 
 
 def history(arms: Mapping[str, Arm], dates: Sequence[float]) -> History:
@@ -94,8 +92,6 @@ def history(arms: Mapping[str, Arm], dates: Sequence[float]) -> History:
 
 
 def _course(parameter: ArmParameter, value: Array, std: Array, time: Array, tried: int) -> Course:
-    from scipy.stats import chi2
-
     count = len(time)
     stays, _, _ = _fit(np.ones((count, 1)), value, std)
     later = [np.column_stack([np.ones(count), (np.arange(count) >= at).astype(np.float64)]) for at in range(1, count)]
@@ -103,7 +99,7 @@ def _course(parameter: ArmParameter, value: Array, std: Array, time: Array, trie
     best = int(np.argmin([one[0] for one in jumps]))
     over = (time - time[0]) / (time[-1] - time[0])
     drift = _fit(np.column_stack([np.ones(count), over]), value, std)
-    limit = float(chi2.isf(FALSE_CHANGE / tried, 1))
+    limit = chi_squared(1, BY_CHANCE / tried)
     if stays - min(jumps[best][0], drift[0]) < limit:
         return Course(parameter, value, std)
     kind, found = ("jump", jumps[best]) if jumps[best][0] <= drift[0] else ("drift", drift)

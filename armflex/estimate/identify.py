@@ -8,20 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.estimate.block import EXACT
 from armflex.estimate.fit import Fit
-from armflex.linear_gaussian import LinearGaussian
+from armflex.estimate.robust import outlier_limit
+from armflex.linear_gaussian import ROUNDING, LinearGaussian
 from armflex.parameters import ArmParameter, ParameterKind
 
 UNDETERMINED = 0.9
 """Confidence: posterior over prior standard deviation above which the data has said nothing about a parameter."""
-
-SURPRISING = 3.0
-"""Confidence: prior standard deviations beyond which a fitted value is a finding."""
-
-LOOSER = 30.0
-"""Tolerance: times the priors of all others with which a parameter must still be determined to count as determined by
-itself."""
 
 PARTNER = 0.25
 """Confidence: share of a parameter's effect that another must be able to take over to be named."""
@@ -85,7 +78,7 @@ class FittedParameter:
     @property
     def surprising(self) -> bool:
         """Whether the declared value was wrong by more than its prior allows, and the data determine it."""
-        return self.determined and abs(self.pull) > SURPRISING
+        return self.determined and abs(self.pull) > outlier_limit(1)
 
     @property
     def absorbing(self) -> bool:
@@ -94,7 +87,7 @@ class FittedParameter:
         Readings that scatter as they state and inform so little cannot move a value by more than a prior deviation or
         two. A compliance that is drawn towards zero ends so: the smaller it is, the less the readings depend on it.
         """
-        return not self.determined and abs(self.pull) > SURPRISING
+        return not self.determined and abs(self.pull) > outlier_limit(1)
 
     def reason(self, called: Mapping[str, str] | None = None) -> str:
         """Return why the readings do not determine it.
@@ -106,7 +99,7 @@ class FittedParameter:
             return f"{abs(self.pull):.2g} prior deviations off all the same: it absorbs what the arm lacks"
         if self.trades_against:
             return f"can be exchanged for {', '.join((called or {}).get(one, one) for one in self.trades_against)}"
-        if self.moves < EXACT:
+        if not self.moves:
             return "no row loads it" if self.kind is ParameterKind.COMPLIANCE else "moves no reading"
         size = f" ({self.moves:.1g} of their noise per prior deviation)" if np.isfinite(self.moves) else ""
         return f"moves the readings too little{size}"
@@ -120,23 +113,25 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     combined = [bool(determined[i]) and _only_combined(fit, i) for i in range(len(names))]
     asked = [combined[i] or not determined[i] for i in range(len(names))]
     partners = [partners_of(fit.information, known, i, names) if asked[i] else () for i in range(len(names))]
-    moves = fit.prior * np.sqrt(np.diag(fit.information) / fit.view.count)
+    own = np.sqrt(np.diag(fit.information) / fit.view.count)
+    shown = own > ROUNDING * own.max(initial=0.0)
+    moves = np.where(shown, fit.prior * np.where(shown, own, 1.0), 0.0)
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
     parts = zip(fit.parameters, *numbers, partners, combined, moves.tolist(), strict=True)
     return tuple(FittedParameter(*found) for found in parts)
 
 
 def _only_combined(fit: Fit, index: int) -> bool:
-    """Return whether the readings determine nothing of a parameter once little is known of the others.
+    """Return whether the readings determine nothing of a parameter once nothing is known of the others.
 
     Where the sum of two alone is determined, each comes out at 0.7 of its prior, however good the readings are.
     """
     own, noise = fit.prior[index], max(fit.noise, 1.0)
     if not np.isfinite(own):
         return False
-    loose = fit.precision / LOOSER**2
-    loose[index] = fit.precision[index]
-    left = LinearGaussian(fit.information / noise**2).with_precision(loose)
+    alone = np.zeros(len(fit.precision))
+    alone[index] = fit.precision[index]
+    left = LinearGaussian(fit.information / noise**2).with_precision(alone)
     return float(left.std[index]) >= UNDETERMINED * own
 
 
@@ -152,10 +147,11 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
         names: Of all parameters.
     """
     others = np.delete(np.arange(len(names)), index)
-    own = np.sqrt(normal[index, index])
-    if own < EXACT:
+    sizes = np.sqrt(np.diag(normal))
+    own = sizes[index]
+    if own <= ROUNDING * sizes.max():
         return ()
     amount = known.conditional(others).solve(normal[others, index])
-    effect = np.abs(amount) * np.sqrt(np.diag(normal)[others])
+    effect = np.abs(amount) * sizes[others]
     strong = [int(i) for i in np.argsort(-effect) if effect[i] > PARTNER * own]
     return tuple(names[int(others[i])] for i in strong[:4])

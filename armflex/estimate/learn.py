@@ -16,40 +16,14 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ConvergenceError, Flag
 from armflex.estimate.block import Block, LawBlock, learned_laws, with_laws
-from armflex.estimate.fit import Effort, Fit, Weighed, fit
+from armflex.estimate.fit import ROUGH, THOROUGH, Fit, Weighed, fit
+from armflex.estimate.identify import UNDETERMINED
+from armflex.estimate.robust import EVEN, TAILS, outlier_limit
 from armflex.estimate.sample import LawSamples
 from armflex.laws.learned import LearnedLaw
 from armflex.parameters import Certainty
 from armflex.progress import Progress
-
-FIRM = 4.0
-"""Prior: how many values' worth the expected size of a group is: a scale that the data hardly determine must not run to
-nothing, which would leave what they leave open without any flag."""
-
-MOST_SCALE = 4.0
-"""Prior: times what is expected beforehand that a group may be at most. Where an arm lacks something else, the readings
-would have corrections explain it at any size: many times what the joint gives, until the arm buckles."""
-
-SCALINGS = 8
-"""Tolerance: fits at most in search of the scales."""
-
-BRISK = Effort(10, 8, 0.3, content=True)
-"""Tolerance: for the fits in search of the scales; far from the truth a network's steps need much damping."""
-
-PATIENT = Effort(150, 8, 0.05, content=True)
-"""Tolerance: for the last fit. Networks have long valleys: one that is left halfway has values, and bands, that are not
-its own; only where nothing is gained but rounding it is no matter where one ends."""
-
-SETTLED_SCALE = 0.2
-"""Tolerance: logarithm of a change of every scale below which the search ends."""
-
-NARROWED = 0.5
-"""Confidence: part of the declared law's uncertainty that must be gone for an axis to count as determined by the
-readings."""
-
-NEARLY_FITTED, FAR_FROM_FITTED = 0.5, 10.0
-"""Confidence: falls of the cost still to be had beyond which it is said that the laws might fit better, and beyond
-which they are not those of the readings: 10 is what three standard deviations of one value make."""
+from armflex.readings.instrument import ROUNDS
 
 
 def fit_learning(
@@ -78,32 +52,35 @@ def fit_learning(
     # From the best values without corrections, which then have the rest to explain: free from the first step on, a
     # network that still means nothing may lead compliances far astray.
     plain = replace(laws, laws=tuple(law.without_correction() for law in laws.laws))
-    values = fit(declared, (*blocks, plain), weighed.measurements, rows, effort=BRISK).values
+    values = fit(declared, (*blocks, plain), weighed.measurements, rows, effort=ROUGH).values
     others, own = np.split(values, [len(values) - len(plain.parameters)])
     pairs = zip(plain.split(own), laws.laws, strict=True)
     start = np.concatenate([others, *(part for own, law in pairs for part in (own, law.values[len(own) :]))])
 
-    for _ in range(SCALINGS):
-        found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress, BRISK)
+    for _ in range(ROUNDS):
+        found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress, ROUGH)
         own, before = found.places(laws), weighed
         better, start = rescaled(laws, found.values[own], np.diag(found.posterior.covariance)[own]), found.values
         pairs = zip(better.laws, laws.laws, strict=True)
         change = float(max(np.abs(np.log(np.divide(a.scales, b.scales))).max(initial=0.0) for a, b in pairs))
         laws = better
         weighed = weighed.again(found) if by_scatter else weighed
-        if change < SETTLED_SCALE and weighed.close_to(before):
+        if change < EVEN and weighed.close_to(before):
             break
-    found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress=progress, effort=PATIENT)
-    if found.left > FAR_FROM_FITTED:
+    # Networks have long valleys: one that is left halfway has values, and bands, that are not its own; only where
+    # nothing is gained but rounding it is no matter where one ends.
+    patient = replace(THOROUGH, content=True)
+    found = fit(declared, (*blocks, laws), weighed.measurements, rows, start, progress=progress, effort=patient)
+    if found.left > outlier_limit(1) ** 2:  # a value is off beyond chance
         text = f"the learned laws did not settle: -2 log posterior density would fall by {found.left:.3g} or more"
         hint = "a simpler model (polynomial, then linear), fewer flexures that learn, or `armflex trace` may help"
         raise ConvergenceError(f"{text}; {hint}", found.history)
     flags = []
-    if found.left > NEARLY_FITTED:
+    if found.left > 1.0:  # one standard deviation of one value
         text = f"the learned laws may fit a little better: -2 log posterior density would fall by {found.left:.2g} more"
         flags.append(Flag("unsettled", text))
-    if change >= SETTLED_SCALE:
-        text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {SCALINGS} fits"
+    if change >= EVEN:
+        text = f"how large couplings and corrections are still changed by {np.expm1(change):.0%} after {ROUNDS} fits"
         flags.append(Flag("unsettled", text))
     return replace(found, factors=weighed.factors), tuple(flags)
 
@@ -130,7 +107,11 @@ def with_posteriors(arm: Arm, found: Fit, certainty: Certainty) -> Arm:
 
 
 def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
-    """Return the block with every group's scale by evidence, `FIRM` values of the size expected beforehand thrown in.
+    """Return the block with every group's scale by evidence, `TAILS` values of the size expected beforehand thrown in.
+
+    A scale that the data hardly determine must not run to nothing, which would leave what they leave open without any
+    flag. Nor beyond what is by chance: where an arm lacks something else, corrections would explain it at any size,
+    until the arm buckles.
 
     Args:
         block: The laws and the scales that they were fitted with.
@@ -144,8 +125,8 @@ def rescaled(block: LawBlock, values: Array, variance: Array) -> LawBlock:
             expected = law.expected[places[0]]
             if expected.sized:
                 determined = np.clip(1.0 - known[places] / scales[i] ** 2, 0.0, 1.0).sum()
-                squares = own[places] @ own[places] + FIRM * expected.prior**2
-                scales[i] = min(float(np.sqrt(squares / (determined + FIRM))), MOST_SCALE * expected.prior)
+                squares = own[places] @ own[places] + TAILS * expected.prior**2
+                scales[i] = min(float(np.sqrt(squares / (determined + TAILS))), outlier_limit(1) * expected.prior)
         laws.append(replace(law, scales=tuple(scales)))
     return replace(block, laws=tuple(laws))
 
@@ -178,7 +159,7 @@ class LearnedAxis:
     @property
     def determined(self) -> bool:
         """Whether the readings say anything about it; else its prior holds it."""
-        return self.std < NARROWED * self.before
+        return self.std < UNDETERMINED * self.before
 
 
 def learned_axes(fit: Fit, laws: Mapping[str, LearnedLaw], samples: LawSamples | None) -> tuple[LearnedAxis, ...]:

@@ -29,9 +29,9 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
-from armflex.estimate.held_out import LOG_VARIANCE
 from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, elsewhere, hypotheses, moved
 from armflex.estimate.placement import check_length, first_guess
+from armflex.estimate.robust import EVEN
 from armflex.estimate.view import View, look, solved
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
@@ -258,7 +258,7 @@ def _settled(
             values = LinearGaussian.of(flat, precision).solve(score)
             left = whole - steps @ values
         before, variance = variance, spread((TAILS + count) / (TAILS + squares() / variance))
-        if np.abs(np.log(variance / before)).max(initial=0.0) < LOG_VARIANCE:
+        if np.abs(np.log(variance / before)).max(initial=0.0) < EVEN:
             break
 
     def cost(squared: Array, variance: Array) -> Array:

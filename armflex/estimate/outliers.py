@@ -17,19 +17,15 @@ from armflex.errors import Place
 from armflex.estimate.robust import instrument_weights, outlier_limit
 from armflex.estimate.view import View
 from armflex.measured.measurements import Measurements
-
-LOST_WEIGHT = 0.1
-"""Confidence: robust weight below which a reading may be a lost beam, at forty standard deviations or more."""
+from armflex.parameters import ABSURD
 
 DOUBTED = 0.5
 """Confidence: robust weight below which a reading says nothing about a model, and speaks for its neighbours: they are
 far off for one reason."""
 
-NEIGHBOURS = (-2, -1, 1, 2)
-"""Tolerance: steps in time to a reading's neighbours."""
-
 FELLOWS = 2
-"""Tolerance: neighbours in time, or other readings of the pose, that are far off too where it does not stand alone."""
+"""Tolerance: readings of the pose, or of as many in time to either side, that are far off too where one does not stand
+alone."""
 
 MOST_LOST = 0.1
 """Prior: share of the readings that lost beams are at most; where more stand alone, it is the model that is wrong."""
@@ -53,7 +49,7 @@ class Outlier:
 
 
 def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: bool = True) -> np.ndarray:
-    """Return (M, G) which readings of every instrument are lost beams.
+    """Return (M, G) which readings of every instrument are lost beams, `ABSURD` times as far off as noise makes any.
 
     Args:
         view: The campaign at a fit, rows in the order driven.
@@ -62,11 +58,11 @@ def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: 
         heed: Whether what is far off in company stays, as long as some effect may still explain it.
     """
     weights = instrument_weights(view)
-    far, lost = weights < DOUBTED, weights < LOST_WEIGHT
+    far, lost = weights < DOUBTED, weights * ABSURD < 1.0
     if heed:
         count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
         beside = np.zeros(far.shape, dtype=int)  # neighbours in time, in the same session, that are far off
-        for step in NEIGHBOURS:
+        for step in (*range(-FELLOWS, 0), *range(1, FELLOWS + 1)):
             other = np.clip(row + step, 0, count - 1)
             beside += far[other] & ((session[other] == session) & (other == row + step))[:, None]
         # Enough other readings of the same pose are far off, and half of them.

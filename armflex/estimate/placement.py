@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ import pinocchio as pin
 from armflex.arm import Arm, Setup
 from armflex.conventions import RESOLUTION, TWIST_NAMES, Array
 from armflex.errors import ConventionError, IdentifiabilityError
+from armflex.estimate.robust import outlier_limit
 from armflex.estimate.view import postures, solved
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response
@@ -21,20 +23,15 @@ from armflex.readings.kind import rigid_motion
 COARSEST_TURN = 0.05
 """Tolerance: standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
 
-STOOD_ELSEWHERE, FEWEST_POINTS, FLAT_POINTS = 0.015, 4, 0.05
+FEWEST_ROWS = 4
+"""Tolerance: readings that determine where an instrument stood, and below which nothing is fitted."""
+
+STOOD_ELSEWHERE = 0.015
 """Prior: how far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it,
-but stood elsewhere; points that determine where, and how far they are off one line at least, as a part of its
-length."""
+but stood elsewhere."""
 
 SCALE_KNOWN = 2e-3
 """Prior: share by which [prior] may leave the scale of an arm open before touches alone make it up."""
-
-AT_ODDS = 3.0
-"""Confidence: times what a rigid fit leaves by which two of them differ for a reason."""
-
-PLACED = 2
-"""Tolerance: times that the instrument is placed where gravity turns with it: the second is about a first that is
-nearly right."""
 
 
 def first_guess(
@@ -68,14 +65,19 @@ def first_guess(
 
     line = solved(setup, measurements, rows, allow_large) if line is None else line
     turns, open_ = arm.measurement.gravity_in == "measurement", arm.measurement.frame != "base" and instrument is None
-    for _ in range((PLACED if turns else 1) if open_ else 0):
+    for _ in range(ROUNDS if open_ else 0):
+        before = setup.instrument.pose
         if several:
             alone = replace(setup, instrument=replace(setup.instrument, sessions={}, campaigns=()))
             each = {name: _stood(alone, line.some(own), measurements, rows[own]) for name, own in pieces.items()}
             setup = _together(each)
         else:
             setup = _stood(setup, line, measurements, rows)
-        line = solved(setup, measurements, rows, allow_large) if turns else line
+        if not turns:
+            break
+        line = solved(setup, measurements, rows, allow_large)
+        if np.linalg.norm(pin.log3(before.rotation.T @ setup.instrument.pose.rotation)) < COARSEST_TURN:
+            break  # about one that was nearly right
     return replace(setup, instrument=_mounted(setup, line.tip, measurements, rows)), line
 
 
@@ -148,21 +150,22 @@ def placed_rigidly(
     seen, sessions = measurements.position[rows], np.array([measurements.session[row] for row in rows])
     if axes is not None and setup.arm.prior.tool:
         names = list(dict.fromkeys(sessions.tolist()))
-        groups = [own for own in (np.flatnonzero(sessions == name) for name in names) if len(own) >= FEWEST_POINTS]
+        groups = [own for own in (np.flatnonzero(sessions == name) for name in names) if len(own) >= FEWEST_ROWS]
         points = points + axes @ _target_off(points, axes, seen, groups, setup.arm.prior.tool)
     fits: dict[str, tuple[pin.SE3, float]] = {}
     for name in dict.fromkeys(sessions.tolist()):
         own = points[sessions == name]
-        size = np.linalg.svd(own - own.mean(axis=0), compute_uv=False) if len(own) >= FEWEST_POINTS else np.zeros(3)
-        if size[1] > FLAT_POINTS * size[0]:
-            turn, shift, rms = rigid_fit(own, seen[sessions == name])
+        if len(own) < FEWEST_ROWS:
+            continue
+        turn, shift, rms = rigid_fit(own, seen[sessions == name])
+        if (_turns(own, max(rms, RESOLUTION)).S > 1.0).all():
             fits[name] = pin.SE3(turn, shift), rms
     near = np.ones(len(rows), bool)
     if len(fits) > 1:
         first = max(fits, key=lambda name: int((sessions == name).sum()))
         for name, (pose, rms) in fits.items():
             off = _moved(points[sessions == name], pose) - _moved(points[sessions == name], fits[first][0])
-            limit = max(AT_ODDS * max(rms, fits[first][1], setup.arm.prior.session_target), STOOD_ELSEWHERE)
+            limit = max(outlier_limit(1) * max(rms, fits[first][1], setup.arm.prior.session_target), STOOD_ELSEWHERE)
             near &= (sessions != name) | (float(np.sqrt((off**2).sum(axis=1).mean())) <= limit)
     placed = setup.placed(fit_frame(points[near], seen[near]))
     instrument = replace(placed.instrument, sessions={})
@@ -175,7 +178,7 @@ def placed_rigidly(
 def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.ndarray], std: float) -> Array:
     """Return (3,) how far the target is from where points have it, in tip axes [m], frames of all sessions free.
 
-    Zero unless that is most of what frames leave, by a factor of `AT_ODDS`: little of it does not mislead them. Gauss
+    Zero unless that is most of what frames leave, beyond chance: little of it does not mislead them. Gauss
     and Newton's steps, the frames projected out of them (Golub and Pereyra 1973), lost beams weighed down.
 
     Args:
@@ -206,11 +209,20 @@ def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.nda
         target = target + step
         if np.linalg.norm(step) < SAME * std:
             break
-    return target if AT_ODDS**2 * squares < first else np.zeros(3)
+    return target if outlier_limit(1) ** 2 * squares < first else np.zeros(3)
 
 
 def _moved(points: Array, pose: pin.SE3) -> Array:
     return points @ pose.rotation.T + pose.translation
+
+
+def _turns(points: Array, sigma: Array | float) -> Any:
+    """Return the singular values and vectors of how (N, 3) points [m] show turns by `COARSEST_TURN`.
+
+    By their standard deviation. About their centre they always determine a shift.
+    """
+    jacobian = rigid_motion(points - points.mean(axis=0)) / sigma
+    return np.linalg.svd(COARSEST_TURN * jacobian.reshape(-1, 6)[:, 3:], full_matrices=False)
 
 
 def check_length(arm: Arm, measurements: Measurements) -> None:
@@ -258,14 +270,13 @@ def check_enough(points: Array, sigma: Array) -> None:
     Raises:
         IdentifiabilityError: With rank, condition and names of what is left free.
     """
-    jacobian = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
-    # About their centre points always determine a shift; a turn must be known to better than COARSEST_TURN.
-    turns = np.linalg.svd(COARSEST_TURN * jacobian.reshape(-1, 6)[:, 3:], full_matrices=False)
+    turns = _turns(points, sigma[:, :, None])
     known = turns.S >= 1.0
     if not known.all():
         free = (turns.Vh[~known] ** 2).sum(axis=0) > 0.1
         names = [f"instrument {TWIST_NAMES[3 + axis]}" for axis in np.flatnonzero(free)]
         alike = "are all alike" if not known.any() else "lie on one line"
+        jacobian = rigid_motion(points - points.mean(axis=0)) / sigma[:, :, None]
         condition = float(np.linalg.cond(jacobian.reshape(-1, 6)))
         text = f"{len(points)} measured points {alike}: they do not determine how the instrument stands"
         raise IdentifiabilityError(text, 3 + int(known.sum()), condition, names)

@@ -11,6 +11,7 @@ import numpy as np
 from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block
+from armflex.estimate.robust import EVEN
 from armflex.estimate.view import View
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
@@ -53,8 +54,9 @@ class PoseBlock(Block):
         return np.full(len(self.parameters), self.std)
 
     def resized(self, places: np.ndarray, values: Array, known: LinearGaussian) -> PoseBlock:
-        """Return the block with the size that the twists of a fit have."""
-        return replace(self, std=float(np.sqrt((values[places] ** 2 + np.diag(known.covariance)[places]).mean())))
+        """Return the block with the size that the twists of a fit have, itself where that is its own."""
+        std = float(np.sqrt((values[places] ** 2 + np.diag(known.covariance)[places]).mean()))
+        return self if abs(np.log(std / self.std)) <= EVEN else replace(self, std=std)
 
     def jacobian(self, view: View) -> Array:
         """Return `columns`: what loads and frequencies change by with so small a twist is beyond what is read."""

@@ -13,14 +13,22 @@ from armflex.estimate.block import Block
 from armflex.estimate.view import View
 from armflex.parallel import in_pieces, in_threads
 
-RARE_ROW = 1e-3
-"""Confidence: share of the rows that are farther off than `outlier_limit` by chance."""
+BY_CHANCE = 1e-3
+"""Confidence: probability of what is still by chance: of a row to be farther off, of instruments to scatter more, of
+rows held out to be worse, of a machine to have changed, of a sister to be a stranger, of a campaign to be another's."""
+
+EVEN = 0.05
+"""Tolerance: change of the logarithm of a standard deviation below which it is found."""
+
+TAILS = 4.0
+"""Prior: degrees of freedom of the distribution of what is mostly near and sometimes far (Lange, Little and Taylor
+1989): readings, and how large what a joint has not got may be."""
 
 
 @cache
 def outlier_limit(size: int) -> float:
     """Return the whitened length of so many numbers beyond which they count less, to one decimal: 4.0 of three."""
-    return round(chi_squared(size, RARE_ROW) ** 0.5, 1)
+    return round(chi_squared(size, BY_CHANCE) ** 0.5, 1)
 
 
 @cache
@@ -29,7 +37,7 @@ def median_length(size: int) -> float:
     return round(chi_squared(size, 0.5) ** 0.5, 3)
 
 
-def chi_squared(size: int, probability: float) -> float:
+def chi_squared(size: float, probability: float) -> float:
     """Return what a chi-squared number of so many degrees of freedom exceeds with a probability."""
     from scipy.special import chdtri  # not needed to import the package
 

@@ -22,8 +22,6 @@ from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
 CHAINS = 4
 """Tolerance: chains of draws."""
-TUNING = 150
-"""Tolerance: draws of each chain that are thrown away while it finds its step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +57,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
 
     Args:
         found: A fit with learned laws.
-        draws: Of each of four chains.
+        draws: Of each of four chains, after as many in which it finds its step.
         seed: The same seed gives the same draws.
         progress: Called with (chains done, in all).
 
@@ -111,7 +109,7 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
 
     walks: list[Walk] = []
     for one in np.random.SeedSequence(seed).spawn(CHAINS):
-        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, TUNING, one))
+        walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, draws, one))
         if progress:
             progress(len(walks), CHAINS)
     chains = (found.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]

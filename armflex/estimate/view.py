@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import TWIST_NAMES, Array
+from armflex.conventions import STANDARD_GRAVITY, TWIST_NAMES, Array
 from armflex.errors import ArmflexError
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
@@ -31,11 +31,12 @@ from armflex.rows.wrench import wrenches_in
 MODES_MATCHED = 12
 """Tolerance: modes that a frequency is matched among."""
 
-SMALL_STEP = 1e-7
-"""Tolerance: motion of the tip [m] by which a candidate's loads and frequencies are tried, at most one unit of it."""
+QUOTIENT_STEP = 1e-4
+"""Tolerance: step of a difference quotient by what is usual: a prior standard deviation, or what a value is."""
 
-GRAVITY_STEP = 1e-3
-"""Tolerance: step of difference quotients by gravity [m/s^2]."""
+LARGEST_MOTION = 0.03
+"""Prior: RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard
+deviation. An axis that is off by two degrees somebody sees."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +135,7 @@ class View:
     def by_gravity(self) -> Array:
         """(M, d, 3) changes of the readings per gravity in base axes, to which the arm gives [per m/s^2]."""
         found = self.answer(lambda line: line.gravity) + self.readings.stacked(lambda kind: kind.by_gravity(self.at))
-        robot, size = self.arm.robot, GRAVITY_STEP
+        robot, size = self.arm.robot, QUOTIENT_STEP * STANDARD_GRAVITY
         for i, axis in enumerate(np.eye(3) if self.indirect else ()):
             heavier = replace(self.arm, robot=replace(robot, gravity=robot.gravity + size * axis))
             found[:, :, i] += self.quotient(replace(self.setup, arm=heavier), size)
@@ -144,6 +145,11 @@ class View:
     def by_shift(self) -> Array:
         """(M, d) changes of the readings, in their units, as what they see is shifted any way [per m]."""
         return self.readings.stacked(lambda kind: kind.by_shift(self.at))
+
+    @property
+    def largest_motion(self) -> float:
+        """RMS of the tip's motion that is expected of a missing effect at most [m]; see `LARGEST_MOTION`."""
+        return LARGEST_MOTION * float(np.linalg.norm(self.line.tip[:, :3, 3], axis=1).max())
 
     @property
     def per_metre(self) -> float:
@@ -269,7 +275,7 @@ class View:
             law, location, inner: The effect.
             features: (M, k, n) what the law adds in the rows per unit, from which the step is chosen.
         """
-        found = np.zeros((*self.residual.shape, features.shape[1]))
+        found, small = np.zeros((*self.residual.shape, features.shape[1])), QUOTIENT_STEP * self.largest_motion
         if not self.indirect or not (law.loaded or law.act in (Act.LOAD, Act.TENSION)):
             return found
         read = Readings(len(self.rows), (Position.unread(len(self.rows)),))
@@ -279,7 +285,7 @@ class View:
             length = at_tip.rms(moved[:, :, column])
             if not length > 0.0:
                 continue
-            size = SMALL_STEP / max(length, SMALL_STEP)
+            size = small / max(length, small)
             amplitudes = np.zeros(len(law.amplitudes))
             amplitudes[term] = size
             effect = Effect(law, location, (*amplitudes.tolist(), *inner))

@@ -12,15 +12,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtrc, ndtr
+from scipy.special import fdtrc
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.estimate.calibrate import Calibration
-from armflex.estimate.fit import BEYOND_CHANCE, Fit, realise
+from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import OfCampaign, by_campaign, judged_by
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.outliers import Outlier, exchanged, outliers_of
+from armflex.estimate.robust import BY_CHANCE
 from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
@@ -478,7 +479,7 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     )  # tails make a mean of squares anything
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
-    if left < VARIANCE_RATIO * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > ndtr(-BEYOND_CHANCE):
+    if left < VARIANCE_RATIO * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > BY_CHANCE:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
 

@@ -31,7 +31,7 @@ from scipy.linalg.lapack import dtrtri
 from scipy.special import log_ndtr
 
 from armflex.conventions import Array
-from armflex.estimate.fit import FLAT_COST
+from armflex.estimate.fit import THOROUGH
 from armflex.trace.hypotheses import Hypothesis
 
 SCALES = np.array([0.1, 0.3, 1.0, 3.0, 10.0, 30.0])
@@ -52,7 +52,7 @@ RANKED = 512
 MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
 
-BETTER = FLAT_COST
+BETTER = THOROUGH.flat
 """Tolerance: rise of the log posterior below which a model, or what is inside it, stays: fits are no closer."""
 
 LINEAR_ERROR = 0.02

@@ -41,7 +41,7 @@ def test_what_only_a_combination_tells_is_marked(ur5: Calibration) -> None:
 
 
 def test_a_fit_that_does_not_settle_names_what_resists(ur5: Calibration) -> None:
-    short = Effort(2, 4, 0.0, content=False)
+    short = Effort(2, 0.0, content=False)
     with pytest.raises(ConvergenceError, match=r"still moving: geometry .* left is at .*campaign.csv:\d+"):
         fit(ur5.fit.declared, ur5.fit.blocks, ur5.measurements, effort=short)
 

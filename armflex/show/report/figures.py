@@ -8,7 +8,8 @@ from itertools import product
 import numpy as np
 
 from armflex.conventions import SHOWN, TWIST_NAMES
-from armflex.estimate.identify import SURPRISING, FittedParameter
+from armflex.estimate.identify import FittedParameter
+from armflex.estimate.robust import outlier_limit
 from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
@@ -204,7 +205,7 @@ def pulls(
         panel.hlines(place, old, new, color=RULE, linewidth=1.4, zorder=1)
         panel.scatter(old, place, s=26, color=BEFORE, linewidths=0, label="before")
     panel.scatter(new, place, s=26, color=AFTER, linewidths=0, label="after" if both else None)
-    panel.axvline(SURPRISING, color=INK, linewidth=1.0, linestyle=DASHED)
+    panel.axvline(outlier_limit(1), color=INK, linewidth=1.0, linestyle=DASHED)
     panel.set_yticks(place, [cut(row[0]) for row in chosen])
     panel.set_xlabel("moved by so many standard deviations of its prior (dashed: surprising)")
     panel.set_xlim(left=0.0)

@@ -10,8 +10,9 @@ import pytest
 
 from armflex import Arm, Measurements, predict, trace
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.estimate.block import LARGEST_MOTION, amplitude_prior
+from armflex.estimate.block import amplitude_prior
 from armflex.estimate.fit import moved
+from armflex.estimate.view import LARGEST_MOTION
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
 from armflex.laws.effects.candidate import Candidate, grid
