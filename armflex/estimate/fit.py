@@ -369,8 +369,8 @@ def _settled(
         if progress:
             progress(iteration + 1, effort.iterations)
         fall = (before - history[-1]) / unit
-        # A step that is short because it must be has not arrived.
-        if fall < effort.flat and (damping <= LIGHT or not effort.content):
+        # A step that damping halves is short because it must be, not because it has arrived.
+        if fall < effort.flat and (damping < 1.0 or not effort.content):
             return here, history, 0.0
     if not effort.content:
         raise task.resisting("calibration did not settle", here, task.problem(here, limit), history)

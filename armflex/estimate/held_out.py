@@ -19,7 +19,10 @@ from armflex.parameters import OF_SESSION, Group, ParameterKind
 from armflex.rows.rows import numbered
 
 POSE_FOLDS = 5
-"""Tolerance: parts into which poses, or joint space, are divided that predict each other."""
+"""Tolerance: parts into which poses are divided that predict each other."""
+
+PARTS = 4
+"""Tolerance: parts of joint space that predict each other, where it is asked how far a fit is off elsewhere."""
 
 FIRST = (ParameterKind.INSTRUMENT, ParameterKind.MOUNTING, ParameterKind.TOOL)
 """What is of the first of several campaigns, and of those after it but for what is their own."""
@@ -205,7 +208,7 @@ def design_effect(fit: Fit, others: Array, covariance: Array, least: float = 1.0
     view = fit.view
     if len(np.unique(view.driven.pose_number[view.rows])) < POSE_FOLDS or not len(fit.values):
         return 1.0
-    folds = apart_folds(view.driven.q[view.rows], POSE_FOLDS)
+    folds = apart_folds(view.driven.q[view.rows], PARTS)
     data, counted, parts = fit.residual + fit.regressors @ fit.values, near(view), []
     counted[:, view.foremost.stop :] = False
     scale = 1.0 / (np.maximum(fit.scatter_by_number, RESOLUTION) * np.sqrt(fit.weights)).ravel()

@@ -356,11 +356,11 @@ def test_a_search_that_has_not_settled_says_so_or_is_refused(six, learned, monke
     learn, rows = sys.modules["armflex.estimate.learn"], read_measurements(folder / "train.csv", found.arm)
     assert found.fit.left == 0.0 and not found.flags
     arm = load_arm(folder / "arm.toml")
-    monkeypatch.setattr(learn, "SCALINGS", 1)
-    monkeypatch.setattr(learn, "BRISK", replace(learn.BRISK, iterations=1))
+    monkeypatch.setattr(learn, "ROUNDS", 1)
+    monkeypatch.setattr(learn, "ROUGH", replace(learn.ROUGH, iterations=1))
     told = calibrate(arm, rows).flags
     assert [flag.code for flag in told] == ["unsettled"] and "after 1 fits" in told[0].text
-    monkeypatch.setattr(learn, "PATIENT", replace(learn.PATIENT, iterations=1))
+    monkeypatch.setattr(learn, "THOROUGH", replace(learn.THOROUGH, iterations=1))
     with pytest.raises(ConvergenceError, match=r"learned laws did not settle: .* a simpler model"):
         calibrate(arm, rows)
 
@@ -462,7 +462,6 @@ def test_what_cannot_be_learned_is_refused(six, tmp_path, change, message):
 @pytest.mark.slow
 def test_sampled_bands_are_laplace_bands_where_laws_are_nearly_straight(tmp_path, monkeypatch):
     """A compliance about its most probable value is almost linear in its parameters: both ways must agree."""
-    monkeypatch.setattr(sys.modules["armflex.estimate.sample"], "TUNING", 60)
     monkeypatch.setattr(sys.modules["armflex.estimate.sample"], "CHAINS", 2)
     six = bent(4, "six")
     arm = load_arm(six.write(tmp_path, "linear"))
