@@ -21,6 +21,7 @@ from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
 from armflex.readings import Kind, Orientation, Position
 from armflex.readings.acceleration import OPPOSITE, Acceleration
+from armflex.readings.distance import ANYWHERE
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 
@@ -30,18 +31,12 @@ if TYPE_CHECKING:
 Written = tuple[Arm, Measurements]
 Rewriting = Callable[[Arm, Measurements], Written]
 
-USUAL, RARELY = 5.0, 8.0
-"""Priors: minus the logarithm of the probability of a mistake that is often made, and of one that hardly is."""
-
 WRITTEN_IN = {
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254},
     "rad": {"rad": 1.0, "degrees": np.pi / 180.0, "mm/m": 1e-3},
     "m/s^2": {"m/s^2": 1.0, "g": STANDARD_GRAVITY, "mm/s^2": 1e-3, "mg": 1e-3 * STANDARD_GRAVITY},
 }
 """Tolerance: SI unit -> unit that numbers may have been written in, or read as -> factor to SI."""
-
-UNPLACED = 5.0
-"""Prior: standard deviation of where a sensor stands that may stand anywhere [m, rad]."""
 
 USUAL_PRIOR = Prior(joint_offset=2e-3, compliance=0.3, tool=0.01, geometry=1e-3)
 """Priors: what is usually open of an arm where nobody says."""
@@ -55,7 +50,7 @@ class Hypothesis:
         name: What would be wrong, as the end of a sentence.
         remedy: How to write it right.
         rewritten: The arm and the campaign as they were then meant.
-        prior: Minus the logarithm of its probability.
+        mistakes: How many mistakes it takes, each of which is made in one campaign of a thousand.
         of: What readings it is about: the joints and lengths that move the tip ('points'), what bends the arm
             ('loads'), 'orientation', or the name of a sensor.
         some: Whether it may be true of one session alone, or of some of the rows.
@@ -68,7 +63,7 @@ class Hypothesis:
     name: str
     remedy: str
     rewritten: Rewriting
-    prior: float = USUAL
+    mistakes: int = 1
     of: str = "points"
     some: bool = False
     slip: float | None = None
@@ -112,7 +107,7 @@ def _of_joints(arm: Arm) -> Iterator[Hypothesis]:
         for degrees in (90, -90, 180) if turning[i] else ():
             name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
             remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-            yield Hypothesis(name, remedy, _joints(at, np.radians(degrees) * at[i]), RARELY, some=True)
+            yield Hypothesis(name, remedy, _joints(at, np.radians(degrees) * at[i]), 2, some=True)
     signs = np.where(turning, -1.0, 1.0)
     remedy = "turn all their signs, or the axes in the URDF: the base, or the whole arm, is mirrored"
     yield Hypothesis("the signs of all turning joints are turned", remedy, _joints(np.diag(signs)))
@@ -150,9 +145,9 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
         for i in np.flatnonzero(axes_read):
             scale = np.diag(np.where(np.arange(3) == i, factor, 1.0))
             name = f"{'xyz'[i]} alone is in {unit}, read as {taken}"
-            yield Hypothesis(name, remedy, _positions(scale), RARELY, volume=float(np.log(factor)) / 3.0)
+            yield Hypothesis(name, remedy, _positions(scale), 2, volume=float(np.log(factor)) / 3.0)
     smaller = "write sigma_mm into the header"
-    yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)))
+    yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)), 2)
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
         away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
@@ -161,7 +156,7 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             name = f"x, y, z are a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
             remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
             proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
-            yield Hypothesis(name, remedy, _positions(axes), 2.0 * RARELY if proper else USUAL + len(turned), some=True)
+            yield Hypothesis(name, remedy, _positions(axes), 3 if proper else max(len(turned), 1), some=True)
     if arm.measurement.frame == "base":
         remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
         measurement = replace(arm.measurement, frame="unknown")
@@ -169,7 +164,6 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             "x, y, z are not in the arm's base frame",
             remedy,
             lambda arm, measurements: (replace(arm, measurement=measurement), measurements),
-            USUAL - 1.0,
         )
 
 
@@ -240,8 +234,7 @@ def _of_orientations() -> Iterator[Hypothesis]:
                 return (turns.inv() if back else turns).as_rotvec()
 
             name = f"rx, ry, rz are {', '.join(wrong)}"
-            prior = USUAL + 2.0 * (len(wrong) - 1)
-            yield Hypothesis(name, remedy, _values("", rewritten, Orientation), prior, of="orientation")
+            yield Hypothesis(name, remedy, _values("", rewritten, Orientation), len(wrong), of="orientation")
 
 
 def _from_quaternion(vectors: Array) -> Rotation:
@@ -264,7 +257,7 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
         yield Hypothesis(what, remedy, change, of=name, volume=float(np.log(factor)))
     if isinstance(kind, Acceleration):
         remedy, opposite = OPPOSITE[sensor.sign < 0.0], replace(sensor, sign=-sensor.sign)
-        yield Hypothesis(f"{kind.title} reads the opposite", f"write {remedy}", _sensor(opposite), USUAL - 1.0, of=name)
+        yield Hypothesis(f"{kind.title} reads the opposite", f"write {remedy}", _sensor(opposite), of=name)
     places = range(kind.dimension)
     for order, signs in product(permutations(places), product((1.0, -1.0), repeat=kind.dimension)):
         away = [kind.channels[i] for i in places if order[i] != i]
@@ -274,10 +267,8 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
             words += [f"{' and '.join(turned)} reversed"] if turned else []
             axes = np.eye(kind.dimension)[list(order)] * np.array(signs)[:, None]
             what = f"what {kind.title} read fits better with {', '.join(words)}"
-            prior = USUAL + len(away) // 2 + len(turned)
-            yield Hypothesis(
-                what, "write its columns so", _values(name, lambda values, by=axes: values @ by.T), prior, of=name
-            )
+            change = _values(name, lambda values, by=axes: values @ by.T)
+            yield Hypothesis(what, "write its columns so", change, len(away) // 2 + len(turned), of=name)
     for other in measurements.readings.kinds:
         if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
             one, last = sorted([name, other.name])
@@ -287,12 +278,12 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
     for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
         if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):
             text = f"{kind.title} is on {link!r}"
-            yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), RARELY, of=name)
+            yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), 2, of=name)
 
 
 def elsewhere(sensor: Sensor, text: str) -> Hypothesis:
     """Return the hypothesis that a sensor stands somewhere else than it is declared to, as a text says."""
-    std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, UNPLACED), sensor.std)
+    std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, ANYWHERE), sensor.std)
     return Hypothesis(text, "declare it there", _sensor(replace(sensor, std=std)), of=sensor.name)
 
 

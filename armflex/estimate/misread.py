@@ -10,8 +10,8 @@ and r what is left of the readings, the cost of a campaign is minus the logarith
 
 Each instrument has a scatter s of its own, so that one that is wrong does not spoil what the others say. What an arm
 lacks is the same in many readings: they count as `LOOKS` independent ones, which is the power k. Tails are long
-(Lange, Little and Taylor 1989): a lost beam is no convention, a session of them is. A hypothesis is named where the
-logarithm of its odds against the campaign as written, its prior among them, is beyond `NAMED`.
+(`TAILS`): a lost beam is no convention, a session of them is. A hypothesis is named where its odds against the campaign
+as written, its prior among them, are a thousand to one (`NAMED`).
 """
 
 from __future__ import annotations
@@ -24,59 +24,33 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
-from armflex.errors import ArmflexError, ConventionError, Flag
+from armflex.errors import FEW, ArmflexError, ConventionError, Flag
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
-from armflex.estimate.hypotheses import USUAL_PRIOR, Hypothesis, elsewhere, hypotheses, moved
+from armflex.estimate.hypotheses import USUAL_PRIOR, WRITTEN_IN, Hypothesis, elsewhere, hypotheses, moved
 from armflex.estimate.placement import check_length, first_guess
-from armflex.estimate.robust import EVEN
-from armflex.estimate.view import View, look, solved
+from armflex.estimate.robust import BY_CHANCE, EVEN, TAILS, outlier_limit
+from armflex.estimate.view import LARGEST_MOTION, View, look, solved
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.many_rows import rigid_tips
-from armflex.parameters import ABSURD, FRAMES
-from armflex.readings import Kind, Orientation, Position
-from armflex.readings.instrument import Instrument, rigid_fit
+from armflex.parameters import ABSURD, DOUBT, FRAMES
+from armflex.readings import Kind, Orientation, Position, Postures
+from armflex.readings.instrument import ROUNDS, Instrument, rigid_fit
 
-NAMED = 12.0
-"""Confidence: the logarithm of the odds at which a hypothesis is named, and by which the next best is out of it."""
+NAMED = -float(np.log(BY_CHANCE))
+"""Logarithm of the odds at which a hypothesis is named."""
 
 LOOKS = 20.0
 """Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
 
-FOCAL = 1e3
-"""Prior: pixels of a radian before a usual camera."""
-
 FINE_SHARE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
-SLIP = 1.5e-3
-"""Prior: standard deviation of how far something on an arm slips [m, rad], which is a cause to be traced."""
-
-GROSS_SHARE = 0.05
-"""Prior: part of the reach that is left by no arm: a beam of steel that bends so far stays bent."""
-
-STREWN = 100.0
-"""Prior: scatter over the stated standard deviation at which something is wrong, whatever it is."""
-
-TAILS = 4.0
-"""Prior: degrees of freedom of the readings' distribution (Lange, Little and Taylor 1989)."""
-
-UNREAD = 1e3
-"""Prior: times the standard deviation of another coordinate of a point at which one was not read: no unit does that."""
-
-HOPELESS = 1e9
-"""Tolerance: cost of an arm that has no equilibrium at all."""
-
-SENSOR_STEPS = 3
-"""Tolerance: Gauss and Newton's steps where only sensors read, which begin from further off, and of a campaign as
-written where one is not enough."""
-
-ROWS_LOOKED_AT, WEIGHT_ROUNDS, MOST_TRIED, MOST_SAID = 120, 15, 8, 3
-"""Tolerance: rows looked at (no convention hides in more), rounds of weights, hypotheses judged after a first look, and
-said."""
+ROWS_LOOKED_AT, MOST_TRIED = 120, 8
+"""Tolerance: rows looked at (no convention hides in more), and hypotheses judged after a first look."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,14 +154,17 @@ class Case:
         return same and np.array_equal(self.rows.q, other.rows.q) and self.rows.payload == other.rows.payload
 
 
-def misfit(case: Case, known: View | None = None, instrument: Instrument | None = None, steps: int = 1) -> Misfit:
+def misfit(
+    case: Case, known: View | None = None, instrument: Instrument | None = None, patient: bool = False
+) -> Misfit:
     """Return how badly rows fit an arm.
 
     Args:
         case: Arm and rows.
         known: The same rows of an arm that rests in them as this one does, if any.
         instrument: Where it stands, near enough; it is placed where not given.
-        steps: Of Gauss and Newton, at least.
+        patient: Whether Gauss and Newton's steps go on while something is gained; else they do where only sensors
+            read, which begin from further off.
 
     Raises:
         ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
@@ -199,23 +176,30 @@ def misfit(case: Case, known: View | None = None, instrument: Instrument | None 
     blocks = [one for one in declared_blocks(setup, campaign) if not case.keep or one.kind in FRAMES]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
-    size, first = {"m": arm.robot.reach, "rad": 1.0, "m/s^2": STANDARD_GRAVITY, "px": FOCAL}, None
-    found = None
-    for _ in range(max(steps, 1 if campaign.positioned[rows].any() else SENSOR_STEPS)):
+    patient, first, found = patient or not campaign.positioned[rows].any(), None, None
+    for _ in range(ROUNDS):
         now = realise(setup, blocks, values)
         near = line if first is None else solved(now, campaign, rows, allow_large=True)
         view = look(now, campaign, rows, line=near)
         first = first or view
         jacobian = np.zeros((*view.residual.shape, 0))
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
-        least = view.readings.stacked(lambda kind: np.full(kind.values.shape, FINE_SHARE * size[kind.unit]))
+        least = FINE_SHARE * view.readings.stacked(lambda kind, at=view.at: _whole(kind, at, arm.robot.reach))
         places, floor = [place for _, place in view.readings.placed], np.maximum(view.sigma, least)
-        found = _settled(jacobian, precision, values, view.residual, floor, places)
+        before, found = found, _settled(jacobian, precision, values, view.residual, floor, places)
         values = moved_by(blocks, values, found[0])
+        if not patient or (before is not None and before[1] - found[1] < 1.0):
+            break
     free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
     assert first is not None and found is not None
     _, cost, excess, ideal, left, scatter = found
     return Misfit(first, setup.instrument, cost, excess, ideal, left, scatter, free)
+
+
+def _whole(kind: Kind, at: Postures, reach: float) -> Array:
+    """Return (N, d) what is all of a reading: a radian, g, or what a shift as long as the arm reaches makes of it."""
+    whole = {"rad": 1.0, "m/s^2": STANDARD_GRAVITY}.get(kind.unit)
+    return reach * kind.by_shift(at) if whole is None else np.full(kind.values.shape, whole)
 
 
 def _settled(
@@ -247,7 +231,7 @@ def _settled(
          for one, read in zip(own.T, count.T, strict=True)]
     )  # fmt: skip
     values, whole = np.zeros(len(precision)), left
-    for _ in range(WEIGHT_ROUNDS):
+    for _ in range(ROUNDS):
         weights = (TAILS + count) / (TAILS + squares() / variance)
         each = np.zeros_like(left)
         for number, place in enumerate(places):
@@ -321,7 +305,7 @@ def check_conventions(
     with suppress(ArmflexError):
         found = misfit(case)
         if not found.plausible:
-            found = misfit(case, found.view, steps=SENSOR_STEPS)  # nor is an arm accused that one step does not fit
+            found = misfit(case, found.view, patient=True)  # nor is an arm accused that one step does not fit
     if found is not None and found.plausible:
         return ()
     named = _named(case, found, searched)
@@ -341,7 +325,10 @@ def check_conventions(
         raise ConventionError(f"{where}{begun}: {said}", [one.name for one in named])
     if found is None or keep:
         return ()
-    if found.kinds[0].unit == "m" and (left := found.off(found.left)) > GROSS_SHARE * arm.robot.reach:
+    if (
+        found.kinds[0].unit == "m"
+        and (left := found.off(found.left)) > outlier_limit(1) * LARGEST_MOTION * arm.robot.reach
+    ):
         text = f"{where}{begun}, {in_mm(left)} of which is left with all that [prior] frees"
         text += ": no defect of an arm is so large, and no convention that is tried explains it"
         more = "check that rows and readings are of the same poses, the URDF this arm's, the tip the target's link"
@@ -358,10 +345,11 @@ def check_conventions(
 
 
 def _read(kind: Kind) -> Kind:
-    """Return a kind without the coordinates that were not read; see `UNREAD`."""
+    """Return a kind without coordinates of a point that were not read: those beside which others are in no unit."""
     if not isinstance(kind, Position):
         return kind
-    unread = kind.sigma > UNREAD * kind.sigma.min(axis=1, keepdims=True)
+    units = WRITTEN_IN[kind.unit].values()
+    unread = kind.sigma > max(units) / min(units) * kind.sigma.min(axis=1, keepdims=True)
     return replace(kind, sigma=np.where(unread, np.inf, kind.sigma))
 
 
@@ -373,21 +361,23 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         freed = Hypothesis("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
         tried.append((freed, None))
-    cost, named = HOPELESS if found is None else found.cost, dict[str, Named]()
+    named = dict[str, Named]()
     for hypothesis, own in tried:
         with suppress(ArmflexError):
             other = case.meant(hypothesis, own)
             known = found.view if found is not None and other.rests_as(case) else None
             near = found.placed if found is not None and hypothesis.of == "loads" else None
             then, (words, choice) = misfit(other, known, near), _choice(case, own)
-            gain = cost - then.cost + LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
+            gain = (0.0 if found is None else found.cost) - then.cost
+            gain += LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
             if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
-                gain = min(gain, 0.5 * (hypothesis.slip / SLIP) ** 2)  # an arm that slips as far explains as much
-            gain, name = gain - hypothesis.prior - choice, f"{hypothesis.name}{words}"
-            if gain > NAMED and (name not in named or named[name].gain < gain):
+                # An arm that slips as far explains as much.
+                gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
+            gain, name = gain - NAMED * hypothesis.mistakes - choice, f"{hypothesis.name}{words}"
+            if (found is None or gain > NAMED) and (name not in named or named[name].gain < gain):
                 named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
     ranked = sorted(named.values(), key=lambda one: -one.gain)
-    return [one for one in ranked if one.gain > ranked[0].gain - NAMED / 4.0][:MOST_SAID]
+    return [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
 
 
 def _choice(case: Case, own: np.ndarray | None) -> tuple[str, float]:
@@ -466,15 +456,15 @@ def _first_look(
         if placed == unknown and all(np.array_equal(a, b) for a, b in zip(here, there, strict=True)):
             yield hypothesis, None  # it moves no point
             continue
-        price = cost(*there, placed) + hypothesis.prior - LOOKS * hypothesis.volume
+        price = cost(*there, placed) + NAMED * hypothesis.mistakes - LOOKS * hypothesis.volume
         looked.append((price, len(looked), hypothesis, None))
         masks, own = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool)
-        for _ in range(MOST_SAID if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
+        for _ in range(FEW if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
             near = mixed(there, own) if unknown else None
             own = 4.0 * squares(*there, near) < squares(*here, near)
         for some in (*masks, own) if hypothesis.some else ():
             if 0 < some.sum() < len(some):
-                price = cost(*mixed(there, some), unknown) + hypothesis.prior + _choice(case, some)[1]
+                price = cost(*mixed(there, some), unknown) + NAMED * hypothesis.mistakes + _choice(case, some)[1]
                 price -= LOOKS * hypothesis.volume * float(some.mean())
                 looked.append((price, len(looked), hypothesis, some))
     looked.sort(key=lambda one: one[:2])
@@ -494,7 +484,7 @@ def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | N
         mounted = axes.swapaxes(1, 2) @ Rotation.from_rotvec(kind.values[read]).as_matrix()
         left, _, right = np.linalg.svd(np.median(mounted, axis=0))
         spread.append(float(np.median(((mounted - left @ right) ** 2).sum(axis=(1, 2)))))
-    return [turned[i] for i in np.argsort(spread, kind="stable")[: MOST_SAID + 1]]
+    return [turned[i] for i in np.argsort(spread, kind="stable")[:MOST_TRIED]]
 
 
 def _likeliest_readings(every: Sequence[Hypothesis], case: Case, found: Misfit) -> Iterator[Hypothesis]:
@@ -520,7 +510,7 @@ def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:
     meant, fitted = case.meant(hypothesis), found
     open_ = np.array(meant.rows.payload) != np.array(case.rows.payload)
     own, every, where = np.zeros(len(open_), bool), np.arange(len(open_)), found.view.foremost
-    for _ in range(MOST_SAID):
+    for _ in range(FEW):
         with suppress(ArmflexError):
             fitted = misfit(case.meant(hypothesis, own), None, found.placed) if own.any() else found
             one, other = (look(fitted.view.setup, rows, every).residual for rows in (case.rows, meant.rows))
@@ -564,7 +554,7 @@ def _moves(case: Case, found: Misfit) -> Iterator[Hypothesis]:
                     gain = float(k * (len(own) - k) / len(own) * (jump**2).sum())
                     if gain > best:
                         best, late, step = gain, own[k:], jump
-            far = name in sensors or 0.5 * (np.linalg.norm(step) / SLIP) ** 2 > NAMED
+            far = name in sensors or 0.5 * (np.linalg.norm(step) / USUAL_PRIOR.geometry) ** 2 > NAMED
             if len(late) and far and (name not in sensors or len(sensors[name].movable)):
                 rows = np.isin(np.arange(len(motion)), np.arange(late[0], late[-1] + 1)) & (within == within[late[0]])
                 yield from moved(name, title, _place(case, int(late[0])), rows, step)
@@ -589,7 +579,7 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) 
         stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
         text = f"{kind.title}: its sigma is {said_of(stated, kind.unit)}, and its readings scatter by "
         text += f"{said_of(scatter * stated, kind.unit)}, {scatter:.2g} times as much"
-        if scatter > STREWN and not searched:
+        if scatter > ABSURD**2 and not searched:
             yield Flag("scattered", f"{text}: sigma or a convention is wrong, or the arm lacks much", about=name)
         if name and name not in suspects and (large or small):
             ask = "is it stated in the right unit, or does the arm lack what this instrument alone sees?"
@@ -598,7 +588,10 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) 
 
 
 def check_scatter(found: Fit) -> None:
-    """Raise where readings scatter `STREWN` times as far as they state: nothing is to be written that rests on them.
+    """Raise where readings scatter a hundred times as far as they state: nothing is to be written that rests on them.
+
+    No arm lacks `ABSURD` times what an instrument is said to read that states `ABSURD` times too little.
+
 
     Raises:
         ConventionError: With the instrument, what it states and how it scatters.
