@@ -41,9 +41,6 @@ FEWEST_SISTERS = 3
 SPREADS = np.geomspace(0.02, 3.0, 60)
 """Prior: spreads that are considered, in units of the declared prior."""
 
-SISTER_DRAWS = 4000
-"""Tolerance: sweeps of the sampler, of which the first half finds its way."""
-
 
 @dataclass(frozen=True, eq=False)
 class Sister:
@@ -93,7 +90,7 @@ class Fleet:
         return found | {one.label: (0.0, 0.0) for one in self.held}
 
 
-def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
+def common(arms: Mapping[str, Arm], seed: int = 0, draws: int = 2000) -> Fleet:
     """Return what calibrated arms of one make have in common.
 
     An arm whose parameters the declared prior explains far better than the others do is left out.
@@ -101,6 +98,7 @@ def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
     Args:
         arms: Calibrated arms by name, of the same declared arm.
         seed: Of the sampler.
+        draws: How many, after as many in which it finds its way.
 
     Raises:
         InputError: Too few arms; one is not calibrated, declared otherwise, or another prior frees its parameters.
@@ -113,13 +111,13 @@ def common(arms: Mapping[str, Arm], seed: int = 0) -> Fleet:
     while len(sisters) > FEWEST_SISTERS:
         odds = []
         for i, one in enumerate(sisters):
-            mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed)
+            mean, _, std = _predicted([other for j, other in enumerate(sisters) if j != i], seed, draws)
             odds.append(_evidence(one, 0.0 * ones, ones) - _evidence(one, mean, std))
         worst = int(np.argmax(odds))
         if odds[worst] < -np.log(BY_CHANCE):  # for the declared prior against that of the others
             break
         strangers[sisters.pop(worst).name] = float(odds[worst])
-    mean, spread, std = _predicted(sisters, seed)
+    mean, spread, std = _predicted(sisters, seed, draws)
     return Fleet(
         parameters,
         mean * scale,
@@ -213,13 +211,13 @@ def _shown(information: float) -> bool:
     return bool((1.0 + information) * UNDETERMINED**2 > 1.0)
 
 
-def _predicted(sisters: Sequence[Sister], seed: int) -> tuple[Array, Array, Array]:
+def _predicted(sisters: Sequence[Sister], seed: int, draws: int) -> tuple[Array, Array, Array]:
     """Return (P,) mean and spread of sisters, and the standard deviation of the next one, in units of the priors."""
     rng, count, size = np.random.default_rng(seed), len(sisters), len(sisters[0].pull)
     information, pulls = (np.array([getattr(one, name) for one in sisters]) for name in ("information", "pull"))
     mean, spread = np.mean([one.value for one in sisters], axis=0), np.ones(size)
     means, squares, sizes = [], [], []
-    for sweep in range(SISTER_DRAWS):
+    for sweep in range(2 * draws):
         roots = np.linalg.cholesky(information + np.diag(spread**-2.0))
         halves = np.linalg.solve(roots, (pulls + mean * spread**-2.0)[:, :, None])
         values = np.linalg.solve(roots.swapaxes(1, 2), halves + rng.normal(size=halves.shape))[:, :, 0]
@@ -229,7 +227,7 @@ def _predicted(sisters: Sequence[Sister], seed: int) -> tuple[Array, Array, Arra
         logs = -count * np.log(SPREADS) - 0.5 * sums[:, None] / SPREADS**2
         shares = np.exp(logs - logs.max(axis=1, keepdims=True)).cumsum(axis=1)
         spread = SPREADS[(shares < rng.uniform(size=(size, 1)) * shares[:, -1:]).sum(axis=1)]
-        if 2 * sweep >= SISTER_DRAWS:
+        if sweep >= draws:
             means.append(mean)
             squares.append(spread**2)
             sizes.append(np.log(spread))

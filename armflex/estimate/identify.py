@@ -8,16 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.errors import FEW
 from armflex.estimate.fit import Fit
 from armflex.estimate.robust import outlier_limit
 from armflex.linear_gaussian import ROUNDING, LinearGaussian
-from armflex.parameters import ArmParameter, ParameterKind
+from armflex.parameters import ABSURD, ArmParameter, ParameterKind
 
 UNDETERMINED = 0.9
 """Confidence: posterior over prior standard deviation above which the data has said nothing about a parameter."""
-
-PARTNER = 0.25
-"""Confidence: share of a parameter's effect that another must be able to take over to be named."""
 
 
 @dataclass(frozen=True)
@@ -122,23 +120,24 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
 
 
 def _only_combined(fit: Fit, index: int) -> bool:
-    """Return whether the readings determine nothing of a parameter once nothing is known of the others.
+    """Return whether the readings determine nothing of a parameter once the others may be `ABSURD` times as far off.
 
     Where the sum of two alone is determined, each comes out at 0.7 of its prior, however good the readings are.
     """
     own, noise = fit.prior[index], max(fit.noise, 1.0)
     if not np.isfinite(own):
         return False
-    alone = np.zeros(len(fit.precision))
-    alone[index] = fit.precision[index]
-    left = LinearGaussian(fit.information / noise**2).with_precision(alone)
+    loose = fit.precision / ABSURD**2
+    loose[index] = fit.precision[index]
+    left = LinearGaussian(fit.information / noise**2).with_precision(loose)
     return float(left.std[index]) >= UNDETERMINED * own
 
 
 def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequence[str]) -> tuple[str, ...]:
-    """Return up to four parameters that take over one parameter's effect on the readings best, the strongest first.
+    """Return the parameters that take over one parameter's effect on the readings best, the strongest first.
 
-    None where the readings do not depend on it: what rounding resembles is no finding, and differs between processors.
+    None unless all others together take over half of it. Nor where the readings do not depend on it: what rounding
+    resembles is no finding, and differs between processors.
 
     Args:
         normal: (P, P) information of the readings alone.
@@ -148,10 +147,11 @@ def partners_of(normal: Array, known: LinearGaussian, index: int, names: Sequenc
     """
     others = np.delete(np.arange(len(names)), index)
     sizes = np.sqrt(np.diag(normal))
-    own = sizes[index]
-    if own <= ROUNDING * sizes.max():
+    if sizes[index] <= ROUNDING * sizes.max():
         return ()
     amount = known.conditional(others).solve(normal[others, index])
+    if 2.0 * normal[others, index] @ amount < normal[index, index]:
+        return ()
     effect = np.abs(amount) * sizes[others]
-    strong = [int(i) for i in np.argsort(-effect) if effect[i] > PARTNER * own]
-    return tuple(names[int(others[i])] for i in strong[:4])
+    strong = [int(i) for i in np.argsort(-effect) if 2.0 * effect[i] >= effect.max()]
+    return tuple(names[int(others[i])] for i in strong[:FEW])

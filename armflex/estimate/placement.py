@@ -26,12 +26,12 @@ COARSEST_TURN = 0.05
 FEWEST_ROWS = 4
 """Tolerance: readings that determine where an instrument stood, and below which nothing is fitted."""
 
+SCALE_KNOWN = 2e-3
+"""Prior: share by which [prior] may leave the scale of an arm open before touches alone make it up."""
+
 STOOD_ELSEWHERE = 0.015
 """Prior: how far its points move [m] where an instrument was not set up again at its marks, as `session_frame` has it,
 but stood elsewhere."""
-
-SCALE_KNOWN = 2e-3
-"""Prior: share by which [prior] may leave the scale of an arm open before touches alone make it up."""
 
 
 def first_guess(

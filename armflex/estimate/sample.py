@@ -20,9 +20,6 @@ from armflex.linear_gaussian import ROUNDING
 from armflex.progress import Progress
 from armflex.sampling.diagnostics import FEWEST_DRAWS, Diagnostics, diagnose
 
-CHAINS = 4
-"""Tolerance: chains of draws."""
-
 
 @dataclass(frozen=True, eq=False)
 class LawSamples:
@@ -50,16 +47,19 @@ class LawSamples:
         return lower, upper
 
 
-def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress | None = None) -> LawSamples:
+def sample_laws(
+    found: Fit, draws: int = 250, seed: int = 0, progress: Progress | None = None, chains: int = 4
+) -> LawSamples:
     """Return draws from the posterior of the learned laws of a fit, by NUTS in coordinates whitened by Laplace's.
 
     Where neither readings nor a prior determine a combination of other parameters, it stays where it was fitted.
 
     Args:
         found: A fit with learned laws.
-        draws: Of each of four chains, after as many in which it finds its step.
+        draws: Of each chain, after as many in which it finds its step.
         seed: The same seed gives the same draws.
         progress: Called with (chains done, in all).
+        chains: How many.
 
     Raises:
         InputError: Nothing was learned, or there are too few draws to judge.
@@ -108,19 +108,19 @@ def sample_laws(found: Fit, draws: int = 250, seed: int = 0, progress: Progress 
         return value, directions.T @ (regressors.T @ residual / noise - pull)
 
     walks: list[Walk] = []
-    for one in np.random.SeedSequence(seed).spawn(CHAINS):
+    for one in np.random.SeedSequence(seed).spawn(chains):
         walks.append(no_u_turn(density, np.zeros(determined.sum()), np.eye(determined.sum()), draws, draws, one))
         if progress:
-            progress(len(walks), CHAINS)
-    chains = (found.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]
+            progress(len(walks), chains)
+    every = (found.values + np.array([walk.draws for walk in walks]) @ directions.T)[:, :, places]
 
     # Judged by what the laws say at ten of the loads seen: values of networks may change places, answers not.
     some, answers = np.linspace(0, len(view.rows) - 1, 10).astype(int), []
-    for values in chains.reshape(-1, len(places)):
+    for values in every.reshape(-1, len(places)):
         parts = zip(seen, block.split(values), strict=True)
         twists = [law.at(own).twist(loads[some], row.some(some)) for (_, loads, law), own in parts]
         answers.append(np.concatenate([twist[:, twist.any(axis=0)].ravel() for twist in twists]))
-    judged = np.array(answers).reshape(*chains.shape[:2], -1)
+    judged = np.array(answers).reshape(*every.shape[:2], -1)
     report = diagnose(judged, sum(walk.divergences for walk in walks), float(np.mean([w.acceptance for w in walks])))
-    own = block.split(chains.reshape(-1, len(places)).T)
+    own = block.split(every.reshape(-1, len(places)).T)
     return LawSamples(laws, dict(zip(block.flexures, [part.T for part in own], strict=True)), report)
