@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import Array
+from armflex.conventions import RESOLUTION, Array
 from armflex.estimate.view import QUOTIENT_STEP, View
 from armflex.laws import Law
 from armflex.laws.declared import Flexure
@@ -241,7 +241,7 @@ def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: 
     location, law = effect.location, effect.law
     jacobian = [view.effect_jacobian(effect, context)]
     for i in free:
-        step = QUOTIENT_STEP if law.inner[i].positive else QUOTIENT_STEP * max(abs(effect.inner[i]), 1e-2)
+        step = QUOTIENT_STEP if law.inner[i].positive else QUOTIENT_STEP * max(abs(effect.inner[i]), QUOTIENT_STEP)
         ends = []
         for side in (1.0, -1.0):
             moved = list(effect.inner)
@@ -259,7 +259,7 @@ def amplitude_prior(effect: Effect, free: tuple[int, ...], view: View, context: 
     jacobian = view.effect_jacobian(effect, context)
     moved = np.array([view.rms(one) for one in jacobian.transpose(2, 0, 1)]) / view.per_metre
     # What moves nothing stays at zero rather than wander off.
-    amplitudes = np.where(moved > 0.0, view.largest_motion / np.where(moved > 0.0, moved, 1.0), 1e-12)
+    amplitudes = np.where(moved > 0.0, view.largest_motion / np.where(moved > 0.0, moved, 1.0), RESOLUTION)
     amplitudes = np.minimum(amplitudes, [effect.law.amplitudes[i].most for i in effect.location.terms])
     far = context.size if effect.law.spatial else np.inf
     searched = [one.spread or (LOOSE_INNER if one.positive else far) for one in map(effect.law.inner.__getitem__, free)]

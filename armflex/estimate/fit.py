@@ -46,8 +46,8 @@ class Effort:
 
     Attributes:
         iterations: Steps at most.
-        flat: Fall of the cost (-2 log posterior density) below which there is nothing left to gain, at noise as
-            stated: such a step is the last, and one that promises no more is not tried.
+        flat: Fall of the cost (-2 log posterior density) below which there is nothing left to gain: a step that
+            promises no more is not tried, and one that gains no more at noise as stated is the last.
         content: Whether what is reached is taken where it does not settle, rather than an error raised.
     """
 
@@ -358,7 +358,7 @@ def _settled(
         limit = np.minimum(limit, robust_limit(here.view))
         before, problem = task.cost(here, limit), task.problem(here, limit)
         unit = max(1.0, before / here.view.count)  # while the model is wrong the residual is many times the noise
-        found = task.descend(here, problem, limit, effort.flat * unit, damping)
+        found = task.descend(here, problem, limit, effort.flat, damping)
         if found is None:
             left = problem.promised(problem.step(max(damping, LIGHT))) / unit
             if effort.content or left < effort.flat:  # a step that promises nothing need not keep anything
@@ -459,7 +459,7 @@ class _Task:
         squares = (np.nan_to_num(view.residual / view.sigma) ** 2).sum(axis=1)
         worst = np.argsort(-squares)[:FEW]
         far = ", ".join(str(places[view.rows[i]] if places else f"row {view.rows[i]}") for i in worst)
-        share = squares[worst].sum() / max(float(squares.sum()), 1e-300)
+        share = squares[worst].sum() / (float(squares.sum()) or 1.0)
         still = f"still moving: {moving or 'nothing'}"
         return ConvergenceError(f"{text}; {still}; {share:.0%} of what is left is at {far}", history)
 

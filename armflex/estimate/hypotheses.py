@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from armflex.arm import Arm, Prior
-from armflex.conventions import STANDARD_GRAVITY, Array
+from armflex.conventions import RESOLUTION, STANDARD_GRAVITY, Array
 from armflex.files.dh_table import in_other_form
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
@@ -242,7 +242,7 @@ def _from_quaternion(vectors: Array) -> Rotation:
     angle = 2.0 * np.arcsin(np.minimum(size, 1.0))
     from scipy.spatial.transform import Rotation  # not needed to import the package
 
-    return Rotation.from_rotvec(vectors * angle / np.maximum(size, 1e-12))
+    return Rotation.from_rotvec(vectors * angle / np.maximum(size, RESOLUTION))
 
 
 def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:

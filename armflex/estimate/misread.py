@@ -388,7 +388,7 @@ def _choice(case: Case, own: np.ndarray | None) -> tuple[str, float]:
     (first, *others), count = dict.fromkeys(sessions[own].tolist()), len(set(sessions.tolist()))
     if not others and own.sum() == (sessions == first).sum():
         return f" in session {first!r}", float(np.log(count))
-    share = float(np.clip(own.mean(), 1e-3, 1.0 - 1e-3))
+    share = float(np.clip(own.mean(), 1.0 / len(own), 1.0 - 1.0 / len(own)))
     cost = -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
     return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(own)))})", cost
 

@@ -107,7 +107,7 @@ def _weights(view: View, limit: Array | float | None, apart: bool) -> Iterator[A
     """Yield of every instrument the (M, k) weights of what it read; see `_lengths`."""
     limits = np.broadcast_to(robust_limit(view) if limit is None else limit, len(view.readings.groups))
     for one, (length, expected, _) in zip(limits, _lengths(view, outlier_limit, apart), strict=True):
-        yield np.minimum(1.0, one * expected / np.maximum(length, 1e-300))
+        yield 1.0 / np.maximum(length / (one * expected), 1.0)
 
 
 def objective(view: View, values: Array, prior: Array, limit: Array | float) -> float:
