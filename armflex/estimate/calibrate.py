@@ -327,11 +327,11 @@ def _fit(
 ) -> Fit:
     """Return a fit to readings that scatter as they are weighed.
 
-    Of many rows `ROWS_AT_ONCE` lead almost to where all do, in a fraction of the time.
+    Of many rows `FEWEST_ROWS` for each parameter lead almost to where all do, in a fraction of the time.
     """
-    start = None
-    if len(used) > 2 * ROWS_AT_ONCE:
-        some = np.sort(np.random.default_rng(0).choice(used, ROWS_AT_ONCE, replace=False))
+    start, enough = None, FEWEST_ROWS * len(parameters_of(blocks))
+    if len(used) > ROWS_AT_ONCE > enough:
+        some = np.sort(np.random.default_rng(0).choice(used, enough, replace=False))
         with contextlib.suppress(ArmflexError):  # they may be too few
             first = _fit(declared, blocks, weighed, some, rounds, progress, begun)
             start, weighed = first.values, replace(weighed, factors=first.factors)
