@@ -113,6 +113,11 @@ class Fit:
         return self.prior**-2.0
 
     @cached_property
+    def scale(self) -> Array:
+        """(M, d) factors that whiten and weight readings, in one over their units."""
+        return np.sqrt(self.weights) / self.view.sigma
+
+    @cached_property
     def regressors(self) -> Array:
         """(M, P) whitened and weighted change of M readings per unit of a parameter, dimensionless."""
         return whitened_regressors(self.blocks, self.view, self.weights)

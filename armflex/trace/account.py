@@ -316,6 +316,7 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
     """
     screen, found = here.screen, dict[str, list[float]]()
     noise = screen.beside(here.model).noise  # beyond the scatter that columns are whitened by
+    unit = UNIT_MOTION * screen.fit.view.per_metre * noise
     for number, (whole, inside) in screen.single().items():
         hypothesis, group = screen.groups[number].hypothesis, screen.groups[number]
         if inside <= ALMOST * whole or not hypothesis.one.law.physical:
@@ -323,6 +324,5 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
         information = inside * float(group.scale[0]) ** 2
         needed = np.log1p(SCALES**2 * information) - 2.0 * (hypothesis.prior - np.log(len(SCALES)))
         charged = needed / information * (1.0 + 1.0 / (SCALES**2 * information))
-        size = UNIT_MOTION * screen.fit.view.per_metre * noise * float(np.sqrt(charged.min()))
-        found.setdefault(hypothesis.one.law.name, []).append(size)
+        found.setdefault(hypothesis.one.law.name, []).append(unit * float(np.sqrt(charged.min())))
     return tuple(Smallest(name, min(sizes), max(sizes)) for name, sizes in found.items())

@@ -162,6 +162,7 @@ class Bank:
             self.reporter.step("screening candidates", some[0][0], len(self.candidates))
             law, place, own = some[0][1].law, some[0][1].location, dict[tuple, Array]()
             here, of_load, whole = self.context.here(place, view.arm), law.of_load(place), dict[Values, Array]()
+            alike = (law.act.name, law.changes_model, of_load, place.site)
             if law.direction(here, some[0][1].inner) is None:
                 inners = list(dict.fromkeys(one.inner for _, one in some))
                 whole = dict(zip(inners, law.of_each(place, inners, view, self.context), strict=True))
@@ -178,8 +179,7 @@ class Bank:
                     # Sums round by where a bank is cut: a law that changes the model counts by its columns.
                     held += view.sigma.size * len(terms) if law.changes_model else found.size
                 along = b"" if direction is None else direction.tobytes()
-                kind = (law.act.name, law.changes_model, of_load, place.site, along)
-                waiting.setdefault(kind, []).append((index, found))
+                waiting.setdefault((*alike, along), []).append((index, found))
                 if held > MADE_AT_ONCE:
                     yield from (self._part(key, each, known) for key, each in waiting.items())
                     waiting, held = {}, 0
@@ -206,14 +206,12 @@ class Bank:
                 shapes = np.concatenate(list(unique.values()))
                 known |= {} if of_load else {key: shapes}
             return Part(groups, places, shapes, np.concatenate(of), answer)
-        answer = view.per(first.law, first.location) * _scale(self.fit)[:, :, None]
+        answer = view.per(first.law, first.location) * self.fit.scale[:, :, None]
         regressors = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
         if view.indirect:
             pairs = zip(map(self.candidates.__getitem__, groups), brought, strict=True)
             columns = [view.effect_quotient(one.law, one.location, one.inner, features) for one, features in pairs]
-            regressors = regressors + (np.concatenate(columns, axis=2) * _scale(self.fit)[:, :, None]).transpose(
-                0, 2, 1
-            )
+            regressors = regressors + (np.concatenate(columns, axis=2) * self.fit.scale[:, :, None]).transpose(0, 2, 1)
         regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1)
         return Part(groups, places, regressors, np.arange(len(places)), None)
 
@@ -236,14 +234,9 @@ def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Ar
     features = law.features(location, inner, view, context)
     columns = view.per(law, location) @ features.transpose(0, 2, 1)
     columns = columns + view.effect_quotient(law, location, inner, features) if view.indirect else columns
-    return (columns * _scale(fit)[:, :, None]).reshape(view.residual.size, -1)
+    return (columns * fit.scale[:, :, None]).reshape(view.residual.size, -1)
 
 
 def _answer(fit: Fit, site: str, direction: Array) -> Array:
     """Return the (M, d) whitened and weighted change of the readings with a twist at a site in a (6,) direction."""
-    return fit.view.to_twist(site) @ direction * _scale(fit)
-
-
-def _scale(fit: Fit) -> Array:
-    """Return the (M, d) factors that whiten and weight readings."""
-    return np.sqrt(fit.weights) / fit.view.sigma
+    return fit.view.to_twist(site) @ direction * fit.scale

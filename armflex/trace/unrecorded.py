@@ -64,7 +64,7 @@ def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndar
         projection: The same fit's.
         groups: (M,) number of the pose of every measured row: rows of one pose share a twist.
     """
-    view, scale = fit.view, np.sqrt(fit.weights) / fit.view.sigma
+    view, scale = fit.view, fit.scale
     residual, read = projection.residual.reshape(scale.shape), np.isfinite(view.sigma)
     # The RMS of each kind's residual where it was read, over that of all.
     squares, levels = np.where(read, residual**2, 0.0), np.ones(scale.shape[1])
