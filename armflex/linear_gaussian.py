@@ -205,6 +205,8 @@ def _inverse_root(scaled: Array) -> Array | None:
     from scipy.linalg.lapack import dpotrf, dtrtri  # not needed to import the package
 
     root, failed = dpotrf(scaled, lower=1, clean=1)
+    if not len(root):  # LAPACK complains of a triangle of nothing
+        return root
     inverse = None if failed else dtrtri(root, lower=1)[0].T
     return None if inverse is None or not (inverse**2).sum() < 0.1 / ROUNDING else inverse
 

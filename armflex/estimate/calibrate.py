@@ -19,10 +19,10 @@ from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, Weighed, fit, realise
 from armflex.estimate.held_out import POSE_FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
-from armflex.estimate.hypotheses import USUAL_PRIOR
 from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
+from armflex.estimate.misreadings import USUAL_PRIOR
 from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
 from armflex.estimate.placement import FEWEST_ROWS, check_enough, first_guess
 from armflex.estimate.pose_block import PoseBlock

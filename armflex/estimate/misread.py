@@ -29,7 +29,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
-from armflex.estimate.hypotheses import USUAL_PRIOR, WRITTEN_IN, Hypothesis, elsewhere, hypotheses, moved
+from armflex.estimate.misreadings import USUAL_PRIOR, WRITTEN_IN, Misreading, elsewhere, misreadings, moved
 from armflex.estimate.placement import check_length, first_guess
 from armflex.estimate.robust import BY_CHANCE, EVEN, TAILS, outlier_limit
 from armflex.estimate.view import LARGEST_MOTION, View, look, solved
@@ -49,8 +49,8 @@ LOOKS = 20.0
 FINE_SHARE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
-ROWS_LOOKED_AT, MOST_TRIED = 120, 8
-"""Tolerance: rows looked at (no convention hides in more), and hypotheses judged after a first look."""
+ROWS_LOOKED_AT = 120
+"""Tolerance: rows looked at; no convention hides in more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ class Case:
         """(M,) session of every row."""
         return np.array(self.rows.session)
 
-    def meant(self, hypothesis: Hypothesis, own: np.ndarray | None = None) -> Case:
+    def meant(self, hypothesis: Misreading, own: np.ndarray | None = None) -> Case:
         """Return the case as a hypothesis has it in (M,) own rows, in all where None."""
         before = self.rows if hypothesis.of_rows else self.every
         arm, after = hypothesis.rewritten(self.arm, before)
@@ -261,7 +261,7 @@ def _settled(
 class Named:
     """A convention in which a campaign is plausible: how much the likelier, and how far off it then is, as said."""
 
-    hypothesis: Hypothesis
+    hypothesis: Misreading
     name: str
     gain: float
     then: str
@@ -359,7 +359,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
     if found is not None and not found.free and not case.keep and not searched:
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
-        freed = Hypothesis("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
+        freed = Misreading("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
         tried.append((freed, None))
     named = dict[str, Named]()
     for hypothesis, own in tried:
@@ -397,10 +397,10 @@ def _place(case: Case, row: int) -> str:
     return case.rows.places[row].short if case.rows.places else f"row {case.some[row]}"
 
 
-def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
+def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Misreading, np.ndarray | None]]:
     """Yield what is worth being judged: a hypothesis, and (M,) in which rows it holds, None for all."""
     suspects = ("",) if found is None else found.suspects
-    every = list(hypotheses(case.arm, case.every, suspects))
+    every = list(misreadings(case.arm, case.every, suspects))
     moves = [] if found is None else list(_moves(case, found))
     yield from ((one, None) for one in _likeliest_turns([one for one in every if one.of == "orientation"], case, found))
     if set(suspects) - {None}:
@@ -422,8 +422,8 @@ def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Hypothesis, 
 
 
 def _first_look(
-    points: Sequence[Hypothesis], case: Case, found: Misfit | None
-) -> Iterator[tuple[Hypothesis, np.ndarray | None]]:
+    points: Sequence[Misreading], case: Case, found: Misfit | None
+) -> Iterator[tuple[Misreading, np.ndarray | None]]:
     """Yield the hypotheses that bring points nearest to their places, in all rows, in a session or in some rows.
 
     They move points by parts of the reach, and explain nothing where a rigid arm, nothing fitted, comes no nearer.
@@ -448,7 +448,7 @@ def _first_look(
         return np.where(own[:, None], there[0], here[0]), np.where(own[:, None], there[1], here[1])
 
     here, names = at(case), list(dict.fromkeys(sessions.tolist()))
-    before, looked = cost(*here, unknown), list[tuple[float, int, Hypothesis, np.ndarray | None]]()
+    before, looked = cost(*here, unknown), list[tuple[float, int, Misreading, np.ndarray | None]]()
     odd = [name for name in names if found is None or found.excess[sessions == name].sum() > NAMED]
     for hypothesis in points:
         other = case.meant(hypothesis)
@@ -468,10 +468,10 @@ def _first_look(
                 price -= LOOKS * hypothesis.volume * float(some.mean())
                 looked.append((price, len(looked), hypothesis, some))
     looked.sort(key=lambda one: one[:2])
-    yield from ((one, own) for price, _, one, own in looked[:MOST_TRIED] if price < before)
+    yield from ((one, own) for price, _, one, own in looked[:FEW] if price < before)
 
 
-def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | None) -> list[Hypothesis]:
+def _likeliest_turns(turned: Sequence[Misreading], case: Case, found: Misfit | None) -> list[Misreading]:
     """Return the hypotheses about orientations after which a target is turned on the tool alike in most rows."""
     from scipy.spatial.transform import Rotation  # not needed to import the package
 
@@ -484,12 +484,12 @@ def _likeliest_turns(turned: Sequence[Hypothesis], case: Case, found: Misfit | N
         mounted = axes.swapaxes(1, 2) @ Rotation.from_rotvec(kind.values[read]).as_matrix()
         left, _, right = np.linalg.svd(np.median(mounted, axis=0))
         spread.append(float(np.median(((mounted - left @ right) ** 2).sum(axis=(1, 2)))))
-    return [turned[i] for i in np.argsort(spread, kind="stable")[:MOST_TRIED]]
+    return [turned[i] for i in np.argsort(spread, kind="stable")[:FEW]]
 
 
-def _likeliest_readings(every: Sequence[Hypothesis], case: Case, found: Misfit) -> Iterator[Hypothesis]:
+def _likeliest_readings(every: Sequence[Misreading], case: Case, found: Misfit) -> Iterator[Misreading]:
     """Yield the hypotheses about sensors; of those about the axes of one those that bring its readings nearest."""
-    looked: list[tuple[float, int, Hypothesis]] = []
+    looked: list[tuple[float, int, Misreading]] = []
     for hypothesis in (one for one in every if one.of in case.arm.sensors):
         other = case.meant(hypothesis)
         pairs = zip(found.kinds, other.rows.readings.kinds, strict=True)
@@ -502,10 +502,10 @@ def _likeliest_readings(every: Sequence[Hypothesis], case: Case, found: Misfit) 
             yield hypothesis
         else:
             looked.append((found.off(errors, changed[0]), len(looked), hypothesis))
-    yield from (one for _, _, one in sorted(looked, key=lambda one: one[:2])[:MOST_TRIED])
+    yield from (one for _, _, one in sorted(looked, key=lambda one: one[:2])[:FEW])
 
 
-def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:
+def _rows_of(hypothesis: Misreading, case: Case, found: Misfit) -> np.ndarray:
     """Return (M,) in which rows a hypothesis about payloads holds: where less is left of the readings with it."""
     meant, fitted = case.meant(hypothesis), found
     open_ = np.array(meant.rows.payload) != np.array(case.rows.payload)
@@ -522,7 +522,7 @@ def _rows_of(hypothesis: Hypothesis, case: Case, found: Misfit) -> np.ndarray:
     return own
 
 
-def _moves(case: Case, found: Misfit) -> Iterator[Hypothesis]:
+def _moves(case: Case, found: Misfit) -> Iterator[Misreading]:
     """Yield that each instrument, and the target, was moved where it likeliest was, or stands somewhere else.
 
     What is left of the readings, in the axes of what was moved, is then one constant before and another after.

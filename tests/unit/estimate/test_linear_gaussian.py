@@ -229,3 +229,9 @@ def test_what_moves_rows_of_its_own_is_eliminated_first_to_the_same_end(seed: in
     held = known.with_precision(known.scale**-2.0)
     units = np.outer(known.scale, known.scale)
     np.testing.assert_allclose((held.covariance / units) @ (held.information * units), np.eye(few + poses), atol=1e-9)
+
+
+def test_of_no_parameters_nothing_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+    nothing = LinearGaussian(np.zeros((0, 0)))
+    assert nothing.covariance.shape == (0, 0) and nothing.solve(np.zeros(0)).shape == (0,)
+    assert capfd.readouterr() == ("", "")

@@ -43,7 +43,7 @@ USUAL_PRIOR = Prior(joint_offset=2e-3, compliance=0.3, tool=0.01, geometry=1e-3)
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class Misreading:
     """A convention that the campaign or the arm file may have been written in.
 
     Attributes:
@@ -71,7 +71,7 @@ class Hypothesis:
     volume: float = 0.0
 
 
-def hypotheses(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Hypothesis]:
+def misreadings(arm: Arm, measurements: Measurements, suspects: Sequence[str | None] = ()) -> Iterator[Misreading]:
     """Yield every convention that is thought of.
 
     Args:
@@ -91,7 +91,7 @@ def hypotheses(arm: Arm, measurements: Measurements, suspects: Sequence[str | No
             yield from _of_sensor(kind, arm, measurements)
 
 
-def _of_joints(arm: Arm) -> Iterator[Hypothesis]:
+def _of_joints(arm: Arm) -> Iterator[Misreading]:
     joints, turning = arm.joint_names, [joint.kind != "prismatic" for joint in arm.robot.moving]
     at = np.eye(len(joints))
     for i, j in combinations(range(len(joints)), 2):
@@ -99,39 +99,39 @@ def _of_joints(arm: Arm) -> Iterator[Hypothesis]:
             order = np.arange(len(at))
             order[[i, j]] = j, i
             name = f"the columns q_{joints[i]} and q_{joints[j]} are exchanged"
-            yield Hypothesis(name, "exchange their headers", _joints(at[order]), some=True)
+            yield Misreading(name, "exchange their headers", _joints(at[order]), some=True)
     every = [i for i, turns in enumerate(turning) if turns]
     for i, joint in enumerate(joints):
         remedy = f"turn the signs of q_{joint}, or the joint's axis in the URDF"
-        yield Hypothesis(f"the sign of q_{joint} is turned", remedy, _joints(np.diag(1.0 - 2.0 * at[i])), some=True)
+        yield Misreading(f"the sign of q_{joint} is turned", remedy, _joints(np.diag(1.0 - 2.0 * at[i])), some=True)
         for degrees in (90, -90, 180) if turning[i] else ():
             name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
             remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-            yield Hypothesis(name, remedy, _joints(at, np.radians(degrees) * at[i]), 2, some=True)
+            yield Misreading(name, remedy, _joints(at, np.radians(degrees) * at[i]), 2, some=True)
     signs = np.where(turning, -1.0, 1.0)
     remedy = "turn all their signs, or the axes in the URDF: the base, or the whole arm, is mirrored"
-    yield Hypothesis("the signs of all turning joints are turned", remedy, _joints(np.diag(signs)))
+    yield Misreading("the signs of all turning joints are turned", remedy, _joints(np.diag(signs)))
     for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
         if len(place) == 1 or len(every) > 1:
             head = f"q_{joints[place[0]]}_deg" if len(place) == 1 else "q_..._deg"
             own = np.isin(np.arange(len(at)), place)
             for unit, factor in (("degrees", np.pi / 180.0), ("radians", 180.0 / np.pi)):
                 remedy = f"write {head} into the header" if unit == "degrees" else "take _deg from the header"
-                yield Hypothesis(
+                yield Misreading(
                     f"{what} in {unit}", remedy, _joints(np.diag(np.where(own, factor, 1.0))), some=len(place) > 1
                 )
     if arm.robot.urdf.dh:
         other = in_other_form(arm.robot)
         name, remedy = f"the rows of [robot.joint] are of the {other.urdf.dh} form", f'write dh = "{other.urdf.dh}"'
-        yield Hypothesis(name, remedy, lambda arm, measurements: (replace(arm, robot=other), measurements))
+        yield Misreading(name, remedy, lambda arm, measurements: (replace(arm, robot=other), measurements))
 
 
-def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
+def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     for step, whose in ((1, "before"), (-1, "after")):
         if measurements.measured.sum() > abs(step):
             read = "x, y, z" if measurements.positioned.any() else "readings"
             remedy = f"move {read} by one row against the joints"
-            yield Hypothesis(f"{read} are those of the row {whose}", remedy, _read_apart(step), of_rows=False)
+            yield Misreading(f"{read} are those of the row {whose}", remedy, _read_apart(step), of_rows=False)
     if (position := measurements.readings.of(Position)) is None:
         return
     axes_read = np.isfinite(position.sigma).any(axis=0)  # one that nobody read is in no unit
@@ -140,14 +140,14 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
         remedy = remedy if unit != "inches" else "convert them, and write x_mm, y_mm, z_mm into the header"
         name = f"x, y, z are in {unit}, read as {taken}"
         volume, every = float(np.log(factor)) * axes_read.mean(), np.eye(3) * factor
-        yield Hypothesis(name, remedy, _positions(every), some=True, volume=volume)
-        yield Hypothesis(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
+        yield Misreading(name, remedy, _positions(every), some=True, volume=volume)
+        yield Misreading(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
         for i in np.flatnonzero(axes_read):
             scale = np.diag(np.where(np.arange(3) == i, factor, 1.0))
             name = f"{'xyz'[i]} alone is in {unit}, read as {taken}"
-            yield Hypothesis(name, remedy, _positions(scale), 2, volume=float(np.log(factor)) / 3.0)
+            yield Misreading(name, remedy, _positions(scale), 2, volume=float(np.log(factor)) / 3.0)
     smaller = "write sigma_mm into the header"
-    yield Hypothesis("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)), 2)
+    yield Misreading("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)), 2)
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
         away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
@@ -156,45 +156,45 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
             name = f"x, y, z are a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
             remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
             proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
-            yield Hypothesis(name, remedy, _positions(axes), 3 if proper else max(len(turned), 1), some=True)
+            yield Misreading(name, remedy, _positions(axes), 3 if proper else max(len(turned), 1), some=True)
     if arm.measurement.frame == "base":
         remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
         measurement = replace(arm.measurement, frame="unknown")
-        yield Hypothesis(
+        yield Misreading(
             "x, y, z are not in the arm's base frame",
             remedy,
             lambda arm, measurements: (replace(arm, measurement=measurement), measurements),
         )
 
 
-def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
+def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     down = arm.robot.gravity
     for axis, sign in product(range(3), (-1.0, 1.0)) if arm.flexures or arm.sensors else ():
         other = np.linalg.norm(down) * sign * np.eye(3)[axis]
         if np.any(down) and not np.allclose(other, down):
             name = f"gravity points along {'-' if sign < 0.0 else '+'}{'xyz'[axis]} of the base"
             shown = ", ".join(f"{one:g}" for one in other)
-            yield Hypothesis(name, f"write gravity = [{shown}] under [robot], or a mount", _pulled(other), of="loads")
+            yield Misreading(name, f"write gravity = [{shown}] under [robot], or a mount", _pulled(other), of="loads")
     masses = {"none": 0.0} | {name: payload.mass for name, payload in arm.payloads.items()}
     given = {name: masses[name] for name in dict.fromkeys(measurements.payload)}
     for one, other in combinations(sorted(given), 2):
         name = f"the payloads {one!r} and {other!r} are exchanged"
         remedy = "exchange their names in the column payload"
-        yield Hypothesis(name, remedy, _payloads({one: other, other: one}), of="loads")
+        yield Misreading(name, remedy, _payloads({one: other, other: one}), of="loads")
     for empty, heavy in product((one for one in given if not given[one]), arm.payloads):
         if arm.payloads[heavy].mass:
             name = f"rows whose payload is {empty!r} or not given carry {heavy!r}"
-            yield Hypothesis(name, "name it in the column payload", _payloads({empty: heavy}), of="loads", some=True)
+            yield Misreading(name, "name it in the column payload", _payloads({empty: heavy}), of="loads", some=True)
     if any(payload.mass for payload in arm.payloads.values()):
         for unit, factor in (("tonnes", 1e3), ("grams", 1e-3)):
-            yield Hypothesis(f"payload masses are in {unit}", "write them in kg", _masses_times(factor), of="loads")
+            yield Misreading(f"payload masses are in {unit}", "write them in kg", _masses_times(factor), of="loads")
     if any(flexure.law.freed(anywhere(arm.robot)) for flexure in arm.flexures):
         for factor, unit in ((1e3, "a thousand times too small"), (1e-3, "a thousand times too large")):
             remedy = "give it in rad/Nm and m/N, check mrad, kN, kNm and mm"
-            yield Hypothesis(f"the compliance is {unit}", remedy, _compliance_times(factor), of="loads")
+            yield Misreading(f"the compliance is {unit}", remedy, _compliance_times(factor), of="loads")
 
 
-def _of_orientations() -> Iterator[Hypothesis]:
+def _of_orientations() -> Iterator[Misreading]:
     """Yield what may have been written into rx, ry, rz instead of a rotation vector in the unit of the header."""
     from scipy.spatial.transform import Rotation  # not needed to import the package
 
@@ -234,7 +234,7 @@ def _of_orientations() -> Iterator[Hypothesis]:
                 return (turns.inv() if back else turns).as_rotvec()
 
             name = f"rx, ry, rz are {', '.join(wrong)}"
-            yield Hypothesis(name, remedy, _values("", rewritten, Orientation), len(wrong), of="orientation")
+            yield Misreading(name, remedy, _values("", rewritten, Orientation), len(wrong), of="orientation")
 
 
 def _from_quaternion(vectors: Array) -> Rotation:
@@ -245,7 +245,7 @@ def _from_quaternion(vectors: Array) -> Rotation:
     return Rotation.from_rotvec(vectors * angle / np.maximum(size, RESOLUTION))
 
 
-def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hypothesis]:
+def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     """Yield what else may be meant by what a sensor read, or of where it is."""
     name, sensor = kind.name, arm.sensors[kind.name]
     if sensor.sockets is not None or kind.apart:  # it reads no number, or numbers whose meaning is no question
@@ -254,10 +254,10 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
         remedy = "write the unit into the header"
         what = f"what {kind.title} read fits better in {unit}, not {taken}"
         change = _values(name, lambda values, by=factor: by * values)
-        yield Hypothesis(what, remedy, change, of=name, volume=float(np.log(factor)))
+        yield Misreading(what, remedy, change, of=name, volume=float(np.log(factor)))
     if isinstance(kind, Acceleration):
         remedy, opposite = OPPOSITE[sensor.sign < 0.0], replace(sensor, sign=-sensor.sign)
-        yield Hypothesis(f"{kind.title} reads the opposite", f"write {remedy}", _sensor(opposite), of=name)
+        yield Misreading(f"{kind.title} reads the opposite", f"write {remedy}", _sensor(opposite), of=name)
     places = range(kind.dimension)
     for order, signs in product(permutations(places), product((1.0, -1.0), repeat=kind.dimension)):
         away = [kind.channels[i] for i in places if order[i] != i]
@@ -268,26 +268,26 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Hyp
             axes = np.eye(kind.dimension)[list(order)] * np.array(signs)[:, None]
             what = f"what {kind.title} read fits better with {', '.join(words)}"
             change = _values(name, lambda values, by=axes: values @ by.T)
-            yield Hypothesis(what, "write its columns so", change, len(away) // 2 + len(turned), of=name)
+            yield Misreading(what, "write its columns so", change, len(away) // 2 + len(turned), of=name)
     for other in measurements.readings.kinds:
         if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
             one, last = sorted([name, other.name])
             text = f"the columns of {one or 'the tip: x, y, z,'} and those of {last} are exchanged"
-            yield Hypothesis(text, "exchange their headers", _exchanged(one, last), of=name)
+            yield Misreading(text, "exchange their headers", _exchanged(one, last), of=name)
     robot = arm.robot
     for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
         if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):
             text = f"{kind.title} is on {link!r}"
-            yield Hypothesis(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), 2, of=name)
+            yield Misreading(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), 2, of=name)
 
 
-def elsewhere(sensor: Sensor, text: str) -> Hypothesis:
+def elsewhere(sensor: Sensor, text: str) -> Misreading:
     """Return the hypothesis that a sensor stands somewhere else than it is declared to, as a text says."""
     std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, ANYWHERE), sensor.std)
-    return Hypothesis(text, "declare it there", _sensor(replace(sensor, std=std)), of=sensor.name)
+    return Misreading(text, "declare it there", _sensor(replace(sensor, std=std)), of=sensor.name)
 
 
-def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> Iterator[Hypothesis]:
+def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> Iterator[Misreading]:
     """Yield the hypotheses that an instrument or its target was moved in (N,) rows, as if no session had begun.
 
     Args:
@@ -314,9 +314,9 @@ def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> I
     more = {"of": name or "points", "slip": float(np.linalg.norm(step))}
     if name != "target":
         back = _values(name, lambda values: values - rows[:, None] * step, Kind if name else Position)
-        yield Hypothesis(text, remedy, back, **more)
+        yield Misreading(text, remedy, back, **more)
     if name in ("", "target"):
-        yield Hypothesis(text, remedy, in_sessions, **more)
+        yield Misreading(text, remedy, in_sessions, **more)
 
 
 def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
