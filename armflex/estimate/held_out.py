@@ -16,7 +16,7 @@ from armflex.estimate.robust import EVEN, huber_weights, outlier_limit, robust_l
 from armflex.estimate.view import View, foremost_rms
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
 from armflex.parameters import OF_SESSION, Group, ParameterKind
-from armflex.rows.rows import numbered
+from armflex.rows.rows import STILL, numbered
 
 POSE_FOLDS = 5
 """Tolerance: parts into which poses are divided that predict each other."""
@@ -293,7 +293,7 @@ def apart_folds(q: Array, count: int) -> np.ndarray:
         q: (M, nq) joint positions [rad or m]; each counts by its range.
         count: How many parts.
     """
-    q, chosen = q / np.maximum(np.ptp(q, axis=0), RESOLUTION), [0]
+    q, chosen = q / np.maximum(np.ptp(q, axis=0), STILL), [0]
     for _ in range(4 * count - 1):
         nearest = np.linalg.norm(q[:, None] - q[chosen], axis=2).min(axis=1)
         chosen.append(int(nearest.argmax()))

@@ -178,8 +178,8 @@ def placed_rigidly(
 def _target_off(points: Array, axes: Array, seen: Array, groups: Sequence[np.ndarray], std: float) -> Array:
     """Return (3,) how far the target is from where points have it, in tip axes [m], frames of all sessions free.
 
-    Zero unless that is most of what frames leave, beyond chance: little of it does not mislead them. Gauss
-    and Newton's steps, the frames projected out of them (Golub and Pereyra 1973), lost beams weighed down.
+    Zero unless that is most of what frames leave, beyond chance: little of it does not mislead them. Gauss and
+    Newton's steps, the frames projected out of them (Golub and Pereyra 1973), lost beams weighed down.
 
     Args:
         points, axes: (M, 3) the target [m] and (M, 3, 3) the tip's axes, in the base.
