@@ -683,7 +683,7 @@ def _distance(tree, here, room, links, wrenches, real, driven):
     half, whole = room.small, room.small[total]
     for b in range(0, laws.shape[1], WIDE):
         for z in range(total):
-            put_pack(half[z], b, _sum(stiff[z], laws, b, total))
+            put_pack(half[z], b, _sum(stiff[z], laws, b, laws.shape[1], total))
         for c in range(rank):
             value = laws[0, c] * pack(half[0], b)
             for z in range(1, total):
@@ -695,11 +695,11 @@ def _distance(tree, here, room, links, wrenches, real, driven):
 
 
 @inner
-def _sum(shares, rows, start, count):
-    """Return a pack of columns of the product of some numbers with rows of packs."""
-    value = shares[0] * pack(rows[0], start)
+def _sum(shares, rows, start, wide, count):
+    """Return a pack of columns of the product of some numbers with rows of a width."""
+    value = shares[0] * pack(rows, start)
     for a in range(1, count):
-        value = value + shares[a] * pack(rows[a], start)
+        value = value + shares[a] * pack(rows, start + a * wide)
     return value
 
 
@@ -711,16 +711,7 @@ def _stiffen(tree, here, room, links, wrenches, real, driven):
     for z in range(len(real)):
         field = room.field[here.carriers[driven + z]]
         for b in range(0, wide, WIDE):
-            put_pack(room.stiff[z], b, _met(real[z], field, b, wide))
-
-
-@inner
-def _met(twist, field, start, wide):
-    """Return a pack of answers of a field to a spatial twist."""
-    value = twist[0] * pack(field, start)
-    for a in range(1, 6):
-        value = value + twist[a] * pack(field, start + a * wide)
-    return value
+            put_pack(room.stiff[z], b, _sum(real[z], field, b, wide, 6))
 
 
 @bare
@@ -753,7 +744,10 @@ def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
         k, screw = here.carriers[driven + z], here.screws[driven + z]
         if k > 0:
             for b in range(0, wide, WIDE):
-                if rows[z, b] != 0.0 or rows[z, b + 1] != 0.0 or rows[z, b + 2] != 0.0 or rows[z, b + 3] != 0.0:
+                size = 0.0
+                for c in range(b, b + WIDE):
+                    size += abs(rows[z, c])
+                if size > 0.0:
                     rates = pack(rows[z], b)
                     add_columns(motion[k], b, wide, times(rates, three(screw, 0)))
                     add_columns(motion[k], b + 3 * wide, wide, times(rates, three(screw, 3)))
@@ -949,7 +943,7 @@ def respond_rows(
     driven, p, n, count, f = q.shape[1], flexed.shape[1], len(tree.flexures), len(tree.parents), places.shape[1]
     here = _memory(tree, driven, p)
     room, ties, first = _room(tree, p, 0), len(tree.joins), driven + p
-    at, turn, own, carried, still = np.empty(3), np.empty((3, 3)), np.empty((6, 6)), np.zeros(count), np.eye(3)
+    at, turn, own, carried, still = np.empty(3), np.empty((3, 3)), np.empty((6, 6)), np.zeros(count), np.zeros(3)
     roots, derived, by, start = here.roots.copy(), np.empty((n, 6, 6)), here.by.copy(), np.zeros(6 * TIP)
     right, ends = np.zeros((0, TIP)), np.empty((2, 6 * TIP))
     motion, field = np.empty((count, 6 * TIP)), np.empty((count, 6 * TIP))
@@ -1001,21 +995,18 @@ def respond_rows(
         _system(here, room, idle[row], scale, by)
         _compose(here.turn[int(end[0])], here.origin[int(end[0])], end[1:], turn, at)
         right[:] = 0.0
+        start[:] = 0.0
+        for b in range(3):  # the frame's own motion, as a load that asks for it
+            start[TIP * b + b] = start[TIP * (3 + b) + 3 + b] = still[b] = 1.0
+            start[3 * TIP + b], start[4 * TIP + b], start[5 * TIP + b] = cross(three(at, 0), three(still, 0))
+            still[b] = 0.0
         for z in range(total):
-            if carried[here.carriers[driven + z]] > 0.0:
-                about = three(real[z], 3)
-                put(right[z], 0, plus(three(real[z], 0), cross(about, three(at, 0))))
-                put(right[z], 3, about)
+            for b in range(0, TIP if carried[here.carriers[driven + z]] > 0.0 else 0, WIDE):
+                put_pack(right[z], b, _sum(real[z], start, b, TIP, 6))
         _solve(room.matrix, room.order, right)
         force = right[total:]
         force *= scale
         _spread(tree, here, driven, links, pushed, right[:total], force, motion, field)
-        start[:] = 0.0
-        for b in range(3):  # the frame's own motion, as a load that asks for it
-            start[TIP * b + b] = start[TIP * (3 + b) + 3 + b] = 1.0
-            line = cross(three(at, 0), three(still[b], 0))
-            for a in range(3):
-                start[TIP * (3 + a) + b] = line[a]
         for k in range(count):
             for b in range(0, 6 * TIP, WIDE):
                 put_pack(field[k], b, carried[k] * pack(start, b) - pack(field[k], b))

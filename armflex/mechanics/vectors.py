@@ -45,7 +45,7 @@ def _place(context, builder, sig, args):
 
 @intrinsic
 def pack(typing, array, start):
-    """Return a pack of a contiguous array."""
+    """Return a pack of a contiguous array, whose numbers are counted through."""
     return Pack(array, types.intp), lambda *given: given[1].load(_place(*given), align=8)
 
 
