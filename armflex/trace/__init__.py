@@ -38,7 +38,7 @@ def trace(
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
-    The arm predicts held-out poses no worse than the calibrated one: effects with which it would are withdrawn.
+    Effects with which the arm predicts held-out poses worse than the calibrated one, beyond chance, are withdrawn.
 
     Args:
         arm: The arm as declared; its prior says what calibration may move.

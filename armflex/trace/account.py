@@ -38,7 +38,7 @@ from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, 
 from armflex.trace.selection import BETTER, SCALES
 from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
-from armflex.trace.validate import Validated, chance, from_zero, sessions_held_out, validated, weakest
+from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,29 +58,11 @@ class Weighed:
     chance: float
 
 
-def idle(state: State) -> int | None:
-    """Return the hypothesis that is nearest zero, None where the amplitudes of all are distinguished from it.
-
-    A family is left out: few of its members are distinguished from zero by themselves. What pulls towards a point may
-    be weak and near or strong and far, what creeps little and soon or much and late: an amplitude is as uncertain as
-    the motion that it makes, not as the values inside its law.
-    """
-    shares = np.ones(len(state.known))
-    for number, (one, unit) in enumerate(zip(state.known, state.units, strict=True)):
-        if not one.family:
-            block = state.effects[unit[0]]
-            own, count = state.fit.places(block), len(block.effect.location.terms)
-            columns, covariance = state.fit.regressors[:, own], state.fit.posterior.covariance[np.ix_(own, own)]
-            alike = np.linalg.lstsq(columns[:, :count], columns, rcond=None)[0]
-            shares[number] = from_zero(state.fit.values[own[:count]], alike @ covariance @ alike.T)
-    return int(shares.argmin()) if shares.min(initial=1.0) < 1.0 else None
-
-
 def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
 
-    What is not distinguished from zero is no finding, nor what is less likely than something else in its place, unless
-    more is missing than can be named; nor an effect in whose place nothing is credible.
+    An effect in whose place nothing is credible is no finding, nor what is less likely than something else in its
+    place, unless more is missing than can be named.
     """
     withdrawn = list[Withdrawn]()
     while True:
@@ -89,8 +71,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
         found, visited = sampled(evidence, model)
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.doubtful]
-        zero = idle(here.state)
-        if not is_full(here) and zero is None and doubted:
+        if not is_full(here) and doubted:
             back, tried = {place: number for number, place in numbers.items()}, len(here.rejected)
             models = [tuple(replace(one, number=back[one.number]) for one in some) for some in visited]
             known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
@@ -98,31 +79,36 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             if after is not None or len(here.rejected) > tried:
                 here = here if after is None else after
                 continue
-        nothing = max(range(len(model)), key=lambda i: found[i].nothing, default=None)
-        if zero is None and nothing is not None and found[nothing].nothing > 1.0 - CREDIBLE:
-            zero = nothing
-        null = chance(here)
         if not model:
-            return Weighed(here, found, None, null), tuple(withdrawn)
-        here.screen.forget()
-        here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
-        seen = validated(here, tuple(numbers), model, evidence.priors, null)
-        last = weakest(model, evidence) if seen.compared.worse else zero
-        if last is None:
-            return Weighed(here, found, seen, null), tuple(withdrawn)
-        worse = seen.compared.worse
-        gone, after = [last], refitted(here, tuple(one for i, one in enumerate(here.model) if i != last))
-        if after is None and not worse:
-            return Weighed(here, found, seen, null), tuple(withdrawn)
+            return Weighed(here, found, None, chance(here)), tuple(withdrawn)
+        last, after, seen = max(range(len(model)), key=lambda i: found[i].nothing), None, None
+        if found[last].nothing > 1.0 - CREDIBLE:
+            after = _without(here, last)
+        if after is None:
+            null = chance(here)
+            here.screen.forget()
+            here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
+            seen = validated(here, tuple(numbers), model, evidence.priors, null)
+            if not seen.compared.worse:
+                return Weighed(here, found, seen, null), tuple(withdrawn)
+            last = weakest(model, evidence)
+            after = _without(here, last)
+        gone = [last]
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
             gone = list(range(len(model)))
             after = with_hypotheses(here.state, (), np.zeros(len(here.screen.projection.data)))
-        why = "held-out poses are predicted worse with it" if worse else "it may be nothing"
         for unit in (here.state.units[i] for i in gone):
-            one = Withdrawn(here.state.fitted[unit[0]], seen.compared, len(unit) > 1)
-            withdrawn += [one] if worse else []
+            one = here.state.fitted[unit[0]]
+            if seen is not None:
+                withdrawn.append(Withdrawn(one, seen.compared, len(unit) > 1))
+            why = "it may be nothing" if seen is None else "held-out poses are predicted worse with it"
             here.state.reporter.stage(f"withdrawing {one.title}: {why}")
-        here = standing(after, here)
+        here = replace(standing(after, here), rejected=[*here.rejected, spots(here.screen, here.model)])
+
+
+def _without(here: Standing, last: int) -> State | None:
+    """Return the state refitted without one of its hypotheses, None where the arm does not come to rest."""
+    return refitted(here, tuple(one for i, one in enumerate(here.model) if i != last))
 
 
 def settled_exactly(here: Standing) -> Standing:

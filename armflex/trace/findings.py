@@ -28,7 +28,7 @@ from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
-from armflex.parameters import ArmParameter
+from armflex.parameters import DOUBT, ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
@@ -73,11 +73,13 @@ class Compared:
         before: Of the calibrated arm, fitted without the poses.
         after: Laws, places and scales chosen, and all fitted, without them.
         as_found: Laws and places as they were found, all fitted without them.
+        apart: Standard errors by which the mean square of a pose is larger with what was found, in the worse of both.
     """
 
     before: float
     after: float
     as_found: float
+    apart: float
 
     @property
     def worst(self) -> float:
@@ -86,8 +88,8 @@ class Compared:
 
     @property
     def worse(self) -> bool:
-        """Whether what was found makes it worse, in either way."""
-        return self.worst > self.before
+        """Whether what was found makes it worse, in either way, by more than chance does."""
+        return bool(ndtr(-self.apart) < DOUBT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,33 +100,32 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
     names = named(evidence, own)
     mine = [int(names[one.number]) for one in own]
     other = ~np.isin(np.arange(len(names)), mine)
-    itself = np.zeros(len(own))
-    chances = np.zeros((len(own) + 1, len(names)))
-    counted, visited = np.zeros(len(own) + 1), set[Model]()
+    chances, nothing = np.zeros((len(own) + 1, len(names))), np.zeros(len(own) + 1)
+    visited = set[Model]()
     for _ in range(SWEEPS):
         for i in range(len(own) + 1):
             if i == len(own) and None in slots:
                 continue  # what is drawn beside a model that lacks one is that one
             beside = evidence.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
             whole = float(np.logaddexp(0.0, logsumexp(beside.odds)))
-            weights = np.exp(beside.odds - whole)
-            counted[i] += 1.0
+            weights, none = np.exp(beside.odds - whole), float(np.exp(-whole))
             chance = np.bincount(names, weights.sum(axis=1), len(names))
             if i == len(own):
                 chances[i] += chance
+                nothing[i] += none
                 continue
             # Effects may have changed places: one that is in another's is there, and its own place says nothing of it.
             held = sum(names[one.number] == mine[i] for j, one in enumerate(slots) if j != i and one is not None)
             if held >= mine.count(mine[i]):
-                itself[i] += 1.0
+                chances[i, mine[i]] += 1.0
             else:
-                itself[i] += chance[mine[i]]
-                chances[i] += np.where(other, chance, 0.0)
-            drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), np.exp(-whole))))
+                chances[i] += np.where(other | (np.arange(len(names)) == mine[i]), chance, 0.0)
+                nothing[i] += none
+            drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), none)))
             slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
             visited.add(tuple(one for one in slots if one is not None))
-    counted = np.maximum(counted, 1.0)
-    itself = np.minimum(itself / counted[:-1], 1.0)
+    counted = np.maximum(chances.sum(axis=1) + nothing, 1e-300)
+    nothing /= counted
     found = []
     for i, chance in enumerate(chances / counted[:, None]):
         rest = tuple(one for j, one in enumerate(own) if j != i)
@@ -134,14 +133,13 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
         best = dict[int, tuple[Hypothesis, float]]()
         for number in np.argsort(-odds).tolist():
             best.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
-        probability = float(itself[i]) if i < len(own) else 0.0
-        nothing = max(1.0 - probability - float(chance.sum()), 0.0)
-        others, reached = [], probability + nothing
+        probability = float(chance[mine[i]]) if i < len(own) else 0.0
+        others, reached = [], probability + float(nothing[i])
         for name in sorted(best, key=lambda one: -chance[one]):
             if other[name] and (reached < CREDIBLE or i == len(own)):
                 others.append((best[name][0], float(chance[name])))
                 reached += chance[name]
-        found.append(Credible(probability, nothing, tuple(others), tuple(best.values())))
+        found.append(Credible(probability, float(nothing[i]), tuple(others), tuple(best.values())))
     return tuple(found), visited
 
 

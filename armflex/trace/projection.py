@@ -93,6 +93,16 @@ class Projection:
         return LinearGaussian(information)
 
     @cached_property
+    def freedom(self) -> float:
+        """Number of readings less what is fitted to them (the trace of the hat matrix), 1 at least."""
+        return self.free_of(self.count, self.half, slice(None))
+
+    def free_of(self, count: int, half: Array, some: np.ndarray | slice) -> float:
+        """Return the same of `count` readings alone, at some places, `half` being R'A' of those."""
+        alone = 0.0 if self.apart is None else float((self.apart.each[:, some].data ** 2).sum())
+        return max(count - alone - float((half**2).sum()), 1.0)
+
+    @cached_property
     def half(self) -> Array:
         """(r, n) R'A' of the cleared columns, R a root of N^-1: so much of a cleared column is not fitted by others."""
         return self.fitted.root.T @ self.shared.T

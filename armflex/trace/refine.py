@@ -126,7 +126,7 @@ class _Search:
         whole = information + np.diag(held)
         amplitudes = np.linalg.solve(whole, score)
         left = max(self.beside.left - float(score @ amplitudes), 1e-9 * self.beside.left)
-        value = float(log_likelihood(left, self.screen.count))
+        value = float(log_likelihood(left, self.screen.freedom))
         value -= 0.5 * float(np.linalg.slogdet(whole / np.sqrt(np.outer(held, held)))[1])
         for one, here in zip(self.law.inner, inner, strict=True):
             if one.spread is not None and one.default is not None:
@@ -224,7 +224,7 @@ class _Search:
         own = information[:count, :count] + np.diag(self.held(here.columns))
         across = information[count:, :count]
         inside = information[count:, count:] - across @ np.linalg.solve(own, across.T)
-        noise = max(self.beside.left / self.screen.count, 1.0)
+        noise = max(self.beside.left / self.screen.freedom, 1.0)
         return 0.5 * float(np.linalg.slogdet(np.eye(len(inside)) + inside / noise)[1])
 
 

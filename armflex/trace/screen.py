@@ -128,8 +128,8 @@ class Screen(Evidence):
     def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection, quiet: float = 1.0) -> None:
         self.bank, self.projection, self.quiet = columns, projection, quiet
         self.fit, self.context = columns.fit, columns.context
-        self.objective, self.count = projection.objective, projection.count
-        self.constant = -columns.fit.freedom * float(np.log(quiet))
+        self.objective, self.freedom = projection.objective, projection.freedom
+        self.constant = -projection.freedom * float(np.log(quiet))
         self._unit, self._first = unit_of(columns.fit) / quiet**2, int(columns.starts[-1])
         marks = projection.drawn(MARKS)
         others = np.column_stack([projection.shared, projection.residual, projection.cleared(marks)])
@@ -351,8 +351,8 @@ class Screen(Evidence):
         seen, taken = columns @ shared @ root, data @ shared @ root
         gram, scores = columns @ cleared.T - seen @ seen.T, columns @ read - seen @ taken
         objective = float(data @ read - taken @ taken)
-        count = self.count if mask is None else round(self.count * float(np.mean(mask)))
-        return Dense(groups, gram, scores, objective, count, priors)
+        count = projection.count if mask is None else round(projection.count * float(np.mean(mask)))
+        return Dense(groups, gram, scores, objective, projection.free_of(count, shared @ root, kept), priors)
 
     def charge(self, number: int, amplitudes: Array) -> float:
         sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())
@@ -417,10 +417,10 @@ class Dense(Evidence):
     """The evidence of a few hypotheses from some of the rows: all (K, K) products of their columns are known."""
 
     def __init__(
-        self, groups: list[Group], whole: Array, scores: Array, objective: float, count: int, priors: Array
+        self, groups: list[Group], whole: Array, scores: Array, objective: float, freedom: float, priors: Array
     ) -> None:
         self.groups, self._gram, self._scores = groups, whole, scores
-        self.objective, self.count = objective, count
+        self.objective, self.freedom = objective, freedom
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
         self.blocks = [Block(0, batches, scores, priors)]
 

@@ -2,8 +2,9 @@
 
 A hypothesis is a group of columns X whose amplitudes are b ~ N(0, tau^2), with one tau of `SCALES` for the group. A
 column is scaled so that an amplitude of 1 moves the target by 1 mm RMS before the projection. The columns A of all that
-is fitted anyway are projected out with their priors (`armflex.trace.projection`), M = 1 - A N^-1 A'. For a model S, a
-set of hypotheses with their scales, and readings y of which J0 = y'My is left without any,
+is fitted anyway are projected out with their priors (`armflex.trace.projection`), M = 1 - A N^-1 A', which leaves n
+degrees of freedom (tr M). For a model S, a set of hypotheses with their scales, and readings y of which J0 = y'My is
+left without any,
 
     G = X'MX,    s = X'My,    D = diag(tau^2),    Q = G_SS + D^-1,    J_S = J0 - s_S' Q^-1 s_S
     log p(y | S) = -1/2 log|D^1/2 Q D^1/2| + f(J_S),    f(J) = max over noise factors v >= 1 of -n/2 log v - J / 2v
@@ -59,10 +60,10 @@ LINEAR_ERROR = 0.02
 """Tolerance: share of what a climb has gained by which the linear problem may be wrong; what adds less is not added."""
 
 
-def log_likelihood(squares: Array | float, count: int) -> Array:
-    """Return f(J) of sums of squares J of so many readings; see the head of this module."""
-    noise = np.maximum(np.asarray(squares) / count, 1.0)
-    return -0.5 * count * np.log(noise) - 0.5 * squares / noise
+def log_likelihood(squares: Array | float, freedom: float) -> Array:
+    """Return f(J) of sums of squares J with so many degrees of freedom; see the head of this module."""
+    noise = np.maximum(np.asarray(squares) / freedom, 1.0)
+    return -0.5 * freedom * np.log(noise) - 0.5 * squares / noise
 
 
 @dataclass(frozen=True)
@@ -180,14 +181,14 @@ class Evidence(ABC):
         groups: All hypotheses.
         blocks: The same, in the order of their numbers; only the last one grows.
         objective: J0.
-        count: Number of readings n.
+        freedom: Degrees of freedom n: readings less what is fitted to them anyway.
         constant: Log likelihood that all models share, by which states of a search differ.
     """
 
     groups: list[Group]
     blocks: list[Block]
     objective: float
-    count: int
+    freedom: float
     constant: float = 0.0
     ranked: np.ndarray = np.zeros(0, dtype=int)
     """Numbers of the hypotheses that were among the best of any scan of all since a climb began."""
@@ -308,7 +309,7 @@ class Beside:
     @property
     def noise(self) -> float:
         """Standard deviation of the readings over that stated, 1 or more."""
-        return float(np.sqrt(max(self.left / self.evidence.count, 1.0)))
+        return float(np.sqrt(max(self.left / self.evidence.freedom, 1.0)))
 
     @cached_property
     def covariance(self) -> Array:
@@ -330,7 +331,7 @@ class Beside:
             found += float(evidence.prior(one.number)[one.scale]) - evidence.charge(one.number, amplitudes)
             if evidence.groups[one.number].hypothesis.positive:
                 found += float(_sign(values[first] / np.sqrt(self.covariance[first, first])))
-        return found + float(log_likelihood(self.left, evidence.count)) - 0.5 * self.volume + evidence.constant
+        return found + float(log_likelihood(self.left, evidence.freedom)) - 0.5 * self.volume + evidence.constant
 
     @property
     def odds(self) -> Array:
@@ -385,9 +386,9 @@ class Beside:
             insides, scores: What the model leaves of their information and of their columns' scores.
             most: H.
         """
-        count = self.evidence.count
+        freedom = self.evidence.freedom
         found = np.full((most, len(SCALES)), -np.inf)
-        here, tight = float(log_likelihood(self.left, count)), SCALES[:, None] ** -2.0
+        here, tight = float(log_likelihood(self.left, freedom)), SCALES[:, None] ** -2.0
         for (numbers, places, scale, _, signed), inside in zip(batches, insides, strict=True):
             score = scores[places] * scale
             if places.shape[1] == 1:
@@ -397,9 +398,9 @@ class Beside:
                 values, turned = np.maximum(values, 0.0), np.einsum("gki,gk->gi", axes, score)
             held = values[:, None, :] + tight
             left = np.maximum(self.left - (turned[:, None, :] ** 2 / held).sum(axis=2), 1e-9 * self.left)
-            logs = log_likelihood(left, count) - here - 0.5 * np.log(held / tight).sum(axis=2)
+            logs = log_likelihood(left, freedom) - here - 0.5 * np.log(held / tight).sum(axis=2)
             if signed.any():
-                own = turned[signed, None, 0] / np.sqrt(held[signed, :, 0] * np.maximum(left[signed] / count, 1.0))
+                own = turned[signed, None, 0] / np.sqrt(held[signed, :, 0] * np.maximum(left[signed] / freedom, 1.0))
                 logs[signed] += _sign(own)
             found[numbers] = logs
         return found
@@ -563,7 +564,7 @@ def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:
         axes = beside.inverse[:, np.concatenate([own[i] for i in gone])]
         inside, values = axes.T @ axes, axes.T @ beside.pull
         left = beside.left + float(values @ np.linalg.solve(inside, values))
-        fall = log_likelihood(beside.left, evidence.count) - log_likelihood(left, evidence.count)
+        fall = log_likelihood(beside.left, evidence.freedom) - log_likelihood(left, evidence.freedom)
         return float(fall + 0.5 * np.linalg.slogdet(inside)[1])
 
     alone = [worth(i) for i in range(len(model))]

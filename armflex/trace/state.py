@@ -290,9 +290,10 @@ def with_hypotheses(state: State, added: Sequence[Added], explained: Array, effo
             starts.append((start, promised))
             first += count
     projection, rest = state.bare, sum(len(block.parameters) for block in state.blocks)
-    absorbed, random = projection.absorbed(projection.data - explained), np.zeros(0)
-    if state.random is not None:
-        random = absorbed[rest:]
+    absorbed = projection.absorbed(projection.data - explained)
+    random = absorbed[rest:] if state.random is not None else np.zeros(0)
+    if not added:  # of several minima that of the calibration
+        absorbed = state.first.values
     after = replace(state, known=tuple(one.hypothesis for one in added))
     last: ArmflexError | None = None
     for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead

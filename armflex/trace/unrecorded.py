@@ -82,20 +82,20 @@ def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndar
         for axis, name in enumerate(TWIST_NAMES):
             score = np.asarray(np.bincount(groups, scores[:, axis], count), float)
             square = np.asarray(np.bincount(groups, squares[:, axis], count), float)
-            ratio, variance = _likelihood(score, square, total, view.count)
+            ratio, variance = _likelihood(score, square, total, projection.freedom)
             found.append(RandomTwist(site, name, ratio, float(np.sqrt(variance))))
     # What stands level goes by its joint rather than by the link that ends there.
     return tuple(sorted(found, key=lambda place: -place.ratio + LINK_BEHIND * place.site.startswith(LINK)))
 
 
-def _likelihood(score: Array, square: Array, total: float, count: int) -> tuple[float, float]:
+def _likelihood(score: Array, square: Array, total: float, freedom: float) -> tuple[float, float]:
     """Return the largest log-likelihood ratio, the noise's size fitted for each variance, and the variance there.
 
     Args:
         score: (G,) product of every pose's residual with its column.
         square: (G,) square of every pose's column.
         total: Sum of squares of the residual.
-        count: Number of readings.
+        freedom: Degrees of freedom of the residual.
     """
     mean = float(square.mean())
     if mean <= 0.0:
@@ -104,11 +104,11 @@ def _likelihood(score: Array, square: Array, total: float, count: int) -> tuple[
     ratios = RATIOS / mean
     inflated = 1.0 + ratios[:, None] * square
     quadratic = total - (ratios[:, None] * score**2 / inflated).sum(axis=1)
-    likelihood = -0.5 * count * np.log(quadratic / total) - 0.5 * np.log(inflated).sum(axis=1)
+    likelihood = -0.5 * freedom * np.log(quadratic / total) - 0.5 * np.log(inflated).sum(axis=1)
     best = int(likelihood.argmax())
     if likelihood[best] <= 0.0:
         return 0.0, 0.0
-    return float(likelihood[best]), float(ratios[best] * quadratic[best] / count)
+    return float(likelihood[best]), float(ratios[best] * quadratic[best] / freedom)
 
 
 def as_likely(places: tuple[RandomTwist, ...]) -> tuple[RandomTwist, ...]:

@@ -13,7 +13,7 @@ from armflex.errors import ArmflexError
 from armflex.estimate.block import Block
 from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, known_of_others, pose_folds
-from armflex.estimate.view import foremost_rms, look
+from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT
 from armflex.trace.findings import Compared, Proof
@@ -76,6 +76,11 @@ class Folds:
         """Return the RMS of (M,) squared errors over the rows that are judged [m]."""
         return float(np.sqrt(squares[self.judged].mean()))
 
+    def apart(self, before: Array, after: Array) -> float:
+        """Return by how many standard errors the mean of (M,) squared errors of a pose rises."""
+        rise = np.bincount(self.here.state.groups, np.where(self.judged, after - before, 0.0))
+        return float(rise.mean() / (rise.std() / np.sqrt(len(rise)) + 1e-300))
+
 
 @dataclass(frozen=True, eq=False)
 class Validated:
@@ -110,7 +115,7 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, priors: Array,
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
     calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fitted)
     poses = pose_folds(here.state.groups)
-    before, exact = (held_out(one, poses, judged=judged).rms for one in (calibrated, fitted))
+    before, exact = (held_out(one, poses, judged=judged).squares for one in (calibrated, fitted))
     names, proofs = [], []
     for i, one in enumerate(own):
         name = folds.parts[0].groups[one.number].hypothesis.name
@@ -119,14 +124,17 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, priors: Array,
         names.append(sum(led) / count)
         without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
         proofs.append(_proof(here, folds, i, without, whole, null))
-    after, as_found = folds.rms(folds.readings.row_squares(chosen)), folds.rms(whole)
-    if exact > before >= max(after, as_found):
-        exact = refitted_out(here.state, poses, judged) or exact
-    return Validated(Compared(before, after, max(as_found, exact)), tuple(names), tuple(proofs), chosen)
+    ways = [folds.readings.row_squares(chosen), whole]
+    if folds.rms(exact) > folds.rms(before) >= max(map(folds.rms, ways)):
+        exact = refitted_out(here.state, poses, judged)
+    ways += [] if exact is None else [exact]
+    apart = max(folds.apart(before, one) for one in ways)
+    first, after, *as_found = map(folds.rms, (before, *ways))
+    return Validated(Compared(first, after, max(as_found), apart), tuple(names), tuple(proofs), chosen)
 
 
-def refitted_out(state: State, folds: np.ndarray, judged: np.ndarray) -> float | None:
-    """Return the RMS of the 3-D error of poses held out, each fold predicted by a fit of its own without it [m].
+def refitted_out(state: State, folds: np.ndarray, judged: np.ndarray) -> Array | None:
+    """Return the (M,) squared errors of rows held out, each fold predicted by a fit of its own without it [m^2].
 
     The linear problem is far off where few rows say what is inside a law, as where a magnet is that the arm comes near.
 
@@ -148,13 +156,11 @@ def refitted_out(state: State, folds: np.ndarray, judged: np.ndarray) -> float |
             left[own] = look(others.setup, state.measurements, state.rows[own]).residual
         except ArmflexError:
             return None
-    return foremost_rms(state.fit.view.readings.where(judged), left)
+    return state.fit.view.readings.where(judged).row_squares(left[:, state.fit.view.foremost])
 
 
 def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:
-    judged, state = folds.judged, here.state
-    fall = before[judged] - after[judged]
-    apart = float(fall.mean() / (fall.std() / np.sqrt(len(fall)) + 1e-300))
+    state, apart = here.state, -folds.apart(before, after)
     blocks = [state.effects[i] for i in state.units[index]]
     sessions = sessions_held_out(state.calibrated, state.fit, blocks, state.sessions)
     without, with_it = sessions or (None, None)
@@ -176,7 +182,7 @@ def chance(here: Standing, seed: int = 0) -> float:
     every, seen, best = screen.scores_of(flipped), projection.half @ flipped, -np.inf
     pulls = beside.inverse @ (every[beside.places] * beside.scale[:, None])
     objective = (flipped * projection.cleared(flipped)).sum(axis=0) - (seen**2).sum(axis=0) - (pulls**2).sum(axis=0)
-    here_value = log_likelihood(objective, screen.count)
+    here_value = log_likelihood(objective, screen.freedom)
     for which, scores in enumerate(screen.parted(every)):
         block = screen.blocks[which]
         left = scores - beside.across(which) @ pulls
@@ -189,10 +195,10 @@ def chance(here: Standing, seed: int = 0) -> float:
                 prior = block.priors[numbers, 0] - 0.5 * np.log(held / tight).sum(axis=1)
                 most = (peaks / held).sum(axis=1)
                 # No draw gains more than by the steepest slope of the likelihood on its way.
-                steepest = 0.5 / np.maximum((objective.min() - most) / screen.count, 1.0)
+                steepest = 0.5 / np.maximum((objective.min() - most) / screen.freedom, 1.0)
                 some = np.flatnonzero(prior + steepest * most > best)
                 gain = (squares[some] / held[some, :, None]).sum(axis=1)
-                logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.count) - here_value
+                logs = log_likelihood(np.maximum(objective - gain, 1e-9 * objective), screen.freedom) - here_value
                 best = max(best, float((logs + prior[some, None]).max(initial=-np.inf)))
     return best
 

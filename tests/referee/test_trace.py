@@ -151,7 +151,7 @@ def test_the_evidence_on_a_screen_is_that_of_gaussian_readings(before):
             priors += float(sized[one.scale]) - screen.charge(one.number, amplitudes)
         left = [data @ np.linalg.solve(each, data) for each in (whole, none)]
         volume = np.linalg.slogdet(whole)[1] - np.linalg.slogdet(none)[1]
-        fit = log_likelihood(np.array(left), screen.count)
+        fit = log_likelihood(np.array(left), screen.freedom)
         found = screen.log_posterior(model) - screen.log_posterior(())
         assert found == pytest.approx(fit[0] - fit[1] - 0.5 * volume + priors, abs=1e-3)
 

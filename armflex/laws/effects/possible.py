@@ -43,13 +43,7 @@ MOST_AGAINST = 0.1
 most of a joint's travel, not its end, but a joint makes no energy."""
 
 MOST_GIVE = 10.0
-"""Prior: times what is plausible by which an axis gives at most under the largest load on its joint, either way.
-
-More counts against a candidate, and is refused of an axis that poses load by less than `LEAST_LOADED` of that.
-"""
-
-LEAST_LOADED = 1e-3
-"""Tolerance: share of the largest load on a joint that is more than what tilts and deflections put on any axis."""
+"""Prior: times what is plausible by which an axis gives under the largest load on its joint, either way."""
 
 
 def unusual(effect: Effect, view: Solved, context: Context) -> float:
@@ -67,7 +61,7 @@ def unusual(effect: Effect, view: Solved, context: Context) -> float:
         usual = np.repeat((USUAL_SHIFT, USUAL_TURN) if law.act is Act.TWIST else (force, force), 3)
         each = law.features(location, effect.inner, view, context) * effect.acting[:, None] / usual
         much = max(much, float((each**2).sum(axis=(1, 2)).mean()))
-    if _is_given(effect):
+    if _is_given(effect) or law.remembers_load(location):
         single = (full(own, location, len(law.amplitudes)) + effect.inner for own in np.diag(effect.acting))
         each = [_given(replace(effect, values=values), view, context) for values in single]
         much = max(much, float((np.array(each) ** 2).sum(axis=0).max()))
@@ -110,14 +104,19 @@ def sensible(effect: Effect, view: Solved, context: Context, declared: Manipulat
     if law.act is not Act.TWIST:
         return True
     if law.remembers_load(location):
-        return bool(_is_stiff(np.abs(acting[0]) * resolve(location, view.arm.robot, ()).direction))
+        return bool(_is_stiff(_following(effect, view)))
     return not _is_given(effect) or _gives(effect, view, context, declared)
 
 
 def _is_given(effect: Effect) -> bool:
-    """Return whether an effect is what a joint gives under its load."""
-    law, location = effect.law, effect.location
-    return law.act is Act.TWIST and law.loaded and law.memory is None and not law.remembers_load(location)
+    """Return whether an effect is what a joint gives under its load, as it is in a row."""
+    law = effect.law
+    return law.act is Act.TWIST and law.loaded and law.memory is None
+
+
+def _following(effect: Effect, view: Solved) -> Array:
+    """Return (6,) by how much an effect that remembers load follows it where it slides on."""
+    return np.abs(effect.acting[0] * resolve(effect.location, view.arm.robot, ()).direction)
 
 
 def _given(effect: Effect, view: Solved, context: Context) -> Array:
@@ -126,14 +125,19 @@ def _given(effect: Effect, view: Solved, context: Context) -> Array:
     As a share of `MOST_GIVE` times what is plausible of the law.
     """
     arm, law, site = view.arm, effect.law, effect.location.site
-    bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
-    some = _some(view)
-    row, largest = context.row.some(view.rows[some]), _largest(site, context)
+    some, largest = _some(view), _largest(site, context)
+    most = MOST_GIVE * np.repeat([law.plausible.shift, law.plausible.turn], 3)
+    if law.remembers_load(effect.location):
+        return np.broadcast_to(_following(effect, view) * largest / most, (len(some), 6))
+    bound, row = (
+        BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures)),
+        context.row.some(view.rows[some]),
+    )
     own = np.broadcast_to(bound.tangent(view.load_at(site)[some], row), (len(some), 6, 6))
     given = np.abs(np.einsum("rii->ri", own)) * largest
     if not law.linear:  # what is saturated gives less
         given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(largest, given.shape), row)))
-    return given / (MOST_GIVE * np.repeat([law.plausible.shift, law.plausible.turn], 3))
+    return given / most
 
 
 def _some(view: Solved) -> np.ndarray:
@@ -147,7 +151,7 @@ def _largest(site: str, context: Context) -> Array:
 
 
 def _gives(effect: Effect, view: Solved, context: Context, declared: Manipulator) -> bool:
-    """Return whether in most rows the joint gives the way it is pushed, and no more than a joint can."""
+    """Return whether in most rows the joint gives the way it is pushed, and no more than steel."""
     arm, law = view.arm, effect.law
     here = resolve(effect.location, arm.robot, arm.modelled)
     bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
@@ -155,11 +159,6 @@ def _gives(effect: Effect, view: Solved, context: Context, declared: Manipulator
     wrenches, row = view.load_at(effect.location.site)[some], context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(wrenches, row), (len(some), 6, 6))
     good = _is_stiff(np.abs(np.einsum("...ii->...i", own)))
-    # Poses may load an axis hardly at all: it does not give more than the others under their loads.
-    loaded = np.abs(context.wrenches[effect.location.site]).max(axis=0) >= LEAST_LOADED * _largest(
-        effect.location.site, context
-    )
-    good &= ((_given(effect, view, context) <= 1.0) | loaded).all(axis=1)
     if law.passive:  # the whole compliance has a positive diagonal, and couplings within it
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
         total = np.broadcast_to(total, own.shape) + own

@@ -26,12 +26,14 @@ from armflex.errors import FileError
 from armflex.measured.measurements import Measurements
 from armflex.progress import Doing
 from armflex.show.report import render_report
-from armflex.trace.account import conclude, idle
-from armflex.trace.findings import Trace
+from armflex.trace.account import conclude
+from armflex.trace.findings import Trace, Withdrawn
+from armflex.trace.probabilities import competing
 from armflex.trace.screen import ALMOST
 from armflex.trace.search import refitted, standing
 from armflex.trace.selection import SCALES, Chosen
 from armflex.trace.state import begin
+from armflex.trace.validate import validated
 
 pytestmark = pytest.mark.slow
 
@@ -190,11 +192,16 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     most = max(range(len(here.screen.groups)), key=lambda i: len(here.screen.groups[i].places))
     believed = refitted(here, (Chosen(most, len(SCALES) - 1),))
     assert believed is not None
-    found = conclude(standing(believed), here.places)
-    assert found.withdrawn
-    gone = found.withdrawn[0]
-    calibrated, with_it = gone.compared.before, gone.compared.worst
-    assert with_it > calibrated and gone.compared.worse
+    after = standing(believed)
+    evidence, own, numbers = competing(after.screen, after.model)
+    model = tuple(dataclasses.replace(one, number=i) for one, i in zip(after.model, own, strict=True))
+    compared = validated(after, tuple(numbers), model, evidence.priors, 0.0).compared
+    calibrated, with_it = compared.before, compared.worst
+    assert with_it > calibrated and compared.worse and not dataclasses.replace(compared, apart=1.0).worse
+    concluded = conclude(after, here.places)
+    assert concluded.found == ()
+    gone = Withdrawn(believed.fitted[0], compared)
+    found = dataclasses.replace(concluded, withdrawn=(gone,))
     told = as_json(found)["withdrawn"][0]
     assert told["held_out_rms_mm"] == {"calibrated": 1e3 * calibrated, "after": 1e3 * with_it}
     print_trace(found)
@@ -232,13 +239,12 @@ def test_an_effect_that_is_not_distinguished_from_zero_is_no_finding(tmp_path: P
     assert state is not None
     believed = standing(state, here)
     (effect,), (block,) = believed.state.fitted, believed.state.effects
-    assert abs(effect.acting[0]) < 2.0 * next(iter(believed.state.std_of(block).values())) and idle(believed.state) == 0
+    assert abs(effect.acting[0]) < 2.0 * next(iter(believed.state.std_of(block).values()))
     assert conclude(believed, here.places).found == ()
 
 
 def test_what_is_there_is_not_withdrawn(whole: Whole) -> None:
     found = whole.finished
-    assert idle(found.state) is None
     assert found.withdrawn == () and found.compared.after < found.compared.before
     assert as_json(found)["withdrawn"] == []
     told = as_json(found)["held_out_chosen_again_rms_mm"]
