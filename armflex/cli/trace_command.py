@@ -70,7 +70,7 @@ def command(
     Several campaigns of one machine are traced together: what they have in common is named once, and what is of one of
     them depends on the column `campaign`.
     After every state that the search accepts the outputs are written, marked unfinished. Effects with which held-out
-    poses are predicted worse than by the calibrated arm are withdrawn.
+    poses are predicted worse than by the calibrated arm, beyond chance, are withdrawn.
     """
     if covariates and ask is None:
         raise InputError("--covariates are values for the rows of --ask")

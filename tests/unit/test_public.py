@@ -49,12 +49,12 @@ def test_a_fit_that_does_not_settle_names_what_resists(ur5: Calibration) -> None
 def test_poses_too_few_to_tell_an_effect_from_chance_are_said_to_be(capsys: pytest.CaptureFixture) -> None:
     arm, measurements = public("ur5_tsinghua")
     stiff = replace(arm, prior=replace(arm.prior, joint_offset=1e-5, geometry=0.0))
-    found = trace(stiff, measurements.some(np.arange(0, len(measurements), 170)))
+    found = trace(stiff, measurements.some(np.arange(0, len(measurements), 150)))
     assert not found.found and found.undecided is not None
-    assert found.undecided.poses == 6 and found.undecided.rms > 3.0 * found.undecided.stated
+    assert found.undecided.poses == 7 and found.undecided.rms > 3.0 * found.undecided.stated
     print_trace(found)
     said = capsys.readouterr().out
-    assert "cannot decide what is missing: 0.814 mm RMS" in said and "No further effect" not in said
+    assert "cannot decide what is missing: 0.893 mm RMS" in said and "No further effect" not in said
 
 
 @pytest.mark.slow
