@@ -61,8 +61,8 @@ class Weighed:
 def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
 
-    An effect in whose place nothing is credible is no finding, nor what is less likely than something else in its
-    place, unless more is missing than can be named.
+    An effect in whose place nothing is credible is no finding, nor one that chance explains as well, nor what is less
+    likely than something else in its place, unless more is missing than can be named.
     """
     withdrawn = list[Withdrawn]()
     while True:
@@ -79,19 +79,22 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             if after is not None or len(here.rejected) > tried:
                 here = here if after is None else after
                 continue
+        null = chance(here)
         if not model:
-            return Weighed(here, found, None, chance(here)), tuple(withdrawn)
-        last, after, seen = max(range(len(model)), key=lambda i: found[i].nothing), None, None
-        if found[last].nothing > 1.0 - CREDIBLE:
+            return Weighed(here, found, None, null), tuple(withdrawn)
+        odds, nothing = [one.ranking[0][1] for one in found[:-1]], [one.nothing for one in found[:-1]]
+        last, after, seen, why = int(np.argmax(nothing)), None, None, "it may be nothing"
+        if nothing[last] <= 1.0 - CREDIBLE:
+            last, why = int(np.argmin(odds)), "chance explains as much"
+        if nothing[last] > 1.0 - CREDIBLE or odds[last] <= null:
             after = _without(here, last)
         if after is None:
-            null = chance(here)
             here.screen.forget()
             here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
             seen = validated(here, tuple(numbers), model, evidence.priors, null)
             if not seen.compared.worse:
                 return Weighed(here, found, seen, null), tuple(withdrawn)
-            last = weakest(model, evidence)
+            last, why = weakest(model, evidence), "held-out poses are predicted worse with it"
             after = _without(here, last)
         gone = [last]
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
@@ -101,7 +104,6 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             one = here.state.fitted[unit[0]]
             if seen is not None:
                 withdrawn.append(Withdrawn(one, seen.compared, len(unit) > 1))
-            why = "it may be nothing" if seen is None else "held-out poses are predicted worse with it"
             here.state.reporter.stage(f"withdrawing {one.title}: {why}")
         here = replace(standing(after, here), rejected=[*here.rejected, spots(here.screen, here.model)])
 

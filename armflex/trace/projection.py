@@ -116,6 +116,10 @@ class Projection:
         chance = rng.standard_normal((len(self.residual), count))
         return chance + self.regressors @ (rng.standard_normal((len(std), count)) * std[:, None])
 
+    def left_of(self, change: Array) -> Array:
+        """Return the (n,) M x of a change x of the readings: what the fitted parameters do not take over."""
+        return self.cleared(change) - self.half.T @ (self.half @ change)
+
     def absorbed(self, change: Array) -> Array:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""
         shared = self.fitted.solve(self.shared.T @ change)

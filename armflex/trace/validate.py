@@ -176,7 +176,7 @@ def chance(here: Standing, seed: int = 0) -> float:
     screen, state = here.screen, here.state
     beside = screen.beside(here.model)
     projection = screen.projection
-    residual = projection.residual - projection.cleared(screen.explained(beside))
+    residual = projection.residual - projection.left_of(screen.explained(beside))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(state.groups.max()) + 1, SIGN_FLIPS))
     flipped = residual[:, None] * np.repeat(signs[state.groups], len(residual) // len(state.rows), axis=0)
     every, seen, best = screen.scores_of(flipped), projection.half @ flipped, -np.inf
