@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtrc
+from scipy.special import fdtrc, ndtr
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
