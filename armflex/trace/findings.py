@@ -33,7 +33,7 @@ from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.state import State, lost_of, lost_rows
-from armflex.trace.unrecorded import NOTICED_RATIO, RandomTwist, as_likely
+from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
 
 VARIANCE_RATIO = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""
@@ -467,7 +467,7 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
         rms = state.fit.view.rms(state.residual - state.fit.view.residual)
         return Unexplained(random.site, random.axis, random.std, random.units[0], rms, random.alike)
     place = places[0]
-    if place.ratio >= NOTICED_RATIO:
+    if place.ratio >= noticed_from(len(places)):
         rms = place.std * state.fit.view.rms(state.fit.view.to_twist(place.site)[:, :, TWIST_NAMES.index(place.axis)])
         return Unexplained(place.site, place.axis, place.std, place.unit, rms, as_likely(places))
     # Without a place, where it is larger than what repeats show, by an F test.

@@ -16,13 +16,10 @@ from armflex.parameters import DOUBT
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import ALMOST, Dense, Screen
-from armflex.trace.selection import Chosen, Model, rivals
+from armflex.trace.selection import MOST_COMPETING, Chosen, Model, rivals
 
 SWEEPS = 60
 """Tolerance: sweeps of the sampler."""
-
-MOST_COMPETING = 40
-"""Tolerance: hypotheses that compete for a place at most."""
 
 CREDIBLE = 1.0 - DOUBT
 """Confidence: probability of a credible set, beside which nothing is in question."""

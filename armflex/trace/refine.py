@@ -14,20 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.conventions import Array
+from armflex.estimate.view import QUOTIENT_STEP
 from armflex.laws.effects.effect import Inner, Values
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.screen import Screen
-from armflex.trace.selection import BETTER, MOST_ROUNDS, SCALES, Beside, Rival, log_likelihood
-
-TRIALS = 6
-"""Tolerance: dampings of one step."""
-
-CELL_STEP = 1e-3
-"""Tolerance: step of numerical derivatives, of a cell of the grid."""
-
-MOST_STARTS = 4
-"""Tolerance: places in space from which one that a law pulls towards is sought; and the best of some hypotheses, which
-are refined beside others than they were refined beside before."""
+from armflex.trace.selection import BETTER, MOST_ROUNDS, MOST_TRIED, SCALES, Beside, Rival, log_likelihood
 
 MOMENTS = 12
 """Tolerance: every moment is tried within this part of all of them to either side of the grid's best."""
@@ -47,7 +38,7 @@ class Refiner:
         for place, rival in enumerate(rivals):
             hypothesis = screen.groups[rival.chosen.number].hypothesis
             before = screen.refined.setdefault(hypothesis.spot, set())
-            if others in before or (before and place >= MOST_STARTS):
+            if others in before or (before and place >= MOST_TRIED):
                 continue
             before.add(others)
             starts = self._starts(hypothesis.spot, odds) if hypothesis.one.law.spatial else [hypothesis]
@@ -72,7 +63,7 @@ class Refiner:
 
     def _starts(self, spot: tuple, odds: Array) -> list[Hypothesis]:
         like = [i for i, one in enumerate(self._screen.groups[: len(odds)]) if one.hypothesis.spot == spot]
-        return [self._screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_STARTS]]
+        return [self._screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_TRIED]]
 
     def _best(self, beside: Beside, starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
         tried = [_Search(self._screen, beside, one, tau).best() for one in starts]
@@ -191,8 +182,8 @@ class _Search:
         for _ in range(MOST_ROUNDS):
             slopes = np.stack([
                 (self.columns(moved(here.inner, step)) - self.columns(moved(here.inner, -step))) @ here.amplitudes
-                / (2.0 * CELL_STEP)
-                for step in CELL_STEP * np.eye(len(free))
+                / (2.0 * QUOTIENT_STEP)
+                for step in QUOTIENT_STEP * np.eye(len(free))
             ], axis=1)  # fmt: skip
             if not np.isfinite(slopes).all():
                 break
@@ -201,14 +192,15 @@ class _Search:
                              for one, i, cell in zip(inners, free, cells, strict=True)])  # fmt: skip
             score[count:] -= holding * away
             held = np.concatenate([self.held(here.columns), holding + 1e-9 * np.diag(information)[count:]])
+            own, damped = float(score[:count] @ here.amplitudes), np.diag(information) * (np.arange(len(held)) >= count)
             trial = None
-            for _ in range(TRIALS):
-                whole = information + np.diag(held + damping * np.diag(information) + 1e-300)
-                step = np.clip(np.linalg.solve(whole, score)[count:], -2.0, 2.0)
-                trial = self.at(moved(here.inner, step))
-                if trial is not None and trial.value > here.value:
+            while trial is None:  # as long as a step promises anything
+                values = np.linalg.solve(information + np.diag(held + damping * damped + 1e-300), score)
+                if 0.5 * (float(score @ values) - own) < BETTER:
                     break
-                trial, damping = None, max(5.0 * damping, 1e-3)
+                trial = self.at(moved(here.inner, np.clip(values[count:], -2.0, 2.0)))
+                if trial is None or trial.value <= here.value:
+                    trial, damping = None, max(5.0 * damping, 1e-3)
             if trial is None:
                 break
             gain, here, damping = trial.value - here.value, trial, damping / 5.0

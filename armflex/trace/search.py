@@ -29,8 +29,10 @@ from armflex.trace.screen import Screen
 from armflex.trace.selection import (
     BETTER,
     GRID_ERROR,
+    MOST_COMPETING,
     MOST_EFFECTS,
     MOST_ROUNDS,
+    MOST_TRIED,
     SCALES,
     Chosen,
     Model,
@@ -40,16 +42,8 @@ from armflex.trace.selection import (
 from armflex.trace.state import Added, State, sorted_out, with_hypotheses, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
-MOST_NEW = 4
-"""Tolerance: hypotheses added before the arm is fitted anew, since a linear problem is wrong where much is missing;
-once there are as many, as many as there are."""
-
-MOST_SHAPED, LIKELY = 10, 4
-"""Tolerance: places of free shapes at which waves and bumps are sought, and of random twists at which products are."""
-
-
-SOUGHT = 48
-"""Tolerance: waves, bumps and products of each kind that compete, the likeliest alone or beside the model."""
+MOST_SHAPED = 10
+"""Tolerance: places of free shapes at which waves and bumps are sought."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +215,7 @@ def is_full(here: Standing) -> bool:
 
 def modelled(here: Standing, more: int = 0) -> Model:
     """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
-    more = more or max(MOST_NEW, len(here.model))
+    more = more or max(MOST_TRIED, len(here.model))  # once there are many, as many as there are
     return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + more, MOST_EFFECTS))
 
 
@@ -236,7 +230,7 @@ def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standin
         return None
     here.state.reporter.stage("searching waves and bumps")
     for law in (WAVE, BUMP):
-        screen.extend(screen.likeliest(sought(law, shaped, here.state.context), ((), here.model), SOUGHT))
+        screen.extend(screen.likeliest(sought(law, shaped, here.state.context), ((), here.model), MOST_COMPETING))
     model = climbed(screen, here.model, refiner)
     if spots(screen, model) == spots(screen, here.model):
         for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
@@ -345,9 +339,9 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
     for law in (PRODUCT, WAVE_PRODUCT):
         every = [((one.site, one.axis), one) for one in law.places(context.records)]
         free = {place for place, _ in every}
-        likely = [place for one in here.scattered if (place := (one.site, one.axis)) in free][:LIKELY]
+        likely = [place for one in here.scattered if (place := (one.site, one.axis)) in free][:MOST_TRIED]
         locations = [one for place in likely for own, one in every if own == place]
-        screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), SOUGHT))
+        screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), MOST_COMPETING))
     return _accepted(here, climbed(screen, here.model, Refiner(screen)), passing)
 
 

@@ -44,8 +44,13 @@ MOST_EFFECTS = 24
 MOST_ROUNDS = 12
 """Tolerance: fits of the arm with what was found at most, and steps of what is refined."""
 
-MOST_PAIRS = 3
-"""Tolerance: pairs of hypotheses, those that share most, that are taken out together once nothing else improves it."""
+MOST_TRIED = 4
+"""Tolerance: so many of the likeliest are tried: starts of a refinement, pairs that are taken out together, places of
+products, and hypotheses that are added before the arm is fitted anew, since a linear problem is wrong where much is
+missing."""
+
+MOST_COMPETING = 40
+"""Tolerance: hypotheses that compete for a place at most, and of waves, bumps and products of each kind."""
 
 RANKED = 512
 """Tolerance: the best of a scan, among which an exchange is sought once a climb has changed the model."""
@@ -570,4 +575,4 @@ def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:
     alone = [worth(i) for i in range(len(model))]
     shared = {pair: worth(*pair) - alone[pair[0]] - alone[pair[1]] for pair in combinations(range(len(model)), 2)}
     pairs = sorted((pair for pair in shared if shared[pair] > 1.0), key=lambda pair: -shared[pair])
-    return pairs[:MOST_PAIRS]
+    return pairs[:MOST_TRIED]

@@ -13,6 +13,7 @@ import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.fit import Fit
+from armflex.estimate.robust import BY_CHANCE
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import LINK
 from armflex.laws.effects.possible import USUAL_SHIFT, USUAL_TURN
@@ -25,8 +26,10 @@ RATIOS = np.logspace(-4.0, 8.0, 61)
 LINK_BEHIND = 1.0
 """Prior: log-likelihood ratio by which a link's end must be likelier than a joint."""
 
-NOTICED_RATIO = 10.0
-"""Confidence: log-likelihood ratio from which a place counts; noise alone stays below about 3."""
+
+def noticed_from(places: int) -> float:
+    """Return the log-likelihood ratio that noise alone gives at any of so many places as rarely as `BY_CHANCE`."""
+    return float(np.log(places / BY_CHANCE))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from support.stage import few
 from armflex import calibrate, load_arm, read_measurements, trace
 from armflex.trace.projection import Projection, project, projected
 from armflex.trace.state import State, begin
-from armflex.trace.unrecorded import NOTICED_RATIO, localise
+from armflex.trace.unrecorded import localise, noticed_from
 
 pytestmark = pytest.mark.slow
 
@@ -71,4 +71,4 @@ def noisy(state: State, positions: float, orientations: float) -> Projection:
 @pytest.mark.parametrize(("positions", "orientations"), [(1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 3.0)])
 def test_noise_of_any_size_is_nowhere(state, positions, orientations):
     places = localise(state.fit, state.context, noisy(state, positions, orientations), state.groups)
-    assert places[0].ratio < NOTICED_RATIO
+    assert places[0].ratio < noticed_from(len(places))

@@ -15,7 +15,7 @@ from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MUTED, PAPER, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import words
 from armflex.trace.findings import Smallest, Trace
-from armflex.trace.unrecorded import NOTICED_RATIO, RandomTwist
+from armflex.trace.unrecorded import RandomTwist, noticed_from
 
 LONG = 0.09
 """Length of a long residual arrow as a share of the workspace."""
@@ -161,7 +161,8 @@ def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
     from matplotlib.patches import Rectangle
 
     sites = trace.state.context.sites
-    most = max([NOTICED_RATIO, *(place.ratio for place in trace.places)])
+    noticed = noticed_from(len(trace.places))
+    most = max([noticed, *(place.ratio for place in trace.places)])
     pairs = [("Before", trace.places), ("After", left)] if trace.found else [("", trace.places)]
     figure, axes = canvas(10.0 if trace.found else 6.0, 2.9, 1, len(pairs))
     for panel, (title, places) in zip(axes, pairs, strict=True):
@@ -171,7 +172,7 @@ def heat(trace: Trace, left: Sequence[RandomTwist]) -> str:
             strength, corner = float(np.clip(ratio / most, 0.0, 1.0)), (column - 0.47, row - 0.47)
             for colour, alpha in ((RULE, 0.35), (BEFORE, strength)):
                 panel.add_patch(Rectangle(corner, 0.94, 0.94, color=colour, alpha=alpha, linewidth=0))
-            if ratio >= NOTICED_RATIO:
+            if ratio >= noticed:
                 ink = PAPER if strength > 0.6 else INK
                 panel.text(column, row, f"{ratio:.0f}", ha="center", va="center", fontsize=6.8, color=ink)
         panel.set(xlim=(-0.6, len(sites) - 0.4), ylim=(5.6, -0.6), title=title)
