@@ -19,6 +19,7 @@ from armflex.errors import ArmflexError
 from armflex.estimate.pose_block import PoseBlock
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT
 from armflex.rows.rows import POSE
@@ -28,7 +29,6 @@ from armflex.trace.refine import Refiner
 from armflex.trace.screen import Screen
 from armflex.trace.selection import (
     BETTER,
-    GRID_ERROR,
     MOST_COMPETING,
     MOST_EFFECTS,
     MOST_ROUNDS,
@@ -229,8 +229,11 @@ def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standin
     if not shaped:
         return None
     here.state.reporter.stage("searching waves and bumps")
+    gears = {(one.site, one.axis, one.covariates) for one in GEAR_HARMONIC.places(here.state.context.records)}
     for law in (WAVE, BUMP):
-        screen.extend(screen.likeliest(sought(law, shaped, here.state.context), ((), here.model), MOST_COMPETING))
+        # A wave over its own drive is what the catalogue has of its gear: no reading could distinguish them.
+        places = [one for one in shaped if law is BUMP or (one.site, one.axis, one.covariates) not in gears]
+        screen.extend(screen.likeliest(sought(law, places, here.state.context), ((), here.model), MOST_COMPETING))
     model = climbed(screen, here.model, refiner)
     if spots(screen, model) == spots(screen, here.model):
         for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
@@ -254,8 +257,9 @@ def _is_free(hypothesis: Hypothesis) -> bool:
 def _shaped(screen: Screen, model: Model) -> list[Location]:
     """Return places at which free shapes explain most of what a model leaves."""
     found: dict[Location, None] = {}
-    whole = screen.beside(()).odds.max(axis=1)
-    for odds, least in ((screen.beside(model).odds.max(axis=1), 0.0), (whole, (1.0 - GRID_ERROR) * whole.max())):
+    for beside in (screen.beside(model), screen.beside(())):
+        odds = beside.odds.max(axis=1)
+        least = 0.0 if beside.model == model else beside.rough(odds.max())
         free = [
             i
             for i, group in enumerate(screen.groups)

@@ -410,6 +410,14 @@ class Beside:
             found[numbers] = logs
         return found
 
+    def rough(self, top: float) -> float:
+        """Return the least log odds on a grid with which a hypothesis may come as near to some others as `WITHIN`."""
+        freedom, here = self.evidence.freedom, float(log_likelihood(self.left, self.evidence.freedom))
+        wanted = here + top - WITHIN  # of which log likelihood J is
+        left = freedom * np.exp(-1.0 - 2.0 * wanted / freedom) if wanted < -0.5 * freedom else max(-2.0 * wanted, 0.0)
+        lacking = (left + GRID_ERROR * self.left) / (1.0 + GRID_ERROR)
+        return min(float(log_likelihood(lacking, freedom)) - here, top - WITHIN)
+
     def amplitudes_of(self, number: int, scale: int) -> Array:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
         which = self.evidence.block_of(number)
@@ -451,9 +459,10 @@ Refine = Callable[[Beside, Sequence[Rival]], None]
 Only = Callable[[Hypothesis], bool]
 """Whether a hypothesis may come into a model."""
 
-WITHIN, GRID_ERROR, SHORT = 12.0, 0.2, 8
-"""Tolerance: log odds below the best at which a hypothesis still competes; the share of the best's odds below them at
-which one competes whose inner values lie on a grid, and how many of each do at most."""
+WITHIN, GRID_ERROR, SHORT = 12.0, 0.1, 8
+"""Tolerance: log odds below the best at which a hypothesis still competes; the share of what a hypothesis explains that
+it may lack because its inner values lie on a grid (a wave a sixth of a period off lacks 9 %), and how many of each
+compete at most."""
 
 
 def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = None, most: int = SHORT) -> list[Rival]:
@@ -465,9 +474,9 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
     some = np.flatnonzero(best >= -WITHIN)
     order = some[np.argsort(-best[some], kind="stable")]
     evidence.ranked = np.union1d(evidence.ranked, order[:RANKED])
-    top = -np.inf
+    top = -WITHIN
     for number in order.tolist():
-        if len(found) + len(rough) >= 4 * most or best[number] < top - max(WITHIN, GRID_ERROR * top):
+        if len(found) + len(rough) >= 4 * most or best[number] < beside.rough(top):
             break
         hypothesis = evidence.groups[number].hypothesis
         if hypothesis.spot in spots or (only is not None and not only(hypothesis)):
