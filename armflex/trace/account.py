@@ -79,15 +79,15 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             if after is not None or len(here.rejected) > tried:
                 here = here if after is None else after
                 continue
-        null = chance(here)
         if not model:
-            return Weighed(here, found, None, null), tuple(withdrawn)
+            return Weighed(here, found, None, chance(here)), tuple(withdrawn)
         odds, nothing = [one.ranking[0][1] for one in found[:-1]], [one.nothing for one in found[:-1]]
-        last, after, seen, why = int(np.argmax(nothing)), None, None, "it may be nothing"
-        if nothing[last] <= 1.0 - CREDIBLE:
-            last, why = int(np.argmin(odds)), "chance explains as much"
-        if nothing[last] > 1.0 - CREDIBLE or odds[last] <= null:
+        last, after, seen, null, why = int(np.argmax(nothing)), None, None, -np.inf, "it may be nothing"
+        if nothing[last] > 1.0 - CREDIBLE:
             after = _without(here, last)
+        if after is None:
+            last, null, why = int(np.argmin(odds)), chance(here), "chance explains as much"
+            after = _without(here, last) if odds[last] <= null else None
         if after is None:
             here.screen.forget()
             here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
