@@ -7,7 +7,7 @@ posterior (Rao and Blackwell), one distribution for each effect that was found a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -56,6 +56,7 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     """
     aliased = {number for number, (whole, inside) in screen.single().items() if inside <= ALMOST * whole}
     own, mine = {screen.groups[one.number].hypothesis.members for one in model}, {one.number for one in model}
+    screen.extend(_elsewhere(screen, model))
     refiner, found, charges = Refiner(screen), dict[int, float](), dict[int, float]()
     for i in range(len(model) + 1):
         rest = tuple(one for j, one in enumerate(model) if j != i)
@@ -73,6 +74,19 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     numbers = {number: i for i, number in enumerate(charges)}
     priors = np.array([screen.prior(number) - charge for number, charge in charges.items()])
     return screen.dense(tuple(charges), priors), tuple(numbers[one.number] for one in model), numbers
+
+
+def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
+    """Return shapes of a model that were only sought where they are, at all other places over the same columns."""
+    known, found = {one.hypothesis.spot for one in screen.groups}, list[Hypothesis]()
+    for shape in (screen.groups[one.number].hypothesis for one in model):
+        law, covariates = shape.one.law, shape.one.location.covariates
+        for place in law.places(screen.context.records) if law.sought else ():
+            other = replace(shape, members=(replace(shape.one, location=place),))
+            if place.covariates == covariates and other.spot not in known:
+                known.add(other.spot)
+                found.append(other)
+    return found
 
 
 def named(evidence: Dense, own: Model) -> np.ndarray:
