@@ -16,6 +16,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.estimate.view import QUOTIENT_STEP
 from armflex.laws.effects.effect import Inner, Values
+from armflex.laws.effects.slip_step import moments
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.screen import Screen
 from armflex.trace.selection import BETTER, MOST_ROUNDS, MOST_TRIED, SCALES, Beside, Rival, log_likelihood
@@ -149,8 +150,7 @@ class _Search:
         """Return the moments near a value at which something may have stepped."""
         if inner.smooth or not inner.polished or not np.isfinite(value):
             return []
-        time = np.unique(self.screen.context.column("time"))
-        between = 0.5 * (time[1:] + time[:-1])
+        between = moments(self.screen.context.column("time")[self.screen.fit.view.rows])
         reach, middle = max(1, len(between) // MOMENTS), int(np.searchsorted(between, value))
         return between[max(0, middle - reach) : middle + reach + 1].tolist()
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from armflex.conventions import Array
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
@@ -16,9 +17,14 @@ STEPS = 40
 """Times to begin the search with."""
 
 
+def moments(time: Array) -> Array:
+    """Return the moments in between some at which something may have stepped: one reading before it is a lost beam."""
+    time = np.unique(time)
+    return (0.5 * (time[1:] + time[:-1]))[1:-1]
+
+
 def _times(location: Location, context: Context) -> Iterable[float]:
-    time = np.unique(context.column("time"))
-    between = 0.5 * (time[1:] + time[:-1])
+    between = moments(context.column("time"))
     return between[np.linspace(0, len(between) - 1, STEPS).astype(int)] if len(between) else ()
 
 
