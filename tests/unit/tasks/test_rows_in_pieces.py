@@ -95,8 +95,8 @@ def test_a_fit_that_some_rows_led_to_is_that_of_all(
 ) -> None:
     """It begins where it almost ends, and ends at the same values, within what the last step leaves."""
     alone = calibrate(arm, campaign)
-    monkeypatch.setattr(calibrating, "MANY_ROWS", 100)
-    monkeypatch.setattr(calibrating, "SOME", 2)
+    monkeypatch.setattr(calibrating, "ROWS_AT_ONCE", 200)
+    monkeypatch.setattr(calibrating, "FEWEST_ROWS", 2)
     led = calibrate(arm, campaign)
     apart = (led.fit.values - alone.fit.values) / alone.fit.posterior.std
     assert np.abs(apart).max() < 0.1
