@@ -592,7 +592,6 @@ def check_scatter(found: Fit) -> None:
 
     No arm lacks `ABSURD` times what an instrument is said to read that states `ABSURD` times too little.
 
-
     Raises:
         ConventionError: With the instrument, what it states and how it scatters.
     """

@@ -157,7 +157,7 @@ class Bank:
         shared = dict[tuple, Array]()  # at every site, whichever terms act
         known: dict[tuple[int, ...], Array] = {}
         waiting: dict[tuple, list[tuple[int, Array]]] = {}
-        for _, run in groupby(enumerate(self.candidates), lambda pair: pair[1].spot):
+        for _, run in groupby(enumerate(self.candidates), lambda pair: pair[1].law_and_place):
             some = list(run)
             self.reporter.step("screening candidates", some[0][0], len(self.candidates))
             law, place, own = some[0][1].law, some[0][1].location, dict[tuple, Array]()

@@ -113,7 +113,7 @@ class Hypothesis:
 def hypotheses(context: Context) -> list[Hypothesis]:
     """Return every law at every place of a campaign, and every free shape that is not only sought where it may be."""
     known = list(candidates_of((law for law in EVERY.values() if not law.sought), context))
-    spots = [one.spot for one in known]
+    spots = [one.law_and_place for one in known]
     places, terms, values = Counter(name for name, *_ in set(spots)), dict[tuple, set](), dict[tuple, list[Values]]()
     for one, spot in zip(known, spots, strict=True):
         terms.setdefault(spot, set()).add(one.location.terms)

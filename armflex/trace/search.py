@@ -257,13 +257,12 @@ def _is_free(hypothesis: Hypothesis) -> bool:
 def _shaped(screen: Screen, model: Model) -> list[Location]:
     """Return places at which free shapes explain most of what a model leaves."""
     found: dict[Location, None] = {}
-    for beside in (screen.beside(model), screen.beside(())):
-        odds = beside.odds.max(axis=1)
-        least = 0.0 if beside.model == model else beside.rough(odds.max())
+    whole, left = (screen.beside(one).odds.max(axis=1) for one in ((), model))
+    for odds, least in ((left, 0.0), (whole, max(screen.beside(()).rough(whole.max()), 0.0))):
         free = [
             i
             for i, group in enumerate(screen.groups)
-            if odds[i] > max(least, 0.0) and _is_free(group.hypothesis) and group.hypothesis.one.law is not LEVEL
+            if odds[i] > least and _is_free(group.hypothesis) and group.hypothesis.one.law is not LEVEL
         ]
         for i in sorted(free, key=lambda i: -odds[i])[:MOST_SHAPED]:
             location = screen.groups[i].hypothesis.one.location

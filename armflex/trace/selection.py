@@ -474,9 +474,9 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
     some = np.flatnonzero(best >= -WITHIN)
     order = some[np.argsort(-best[some], kind="stable")]
     evidence.ranked = np.union1d(evidence.ranked, order[:RANKED])
-    top = -WITHIN
+    top, least = -WITHIN, beside.rough(-WITHIN)
     for number in order.tolist():
-        if len(found) + len(rough) >= 4 * most or best[number] < beside.rough(top):
+        if len(found) + len(rough) >= 4 * most or best[number] < least:
             break
         hypothesis = evidence.groups[number].hypothesis
         if hypothesis.spot in spots or (only is not None and not only(hypothesis)):
@@ -489,7 +489,8 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
         scale = int(own.argmax())
         charged = float(own[scale]) - evidence.charge(number, beside.amplitudes_of(number, scale))
         (rough if coarse else found).append(Rival(charged, Chosen(number, scale)))
-        top = max(top, charged)
+        if charged > top:
+            top, least = charged, beside.rough(charged)
     if refine is not None and rough:
         refine(beside, sorted(rough, key=lambda one: -one.odds)[:most])
         if len(evidence.groups) > known:

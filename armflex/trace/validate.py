@@ -156,7 +156,7 @@ def refitted_out(state: State, folds: np.ndarray, judged: np.ndarray) -> Array |
             left[own] = look(others.setup, state.measurements, state.rows[own]).residual
         except ArmflexError:
             return None
-    return state.fit.view.readings.where(judged).row_squares(left[:, state.fit.view.foremost])
+    return state.fit.view.readings.where(judged).row_squares(left)
 
 
 def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:

@@ -27,7 +27,7 @@ class Candidate:
         return Effect(self.law, self.location, ()).name
 
     @property
-    def spot(self) -> tuple:
+    def law_and_place(self) -> tuple:
         """Law and place, whatever is inside the law and whichever of its terms act."""
         place = self.location
         return (self.law.name, place.site, place.axis, place.covariates, place.partner)

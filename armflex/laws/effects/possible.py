@@ -129,10 +129,8 @@ def _given(effect: Effect, view: Solved, context: Context) -> Array:
     most = MOST_GIVE * np.repeat([law.plausible.shift, law.plausible.turn], 3)
     if law.remembers_load(effect.location):
         return np.broadcast_to(_following(effect, view) * largest / most, (len(some), 6))
-    bound, row = (
-        BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures)),
-        context.row.some(view.rows[some]),
-    )
+    bound = BoundTwist(effect, resolve(effect.location, arm.robot, arm.flexures))
+    row = context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(view.load_at(site)[some], row), (len(some), 6, 6))
     given = np.abs(np.einsum("rii->ri", own)) * largest
     if not law.linear:  # what is saturated gives less
