@@ -10,7 +10,7 @@ THERMAL_GROWTH = TwistLaw(
     instead=f"{ON_THE_LINK} at two temperatures",
     plausible=Plausible(0.003, 0.005, "10 um/m K of steel, 100 of plastics"),
     places=lambda records: [Location(link, None, (name,)) for link in records.links for name in records.temperatures],
-    amplitudes=(Amplitude("alpha", "1/K", usual=2e-4),),
+    amplitudes=(Amplitude("alpha", "1/K", usual=5e-5),),
     terms=lambda here, inner: twists(here.stretch, warm(here, *inner)),
     basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
     inner=WARM,
