@@ -159,7 +159,9 @@ def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
     result.equivalents = [[described(other) for other, _ in one.equivalent] for one in account.found]
     result.unexplained = _unexplained(account)
     pairs = [[(one.effect, one.probability), *one.credible] for one in account.found]
-    names_of_each = [[(chance, any(_is(e, effect) for e in truth.effects)) for effect, chance in own] for own in pairs]
+    names_of_each = [
+        [(chance, any(is_named(e, effect) for e in truth.effects)) for effect, chance in own] for own in pairs
+    ]
     result.stated = [*chain(*names_of_each)]
     result.sets = [(any(right for _, right in own), len(own)) for own in names_of_each]
     result.verdict = verdict(truth.effects, account)
@@ -231,8 +233,8 @@ def verdict(truth: Sequence[TrueEffect], account: Trace) -> str:
 def names(truth: Sequence[TrueEffect], found: Sequence[Found]) -> tuple[list[str], int]:
     """Return of each hidden effect whether it is named exactly, in a class or not, and how many names are of none."""
 
-    exact = [any(_is(e, one.effect) for one in found) for e in truth]
-    others = [one for one in found if not any(_is(e, one.effect) for e in truth)]
+    exact = [any(is_named(e, one.effect) for one in found) for e in truth]
+    others = [one for one in found if not any(is_named(e, one.effect) for e in truth)]
     like = [
         [mark(e.name, e.site) in {mark_of(o) for o in (one.effect, *dict(one.equivalent))} for e in truth]
         for one in others
@@ -243,7 +245,7 @@ def names(truth: Sequence[TrueEffect], found: Sequence[Found]) -> tuple[list[str
     return words, sum(not any(one) for one in like)
 
 
-def _is(truth: TrueEffect, effect: Effect) -> bool:
+def is_named(truth: TrueEffect, effect: Effect) -> bool:
     """Return whether an effect is a hidden one, by name, site and axis."""
     return mark(truth.name, truth.site) == mark_of(effect) and same_axis(truth, effect)
 
