@@ -57,8 +57,8 @@ FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR
 """Laws that every drive of a machine may have."""
 
 LEAST_SHARE = 0.1
-"""Tolerance: share of the largest shape of a law at any drive below which another's is left out of a family, since no
-load shows no compliance."""
+"""Tolerance: share of the largest shape of a law at any drive below which another's does not show, since no load shows
+no compliance: a drive of which none shows is no member of a family, and one that does not show is as there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,8 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
     found = []
     for kind, members in grouped.items():
         most = np.max([size for _, size in members], axis=0)
-        kept = [(one, size) for one, size in members if (size > LEAST_SHARE * most).all()]
+        shown = [(one, size, size > LEAST_SHARE * most) for one, size in members]
+        kept = [(one, np.where(some, size, most)) for one, size, some in shown if some.any()]
         if len(kept) > 1:
             prior = log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]])
             units = np.concatenate([1.0 / size for _, size in kept])
