@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -201,10 +201,10 @@ def _remarks(found: Trace) -> Iterator[str]:
     yield headline(found)
     if found.compared is not None:
         yield "In folds: the share of folds that select the effect."
-    for one in found.found:
-        title = f"{one.effect.title}{numbered(one.number)}"
+    titled = [(one, f"{one.effect.title}{numbered(one.number)}", one.doubt) for one in found.found]
+    for one, title, doubt in (*titled, *((family, family.title, "") for family in found.families)):
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-        yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
+        yield f"Probability: {one.probability:.0%} {title}{others}.{doubt}"
     if found.outliers:
         lost, less = found.outlier_count("lost beam"), found.outlier_count("counted less")
         yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."
@@ -260,7 +260,8 @@ def as_json(found: Trace) -> dict[str, Any]:
         "families": [
             {
                 "effect": names_of(one.members[0][0].law)[0],
-                **record(one, "title unit std evidence", family="number"),
+                **record(one, "title unit std evidence probability", family="number"),
+                "credible": _credible_json(one.credible),
                 "held_out_rms_mm": _before_after(one.proof),
                 "members": [
                     place_json(effect.law, effect.location) | {"parameters": _values_json(effect, std)}
@@ -294,9 +295,13 @@ def _effect_json(found: Found) -> dict[str, Any]:
         "held_out_rms_mm": _before_after(proof),
         "equivalent": [place_json(one.law, one.location) for one, _ in found.equivalent],
         "held_out_sessions_rms_mm": scaled(record(proof, before="sessions_before", after="sessions_after"), 1e3),
-        "credible": [place_json(one.law, one.location) | {"probability": chance} for one, chance in credible],
+        "credible": _credible_json(credible),
         **record(found, "probability evidence", chance="proof.null", chosen_again="survives"),
     }
+
+
+def _credible_json(some: Iterable[tuple[Effect, float]]) -> list[dict[str, Any]]:
+    return [place_json(one.law, one.location) | {"probability": chance} for one, chance in some]
 
 
 def _before_after(proof: Any, names: tuple[str, str] = ("before", "after")) -> dict[str, float]:

@@ -261,8 +261,9 @@ def _family(known: Weighed, number: int) -> FoundFamily:
     members = tuple((state.fitted[i], state.std_of(state.effects[i])) for i in unit)
     assert one.unit is not None
     values = np.concatenate([state.fitted[i].acting for i in unit]) / one.unit
-    evidence = 2.0 * known.credible[number].ranking[0][1]
-    return FoundFamily(number + 1, float(np.sqrt((values**2).mean())), evidence, members, seen.proofs[number])
+    size, credible = float(np.sqrt((values**2).mean())), known.credible[number]
+    evidence, others = 2.0 * credible.ranking[0][1], _others(credible)
+    return FoundFamily(number + 1, size, evidence, members, seen.proofs[number], credible.probability, others)
 
 
 def _undecided(known: Weighed) -> Undecided | None:

@@ -165,6 +165,8 @@ class FoundFamily:
         evidence: Twice the log odds of it beside the others, over none.
         members: The law at each drive with its fitted values, and the standard uncertainty of each by name.
         proof: Held-out rows.
+        probability: Of it.
+        credible: Single effects that with it make up the 95 % credible set, with the probability of each.
     """
 
     number: int
@@ -172,6 +174,8 @@ class FoundFamily:
     evidence: float
     members: tuple[tuple[Effect, Mapping[str, float]], ...]
     proof: Proof
+    probability: float
+    credible: tuple[tuple[Effect, float], ...]
 
     @property
     def title(self) -> str:

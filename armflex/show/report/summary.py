@@ -66,7 +66,8 @@ def further(trace: Trace) -> list[str]:
     for family in trace.families:
         size = measure(family.std, None, family.unit)
         said.append(
-            f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family, not a named cause."
+            f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family with a "
+            f"probability of {family.probability:.0%}, not a named cause."
         )
     for one in trace.found:
         if one.survives < 1.0:
