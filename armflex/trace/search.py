@@ -22,6 +22,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT
+from armflex.parameters import DOUBT
 from armflex.rows.rows import POSE
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
@@ -92,8 +93,8 @@ class Standing:
 
     @property
     def unrecorded(self) -> RandomTwist | None:
-        """Where a random twist from pose to pose is more probable than none, None where nowhere."""
-        return next((one for one in self.places[:1] if _odds(one, self.places) > 0.0), None)
+        """Where a random twist from pose to pose is credible beside none, None where nowhere."""
+        return next((one for one in self.places[:1] if _odds(one, self.places) > -np.log(DOUBT)), None)
 
     @property
     def scattered(self) -> tuple[RandomTwist, ...]:
