@@ -502,6 +502,8 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
 def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None, most: int = MOST_EFFECTS) -> Model:
     """Return the model that no addition, deletion or exchange of one hypothesis, or of a pair, makes more probable.
 
+    Nor does one hypothesis for each of two drives make it so in place of one for all drives.
+
     Args:
         evidence: The hypotheses; refined ones are added.
         model: Where to begin.
@@ -513,12 +515,14 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
     model, value = _swept(evidence, model, begun, refine, most)
     while again:
         again = False
-        for pair in _sharing(evidence, model):
-            rest = tuple(one for i, one in enumerate(model) if i not in pair)
+        families = [(i,) for i, one in enumerate(model) if evidence.groups[one.number].hypothesis.family]
+        for gone in [*_sharing(evidence, model), *families]:
+            rest = tuple(one for i, one in enumerate(model) if i not in gone)
             trial, found = rest, evidence.log_posterior(rest)
             evidence.narrow(set(model) != first)
-            for _ in pair:
-                trial, found = _extended(evidence, trial, found, begun, refine, most)
+            for _ in range(2):
+                only = _is_single if len(gone) == 1 else None
+                trial, found = _extended(evidence, trial, found, begun, refine, most, only)
             if found > value - WITHIN and set(trial) != set(model):
                 trial, found = _swept(evidence, trial, begun, refine, most)
             if found > value + BETTER:
@@ -535,15 +539,20 @@ def _extended(
     begun: float,
     refine: Refine | None,
     most: int,
+    only: Only | None = None,
 ) -> tuple[Model, float]:
     """Return the model with the hypothesis more that makes it most probable, or the model itself."""
     if len(model) >= most:
         return model, value
-    for rival in rivals(evidence.beside(model), refine)[:2]:
+    for rival in rivals(evidence.beside(model), refine, only)[:2]:
         found = evidence.log_posterior((*model, rival.chosen))
         if found > value + max(BETTER, LINEAR_ERROR * (found - begun)):
             return (*model, rival.chosen), found
     return model, value
+
+
+def _is_single(hypothesis: Hypothesis) -> bool:
+    return not hypothesis.family
 
 
 def _swept(evidence: Evidence, model: Model, begun: float, refine: Refine | None, most: int) -> tuple[Model, float]:
