@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from support.small_arms import ROBOTS
+from support.small_arms import ROBOTS, one_joint, write
 
 import armflex
 from armflex.errors import ArmflexError, InputError
@@ -43,6 +43,12 @@ ZOO: dict[str, object] = {
     "generator": (i for i in range(3)),
     "namespace": SimpleNamespace(x=1),
 }
+
+
+def swing(folder: Path) -> armflex.Arm:
+    """Return an arm of one joint: hundreds of effects are hidden in seven, each in a campaign of its own."""
+    return one_joint(folder, 1e-8 * np.eye(6), (0.1, 0.0, 0.0))
+
 
 FINE: dict[str, Callable[[armflex.Arm, Path], dict[str, object]]] = {
     "Arm": lambda arm, to: {"robot": arm.robot},
@@ -79,7 +85,7 @@ FINE: dict[str, Callable[[armflex.Arm, Path], dict[str, object]]] = {
     "read_joint_data": lambda arm, to: {"path": FOLDER / "a4_table_1.csv"},
     "read_measurements": lambda arm, to: {"path": to / "few.csv", "arm": arm},
     "read_trajectory": lambda arm, to: {"path": to / "path.csv", "arm": arm},
-    "rehearse": lambda arm, to: {"arm": arm, "rows": to / "few.csv", "draws": 1},
+    "rehearse": lambda arm, to: {"arm": swing(to), "rows": write(to, "q_j\n0\n1\n2\n-1\n-2\n", "swing.csv"), "draws": 1},
     "save_law": lambda arm, to: {"trained": None, "path": to / "law.safetensors"},
     "total_covariance": lambda arm, to: {"found": arm.deflection(arm.position())},
     "trace": lambda arm, to: {"arm": arm, "measurements": to / "few.csv"},
