@@ -27,16 +27,25 @@ SEED = 1
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory) -> dict[str, Told]:
+def campaign(tmp_path_factory) -> Campaign:
+    return Campaign(bent(SEED), "inside", tmp_path_factory.mktemp("study"))
+
+
+@pytest.fixture(scope="module")
+def polynomial(campaign) -> tuple[Told, Arm]:
+    return learned(campaign, "polynomial")
+
+
+@pytest.fixture(scope="module")
+def told(campaign, polynomial) -> dict[str, Told]:
     pytest.importorskip("torch", reason="the black box is a network of torch's")
-    campaign = Campaign(bent(SEED), "inside", tmp_path_factory.mktemp("study"))
     plain, calibrated = learned(campaign, "none")
     with pytest.MonkeyPatch.context() as patch:  # one size of networks: which one hardly matters where all are far off
         patch.setattr("support.black_box.SIZES", ((32,),))
         patch.setattr("support.black_box.DECAYS", (1e-1,))
         patch.setattr("support.black_box.STEPS", 400)
         boxes = black_boxes(campaign, calibrated)
-    every = [plain, learned(campaign, "polynomial")[0], *boxes]
+    every = [plain, polynomial[0], *boxes]
     return {one.model: one for one in every}
 
 
@@ -66,27 +75,22 @@ def test_what_is_told_is_kept(told, tmp_path):
     assert all(model in table(again) for model in told)
 
 
-@pytest.fixture(scope="module")
-def six(tmp_path_factory) -> tuple[Arm, Campaign]:
-    campaign = Campaign(bent(2), "inside", tmp_path_factory.mktemp("picture"))
-    return learned(campaign, "polynomial")[1], campaign
-
-
 def truth(arm: Arm, campaign: Campaign) -> dict:
     loads = dict(zip(arm.joint_names, np.moveaxis(campaign.drawn.state().wrenches, 1, 0), strict=True))
     return {name: (loads[name], campaign.drawn.twist(name, loads[name])) for name in campaign.drawn.joints}
 
 
-def test_laws_are_drawn_with_their_bands(six, tmp_path):
-    arm, campaign = six
+def test_laws_are_drawn_with_their_bands(campaign, polynomial, tmp_path):
+    arm = polynomial[1]
     file = draw_laws(arm, tmp_path / "laws.svg", truth(arm, campaign))
     text = file.read_text()
-    assert all(f"<!-- {word} -->" in text for word in ("M1", "A3", "95 % band", "declared", "known points", "mx [kNm]"))
+    words = (*campaign.drawn.joints, "95 % band", "declared", "known points", "my [kNm]")
+    assert all(f"<!-- {word} -->" in text for word in words)
     assert draw_laws(arm, tmp_path / "laws.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_cannot_be_drawn_is_refused(six, tmp_path):
-    arm, campaign = six
+def test_what_cannot_be_drawn_is_refused(campaign, polynomial, tmp_path):
+    arm = polynomial[1]
     loads, twists = truth(arm, campaign)["M1"]
     with pytest.raises(InputError, match=r"\.png, \.pdf, \.svg"):
         draw_laws(arm, tmp_path / "laws.gif")

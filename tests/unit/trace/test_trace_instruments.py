@@ -21,10 +21,10 @@ GAP = 6e-4
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of one wire and one level on a machine with play in J2, and what `trace` makes of it."""
-    return with_play(tmp_path_factory.mktemp("traced"), WIRE, LEVEL)
+    return with_play(tmp_path_factory.mktemp("traced"), (WIRE, LEVEL), "--report", "r.html")
 
 
-def with_play(folder: Path, *instruments: str) -> Path:
+def with_play(folder: Path, instruments: tuple[str, ...], *more: str) -> Path:
     arm = heavy(folder, *instruments)
     machine = Machine.draw(arm, 3)
     rows = machine.rows(60)
@@ -36,8 +36,7 @@ def with_play(folder: Path, *instruments: str) -> Path:
 
     sides = {f"approach_J{i + 1}": side.astype(int) for i, side in enumerate(rows.approach.T)}
     measured(machine, arm, rows, folder / "rows.csv", None, (play,), time=rows.time, **sides)
-    command = ("trace", "arm.toml", "rows.csv", "-o", "traced.toml", "--report", "r.html", "--json", "t.json")
-    fine(run_here(folder, *command))
+    fine(run_here(folder, "trace", "arm.toml", "rows.csv", "-o", "traced.toml", "--json", "t.json", *more))
     return folder
 
 
@@ -104,7 +103,7 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
 def test_an_error_is_the_same_in_every_figure_where_several_instruments_read_lengths(tmp_path: Path) -> None:
     """A wire reads one number and each target three: in folds, held out and fitted, a reading counts once."""
     other = TARGET.replace("smr2", "smr3").replace("[0.0, 0.3, 0.05]", "[0.3, 0.0, 0.1]")
-    said = strict_json(with_play(tmp_path, WIRE, TARGET, other) / "t.json")
+    said = strict_json(with_play(tmp_path, (WIRE, TARGET, other)) / "t.json")
     (found,) = said["effects"]
     for stage, own in (("calibrated", "before"), ("after", "after")):
         again, linear = said["held_out_rms_mm"][stage], found["held_out_rms_mm"][own]
