@@ -85,7 +85,10 @@ FINE: dict[str, Callable[[armflex.Arm, Path], dict[str, object]]] = {
     "read_joint_data": lambda arm, to: {"path": FOLDER / "a4_table_1.csv"},
     "read_measurements": lambda arm, to: {"path": to / "few.csv", "arm": arm},
     "read_trajectory": lambda arm, to: {"path": to / "path.csv", "arm": arm},
-    "rehearse": lambda arm, to: {"arm": swing(to), "rows": write(to, "q_j\n0\n1\n2\n-1\n-2\n", "swing.csv"), "draws": 1},
+    "rehearse": lambda arm, to: {
+        **{"arm": swing(to), "draws": 1},
+        "rows": write(to, "q_j\n0\n1\n2\n-1\n-2\n", "swing.csv"),
+    },
     "save_law": lambda arm, to: {"trained": None, "path": to / "law.safetensors"},
     "total_covariance": lambda arm, to: {"found": arm.deflection(arm.position())},
     "trace": lambda arm, to: {"arm": arm, "measurements": to / "few.csv"},
