@@ -113,14 +113,16 @@ def compare(name: str, found: object, write: bool = False) -> list[str]:
 
 
 def study(jobs: int) -> dict:
-    """Return names, places, values and evidence of what is found in 60 drawn campaigns."""
+    """Return names, places, values and evidence of what is found in 60 drawn campaigns, and how likely it was called."""
+    from studies.reliability import log_score, statements
     from studies.study import EVERY, run
     from studies.study import jobs as drawn
 
     with tempfile.TemporaryDirectory() as folder:
         scores = run(drawn(60, EVERY, 1000, 1.0), Path(folder) / "study.csv", jobs)
-    keys = ("verdict", "found", "equivalents", "unexplained", "before", "after")
-    return {f"{one.kind} {one.seed} {one.arm}": {key: getattr(one, key) for key in keys} for one in scores}
+    keys = ("verdict", "found", "equivalents", "unexplained", "before", "after", "stated")
+    said = {f"{one.kind} {one.seed} {one.arm}": {key: getattr(one, key) for key in keys} for one in scores}
+    return said | {"log score": log_score(statements(scores))}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -19,7 +19,7 @@ from armflex.plotting import picture
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from studies.study import read_scores
+from studies.study import Score, read_scores
 
 FEWEST = 20
 """Statements of which a decile is judged."""
@@ -35,6 +35,11 @@ def deciles(stated: np.ndarray) -> list[tuple[int, float, float]]:
         (int((which == i).sum()), *(stated[which == i].mean(axis=0) if (which == i).any() else (np.nan, np.nan)))
         for i in range(10)
     ]
+
+
+def statements(scores: Sequence[Score]) -> np.ndarray:
+    """Return (N, 2) probabilities that were stated of names and of nothing, and whether each was right."""
+    return np.array([pair for one in scores if one.verdict != "ERROR" for pair in one.stated], float)
 
 
 def log_score(stated: np.ndarray) -> float:
@@ -64,7 +69,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--picture", type=Path)
     given = parser.parse_args(arguments)
     scores = [one for path in given.tables for one in read_scores(path) if one.verdict != "ERROR"]
-    stated = np.array([pair for one in scores for pair in one.stated], float)
+    stated = statements(scores)
     sets = np.array([pair for one in scores for pair in one.sets], float)
     found = deciles(stated)
     print(f"{len(scores)} draws, {len(stated)} statements")
