@@ -113,7 +113,7 @@ def compare(name: str, found: object, write: bool = False) -> list[str]:
 
 
 def study(jobs: int) -> dict:
-    """Return names, places, values and evidence of what is found in 60 drawn campaigns, and how likely it was called."""
+    """Return names, places, values, evidence and stated probabilities of what is found in 60 drawn campaigns."""
     from studies.reliability import log_score, statements
     from studies.study import EVERY, run
     from studies.study import jobs as drawn
