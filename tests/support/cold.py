@@ -59,7 +59,7 @@ COLD: dict[str, tuple[str, ...]] = {
     "predict": (COMMAND, "predict", str(ARM), str(ROWS), "-o", "predicted-{number}.csv"),
     "check": (COMMAND, "check", str(ARM), str(PATH), "--tolerance", "1m"),
     "compensate": (COMMAND, "compensate", str(ARM), str(PATH), "-o", "compensated-{number}.csv"),
-    "map": (COMMAND, "map", str(ARM), "-o", "map-{number}.csv", "--rows", "64", "--chunk", "16", "--jobs", "2"),
+    "map": (COMMAND, "map", str(ARM), "-o", "map-{number}.csv", "--rows", "16", "--chunk", "4", "--jobs", "2"),
     "calibrate": (COMMAND, "calibrate", str(ARM), "some.csv", "-o", "calibrated-{number}.toml"),
     "a batch in threads": (BATCH.format(arm=ARM.as_posix()),),
     "threads of one's own": (THREADS.format(arm=ARM.as_posix()),),
@@ -75,7 +75,7 @@ def cold_processes(names: Iterable[str], folder: Path, together: int, seconds: f
         together: How many are started at once.
         seconds: After which one stands still, and is ended.
     """
-    (folder / "some.csv").write_text("".join(ROWS.open().readlines()[:150]))
+    (folder / "some.csv").write_text("".join(ROWS.open().readlines()[:60]))
     waiting = list(enumerate(names))
     while waiting:
         batch, waiting = waiting[:together], waiting[together:]
