@@ -78,13 +78,12 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
 
 def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     """Return shapes of a model that were only sought where they are, at all other places over the same columns."""
-    known, found = {one.hypothesis.spot for one in screen.groups}, list[Hypothesis]()
+    known, found = {one.hypothesis.members for one in screen.groups}, list[Hypothesis]()
     for shape in (screen.groups[one.number].hypothesis for one in model):
         law, covariates = shape.one.law, shape.one.location.covariates
         for place in law.places(screen.context.records) if law.sought else ():
             other = replace(shape, members=(replace(shape.one, location=place),))
-            if place.covariates == covariates and other.spot not in known:
-                known.add(other.spot)
+            if place.covariates == covariates and other.members not in known:
                 found.append(other)
     return found
 
