@@ -47,8 +47,9 @@ PLAINER = 0.01
 RARE_VALUE = 0.05
 """Prior: share of machines on which a value inside a law is not the usual one: parts are made to fit at 20 degC."""
 
-ACROSS = 0.3
-"""Prior: how much rarer lost motion is in translation across a drive than about it or along: bearings are preloaded."""
+ODD_PLACE = 0.3
+"""Prior: how much rarer an effect is at an odd place: lost motion in translation across a drive, as bearings are
+preloaded, and a shape over a joint's position that does not act at that joint."""
 
 LOST_MOTION = (DEADBAND, HYSTERESIS)
 """Laws of it that act on any axis of a joint."""
@@ -126,9 +127,15 @@ def hypotheses(context: Context) -> list[Hypothesis]:
         prior = laws[one.law.name] - _share(one, places[one.law.name])
         prior += log(RARE_VALUE) * _rare(one, beside, context)
         if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives.get(one.location.site):
-            prior += log(ACROSS)
-        found.append(Hypothesis((one,), prior - log(len(terms[spot]) * len(beside))))
+            prior += log(ODD_PLACE)
+        found.append(Hypothesis((one,), prior + oddness(one) - log(len(terms[spot]) * len(beside))))
     return found
+
+
+def oddness(one: Candidate) -> float:
+    """Return the log of how much rarer a shape is for being at another joint than the one whose position it is over."""
+    joints = [name for name in one.location.covariates if name.startswith("q_")]
+    return log(ODD_PLACE) * (not one.law.physical and bool(joints) and f"q_{one.location.site}" not in joints)
 
 
 def _rare(one: Candidate, beside: Sequence[Values], context: Context) -> int:
@@ -165,7 +172,8 @@ def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> I
     for location in locations:
         inners, acting = list(grid(law, location, context)), replace(location, terms=tuple(range(len(law.amplitudes))))
         for inner in inners:
-            yield Hypothesis((Candidate(law, acting, inner),), _of_law(law) - log(places * len(inners)))
+            one = Candidate(law, acting, inner)
+            yield Hypothesis((one,), _of_law(law) + oddness(one) - log(places * len(inners)))
 
 
 def families(view: Solved, context: Context) -> list[Hypothesis]:

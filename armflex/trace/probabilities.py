@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from armflex.parameters import DOUBT
-from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.hypotheses import Hypothesis, oddness
 from armflex.trace.refine import Refiner
 from armflex.trace.screen import ALMOST, Dense, Screen
 from armflex.trace.selection import MOST_COMPETING, Chosen, Model, rivals
@@ -82,7 +82,8 @@ def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     for shape in (screen.groups[one.number].hypothesis for one in model):
         law, covariates = shape.one.law, shape.one.location.covariates
         for place in law.places(screen.context.records) if law.sought else ():
-            other = replace(shape, members=(replace(shape.one, location=place),))
+            one = replace(shape.one, location=place)
+            other = replace(shape, members=(one,), prior=shape.prior + oddness(one) - oddness(shape.one))
             if place.covariates == covariates and other.members not in known:
                 found.append(other)
     return found
