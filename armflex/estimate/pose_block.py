@@ -13,9 +13,10 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.block import Block
 from armflex.estimate.robust import EVEN
 from armflex.estimate.view import View
-from armflex.laws import Row
-from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here, Location
+from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Words
+from armflex.laws.effects.location import Location
+from armflex.laws.effects.shapes import twists
+from armflex.laws.terms import Factor, Of
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, Group, ParameterKind
 from armflex.rows.rows import POSE
@@ -71,17 +72,13 @@ class PoseBlock(Block):
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with every pose's twist, which is taken out again before the arm is used."""
         count = len(values)
-
-        def basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-            own = np.asarray(row.covariate(POSE))[..., None] == np.arange(count)
-            return own[..., None] * here.direction
-
+        own = [(Factor(Of.TENT, POSE, (0.0, count - 1.0, 1.0, float(i))),) for i in range(count)]
         law = TwistLaw(
             name=RANDOM,
             words=Words(RANDOM, "", ""),
             places=lambda records: (),
             amplitudes=(Amplitude("twist", "{m}"),) * count,
-            basis=basis,
+            terms=lambda here, inner: twists(here.direction, *own),
             physical=False,
         )
         location = Location(self.site, self.axis, (POSE,), tuple(range(count)))

@@ -15,12 +15,8 @@ from armflex.conventions import WRENCH_NAMES, Array, root_of_covariance
 from armflex.errors import Flag, LawError, UnsupportedError
 from armflex.laws.row import NOWHERE as NOWHERE
 from armflex.laws.row import Row as Row
-from armflex.laws.terms import Factor, Terms, straight, tangent_of, twist_of, weight_of
+from armflex.laws.terms import NOTHING, Factor, Terms, affine_of, straight, tangent_of, twist_of, weight_of
 from armflex.robot import Robot
-
-NOTHING = np.zeros(6)
-UNLOADED = np.zeros((6, 6))
-NOTHING.flags.writeable = UNLOADED.flags.writeable = False
 
 STEP = 1e-4
 """Relative step of numerical derivatives."""
@@ -107,15 +103,16 @@ class Law(ABC):
 
     @cached_property
     def known_terms(self) -> Terms | None:
-        """The law's terms, None where it has none."""
+        """The law's terms, None where it has none that count under every load."""
         try:
-            return tuple(self.terms())
+            terms = tuple(self.terms())
         except UnsupportedError:
             return None
+        return terms if all(term.window is None for term in terms) else None
 
     def twist(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6) twist [m, rad] under a (..., 6) wrench [N, Nm]; here that of the terms."""
-        return twist_of(self.terms() if self.known_terms is None else self.known_terms, wrench, row)
+        return twist_of(self.terms() if self.known_terms is None else self.known_terms, wrench, row, self.weight)
 
     def tangent(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, 6) derivative of the twist by the wrench [m/N, rad/Nm].
@@ -124,7 +121,7 @@ class Law(ABC):
         """
         if self.known_terms is None:
             return by_wrench(self.twist, wrench, row)
-        return tangent_of(self.known_terms, wrench, row)
+        return tangent_of(self.known_terms, wrench, row, self.weight)
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the (..., 6, k) derivative of the twist [m, rad] by the values; here by central differences."""
@@ -207,7 +204,9 @@ class Law(ABC):
 
     def affine(self, row: Row) -> tuple[Array, Array] | None:
         """Return the (..., 6) twist without load [m, rad] and the (..., 6, 6) compliance, None of a curved law."""
-        return None if self.constant is None else (NOTHING, self.constant)
+        if self.constant is not None:
+            return NOTHING, self.constant
+        return None if self.known_terms is None else affine_of(self.known_terms, row, self.weight)
 
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return (2, 2) bounds of the tangent's 3 x 3 blocks [m/N, rad/Nm], by their 2-norm, None where none is known.

@@ -9,7 +9,7 @@ A law that says its terms needs nothing else: its twist and its tangent follow, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
@@ -34,7 +34,9 @@ if TYPE_CHECKING:
 
 
 UNITS = np.eye(6)
-UNITS.flags.writeable = False
+NOTHING = np.zeros(6)
+UNLOADED = np.zeros((6, 6))
+UNITS.flags.writeable = NOTHING.flags.writeable = UNLOADED.flags.writeable = False
 
 LEAST = 1e-300
 """What a number that is raised to a power is at least."""
@@ -117,6 +119,8 @@ class Feature:
 
     def of(self, load: Array) -> Array:
         """Return the (...,) number."""
+        if self.kind is Kind.PART:
+            return load @ self.way
         return self.with_slope(load)[0]
 
     def with_slope(self, load: Array) -> tuple[Array, Array]:
@@ -180,7 +184,7 @@ class Factor:
             case Of.BUMP:
                 return np.exp(-0.5 * ((x - a) / b) ** 2)
             case Of.TENT:
-                return np.maximum(1.0 - np.abs((np.clip(x, a, b) - a) / c - d), 0.0)
+                return np.maximum(1.0 - np.abs((np.minimum(np.maximum(x, a), b) - a) / c - d), 0.0)
             case Of.CREEP:
                 return np.log1p(np.maximum(x, 0.0) / a)
             case Of.OVERLAP:
@@ -229,6 +233,11 @@ class Term:
     def linear(self) -> bool:
         """Whether it is affine in the load: no feature, no window."""
         return not self.features and self.window is None
+
+    @property
+    def loaded(self) -> bool:
+        """Whether it depends on the load."""
+        return self.matrix is not None or not self.linear
 
     @property
     def degree(self) -> float:
@@ -281,7 +290,7 @@ class Neurons:
     factors: tuple[Factor, ...] = ()
     window: Window | None = None
 
-    linear = False
+    linear, loaded = False, True
 
     def times(self, number: float | Array, *factors: Factor) -> Neurons:
         """Return the same with its twist multiplied, and further factors."""
@@ -319,25 +328,61 @@ def straight(compliance: Array, *factors: Factor) -> Term:
 def weight_of(factors: Sequence[Factor], row: Row) -> Array | float:
     """Return the (...,) product of factors in a row, 1 of none."""
     value: Array | float = 1.0
-    for factor in factors:
-        value = value * factor.at(row)
+    for number, factor in enumerate(factors):
+        value = value * factor.at(row) if number else factor.at(row)
     return value
 
 
-def twist_of(terms: Terms, load: Array, row: Row) -> Array:
+Weight = Callable[[Sequence[Factor], Row], Array | float]
+
+
+def twist_of(terms: Terms, load: Array, row: Row, weight: Weight = weight_of) -> Array:
     """Return the (..., 6) twist of terms without windows under (..., 6) loads."""
-    total = np.zeros(load.shape)
+    total = NOTHING
     for term in terms:
-        total = total + np.asarray(weight_of(term.factors, row))[..., None] * term.twist(load)
-    return total
+        own = term.twist(load)
+        own = np.asarray(weight(term.factors, row))[..., None] * own if term.factors else own
+        total = own if total is NOTHING else total + own
+    return np.broadcast_to(total, load.shape) if total is NOTHING else total
 
 
-def tangent_of(terms: Terms, load: Array, row: Row) -> Array:
+def twists_of(each: Sequence[Terms], load: Array, row: Row, onto: Array = UNITS) -> Array:
+    """Return the (k, ..., r) twists of k sums of terms without windows under (..., 6) loads, on (r, 6) ways."""
+    terms = [term for some in each for term in some]
+    found = np.empty((len(terms), *load.shape[:-1], len(onto)))
+    for own, term in zip(found, terms, strict=True):
+        assert isinstance(term, Term)  # neurons are those of a joint's law alone
+        own[...] = onto @ term.along
+        if term.matrix is not None:
+            own += load @ (onto @ term.matrix).T
+        for feature in term.features:
+            own *= feature.of(load)[..., None]
+        if term.factors:
+            own *= np.asarray(weight_of(term.factors, row))[..., None]
+    if len(terms) == len(each):
+        return found
+    ends = np.cumsum([len(some) for some in each])[:-1]
+    return np.array([own.sum(axis=0) for own in np.split(found, ends)])
+
+
+def tangent_of(terms: Terms, load: Array, row: Row, weight: Weight = weight_of) -> Array:
     """Return its (..., 6, 6) derivative by the load."""
     total = np.zeros((*load.shape, 6))
     for term in terms:
-        total = total + np.asarray(weight_of(term.factors, row))[..., None, None] * term.tangent(load)
+        total = total + np.asarray(weight(term.factors, row))[..., None, None] * term.tangent(load)
     return total
+
+
+def affine_of(terms: Terms, row: Row, weight: Weight = weight_of) -> tuple[Array, Array] | None:
+    """Return their (..., 6) twist without load and their (..., 6, 6) compliance, None where one is curved."""
+    twist, compliance = NOTHING, UNLOADED
+    for term in terms:
+        if not isinstance(term, Term) or not term.linear:
+            return None
+        own = np.asarray(weight(term.factors, row))[..., None]
+        twist = twist + own * term.along if term.along.any() else twist
+        compliance = compliance if term.matrix is None else compliance + own[..., None] * term.matrix
+    return twist, compliance
 
 
 def _with(factors: tuple[Factor, ...], more: tuple[Factor, ...]) -> tuple[Factor, ...]:

@@ -12,8 +12,8 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
-from armflex.laws.law import NOTHING, NOWHERE, UNLOADED
-from armflex.laws.terms import LEAST, Kind, Neurons, Term
+from armflex.laws.law import NOWHERE
+from armflex.laws.terms import LEAST, NOTHING, UNLOADED, Kind, Neurons, Term
 
 Motion = Callable[[Array], Array]
 
@@ -167,8 +167,7 @@ class LawStack:
 
 def _is_known(law: Law) -> bool:
     """Return whether a law is one of terms, some of them curved, which count under every load."""
-    terms = law.known_terms or ()
-    return any(not one.linear for one in terms) and all(one.window is None for one in terms)
+    return any(not one.linear for one in law.known_terms or ())
 
 
 def _singly(one: Term | Neurons) -> Iterable[Term]:

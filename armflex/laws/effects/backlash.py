@@ -1,7 +1,7 @@
 """Backlash: (gap / 2) s, s the direction from which the joint came."""
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive, side, twists
+from armflex.laws.effects.shapes import BY_HAND, at_drives, on_drive, side, twists
 
 BACKLASH = TwistLaw(
     name="backlash",
@@ -11,5 +11,5 @@ BACKLASH = TwistLaw(
     places=lambda records: at_drives(records, "approach_{joint}"),
     amplitudes=(Amplitude("gap", "{m}"),),
     terms=lambda here, inner: twists(0.5 * here.drive, side(here)),
-    basis=on_drive(lambda here, wrench, row, inner: (0.5 * approach(here, row),)),
+    direction=on_drive,
 )

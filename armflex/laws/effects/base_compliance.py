@@ -7,23 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import AXES_TURN, Records
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
-from armflex.laws.effects.location import BASE, Here, Location
-from armflex.laws.effects.shapes import CROSSED, crossed, crossed_terms, each_axis, turning_terms
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.location import BASE, Location
+from armflex.laws.effects.shapes import CROSSED, crossed_terms, each_axis, turning_terms
 from armflex.laws.terms import straight
 
 
 def _places(records: Records) -> list[Location]:
     single = [Location(BASE, axis, terms=(1 + i,)) for i, axis in enumerate(AXES_TURN)]
     return [Location(BASE), *single, *(Location(BASE, terms=terms) for terms in turning_terms(1, 4))]
-
-
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    turns = wrench[..., None, :] * np.eye(6)[3:]
-    return np.concatenate([turns.sum(axis=-2, keepdims=True), turns, crossed(wrench)], axis=-2)
 
 
 BASE_COMPLIANCE = TwistLaw(
@@ -41,7 +34,6 @@ BASE_COMPLIANCE = TwistLaw(
         *each_axis(3),
         *crossed_terms(),
     ],
-    basis=_basis,
     loaded=True,
     linear=True,
 )

@@ -1,7 +1,5 @@
 """A base (or an instrument) that drifts: v t, along or about one axis, or any."""
 
-import numpy as np
-
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
@@ -18,6 +16,5 @@ BASE_DRIFT = TwistLaw(
     ),
     amplitudes=tuple(Amplitude(f"v_{axis}", "m/s" if axis[0] == "d" else "rad/s") for axis in AXES),
     terms=lambda here, inner: [[Term(unit, factors=powers("time", 1))] for unit in UNITS],
-    basis=lambda here, wrench, row, inner: np.asarray(row.covariate("time"))[..., None, None] * np.eye(6),
     timed=True,
 )

@@ -1,11 +1,9 @@
 """A base that moves as it warms: beta (T - Tref), along or about one axis, or any."""
 
-import numpy as np
-
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
-from armflex.laws.effects.shapes import LAGGED, WARM, singly_and_together, warm, warmth, with_temperature
+from armflex.laws.effects.shapes import LAGGED, WARM, singly_and_together, warm, with_temperature
 from armflex.laws.terms import UNITS, Term
 
 BASE_THERMAL = TwistLaw(
@@ -18,7 +16,6 @@ BASE_THERMAL = TwistLaw(
     ),
     amplitudes=tuple(Amplitude(f"beta_{axis}", "m/K" if axis[0] == "d" else "rad/K") for axis in AXES),
     terms=lambda here, inner: [[Term(unit, factors=warm(here, *inner))] for unit in UNITS],
-    basis=lambda here, wrench, row, inner: np.asarray(warmth(here, row, *inner))[..., None, None] * np.eye(6),
     inner=WARM,
     memory=LAGGED,
 )

@@ -2,20 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here
-from armflex.laws.effects.shapes import about_several, along, at_joints, compliances, each_axis, unit_twists
-
-
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    single = along(here, wrench)[..., None, None] * here.direction
-    return np.concatenate([single, unit_twists(wrench)], axis=-2)
-
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.shapes import about_several, at_joints, compliances, each_axis
 
 COMPLIANCE = TwistLaw(
     name="compliance",
@@ -29,7 +18,6 @@ COMPLIANCE = TwistLaw(
         *(Amplitude(f"C_{axis}", "m/N" if axis[0] == "d" else "rad/Nm") for axis in AXES),
     ),
     terms=lambda here, inner: [*compliances(here.direction, ()), *each_axis()],
-    basis=_basis,
     loaded=True,
     linear=True,
     stands_for=("compliance", "law"),

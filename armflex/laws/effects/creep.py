@@ -3,7 +3,7 @@
 import numpy as np
 
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import along, at_joints, compliances, of_column, on_axis
+from armflex.laws.effects.shapes import at_joints, compliances, of_column, on_axis
 from armflex.laws.terms import Factor, Of
 
 CREEP = TwistLaw(
@@ -14,11 +14,7 @@ CREEP = TwistLaw(
     places=lambda records: at_joints(records, covariate="hold") if "hold" in records.recorded else [],
     amplitudes=(Amplitude("c", "{m}/{w}"),),
     terms=lambda here, inner: compliances(here.direction, (Factor(Of.CREEP, "hold", (inner[0],)),)),
-    basis=on_axis(
-        lambda here, wrench, row, inner: (
-            along(here, wrench) * np.log1p(np.maximum(row.covariate("hold"), 0.0) / inner[0]),
-        )
-    ),
+    direction=on_axis,
     inner=(Inner("t0", "s", of_column(lambda hold: float(hold.max()) * np.array([0.01, 0.05, 0.2, 1.0]))),),
     loaded=True,
     linear=True,

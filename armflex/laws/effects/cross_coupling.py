@@ -6,19 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.terms import UNITS, Term, straight
-
-
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    a, b = AXES.index(str(here.location.axis)), AXES.index(here.location.partner)
-    twist = np.zeros_like(wrench)
-    twist[..., a], twist[..., b] = wrench[..., b], wrench[..., a]
-    return twist[..., None, :]
 
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
@@ -36,7 +27,6 @@ CROSS_COUPLING = TwistLaw(
     ],
     amplitudes=(Amplitude("C", "{m}/{across}"),),
     terms=_terms,
-    basis=_basis,
     loaded=True,
     linear=True,
     symmetric=True,

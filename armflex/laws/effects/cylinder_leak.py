@@ -2,7 +2,7 @@
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import along, compliances, on_axis
+from armflex.laws.effects.shapes import compliances, on_axis
 from armflex.laws.terms import powers
 
 CYLINDER_LEAK = TwistLaw(
@@ -15,7 +15,7 @@ CYLINDER_LEAK = TwistLaw(
     ],
     amplitudes=(Amplitude("c", "m/(N s)", positive=True),),
     terms=lambda here, inner: compliances(here.direction, powers("hold", 1)),
-    basis=on_axis(lambda here, wrench, row, inner: (along(here, wrench) * row.covariate("hold"),)),
+    direction=on_axis,
     loaded=True,
     linear=True,
 )

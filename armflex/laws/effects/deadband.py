@@ -4,22 +4,10 @@ from __future__ import annotations
 
 from functools import partial
 
-import numpy as np
-
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import AXES_TURN
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here
-from armflex.laws.effects.shapes import about_several, along, at_joints, shares_of_load
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
+from armflex.laws.effects.shapes import about_several, at_joints, shares_of_load
 from armflex.laws.terms import UNITS, Kind, Term, part
-
-
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    single = np.clip(along(here, wrench) / inner[0], -1.0, 1.0)[..., None, None] * here.direction
-    turning = np.clip(wrench / inner[0], -1.0, 1.0)[..., None, :] * np.eye(6)[3:]
-    return np.concatenate([single, turning], axis=-2)
-
 
 DEADBAND = TwistLaw(
     name="deadband",
@@ -34,7 +22,6 @@ DEADBAND = TwistLaw(
     terms=lambda here, inner: [
         [Term(way, features=(part(way / inner[0], Kind.CLIPPED),))] for way in (here.direction, *UNITS[3:])
     ],
-    basis=_basis,
     inner=(Inner("tau0", "{w}", partial(shares_of_load, shares=(0.03, 0.1, 0.2, 0.4, 0.7))),),
     loaded=True,
 )

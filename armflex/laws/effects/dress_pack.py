@@ -9,7 +9,7 @@ from armflex.errors import UnsupportedError
 from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here
-from armflex.laws.effects.shapes import at_drives, own_column, own_position
+from armflex.laws.effects.shapes import at_drives, own_column
 from armflex.laws.terms import Term, powers
 
 
@@ -17,7 +17,7 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     if here.base_law is None:
         return np.zeros((*wrench.shape[:-1], 1, 6))
     given = here.base_law.tangent(wrench, row) @ here.drive
-    return (own_position(here, row)[..., None] * given)[..., None, :]
+    return (row.position(here.location.place)[..., None] * given)[..., None, :]
 
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:

@@ -15,14 +15,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.location import Here, Location, link_of
-from armflex.laws.terms import Terms
+from armflex.laws.terms import LEAST, Terms, twists_of
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
 from armflex.rows.rows import APPROACH
@@ -211,6 +211,7 @@ class EffectLaw(ABC):
         places: Where it makes sense.
         amplitudes: Linear parameters.
         inner: Nonlinear parameters.
+        direction: (here, inner) -> the (6,) twist of which every twist is a multiple, None where there is no such.
         loaded: Whether a twist depends on the wrench.
         linear: Whether it is proportional to it, at given positions and covariates, where the flexure's own law is.
         memory: State it needs, if any.
@@ -238,6 +239,7 @@ class EffectLaw(ABC):
     places: Callable[[Records], Iterable[Location]]
     amplitudes: tuple[Amplitude, ...]
     inner: tuple[Inner, ...] = ()
+    direction: Callable[[Here, Values], Array | None] = lambda here, inner: None
     loaded: bool = False
     linear: bool = False
     memory: Memory | None = None
@@ -298,10 +300,6 @@ class EffectLaw(ABC):
     def change(self, effect: Effect, model: Model) -> Model:
         """Return the model with the effect in it; what is at work in the arm changes nothing else."""
         return model
-
-    def direction(self, here: Here, inner: Values) -> Array | None:
-        """Return the (6,) twist of which every twist is a multiple, None where there is no such; see `shapes`."""
-        return None
 
     def shapes(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
         """Return the (k, M) multiples of `direction`, one per amplitude."""
@@ -405,30 +403,6 @@ class Effect:
 Basis = Callable[[Here, Array, Row, Values], Array]
 """(here, (..., 6) wrench at the site, row, inner) -> (..., k, 6) twist per amplitude, local axes."""
 
-Shapes = Callable[[Here, Array, Row, Values], Sequence[Array] | Array]
-"""(here, (..., 6) wrench at the site, row, inner) -> one (...,) number per amplitude."""
-
-
-@dataclass(frozen=True)
-class Along:
-    """A basis whose twists all have one direction, whatever the row: numbers times a constant twist.
-
-    Attributes:
-        shapes: The numbers.
-        direction: (6,) twist in the site's frame, by place and inner parameters.
-    """
-
-    shapes: Shapes
-    direction: Callable[[Here, Values], Array]
-
-    def __call__(self, here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-        """Return the (..., k, 6) twist per amplitude."""
-        shapes = self.shapes(here, wrench, row, inner)
-        if len(shapes) == 1:  # the usual case, and numpy takes its time to stack
-            return np.asarray(shapes[0])[..., None, None] * self.direction(here, inner)
-        return np.stack(np.broadcast_arrays(*shapes), axis=-1)[..., None] * self.direction(here, inner)
-
-
 Remember = Callable[[Here, Array, Row, Values], Array]
 """(here, (N, 6) wrench at the site, N rows in the order driven, inner) -> (N,) state."""
 
@@ -473,24 +447,28 @@ class TwistLaw(EffectLaw):
     """A law that adds a twist at a site.
 
     Attributes:
-        basis: The twist per amplitude.
-        terms: The same as terms, in which the compiled kernel and exported C know it; None where nobody says them.
+        terms: What each amplitude multiplies, in the form that both engines and exported C know.
+        basis: The twists themselves, of a law that follows that of the flexure, which may be no sum of terms.
     """
 
     act: Act = Act.TWIST
-    basis: Basis
-    terms: TermsBy | None = None
+    terms: TermsBy
+    basis: Basis | None = None
+
+    def twists(self, here: Here, wrench: Array, row: Row, inner: Values) -> Array:
+        """Return the (..., k, 6) twist per amplitude under a (..., 6) wrench at the site, local axes."""
+        if self.basis:
+            return self.basis(here, wrench, row, inner)
+        return np.moveaxis(twists_of(self.terms(here, inner), wrench, row), 0, -2)
 
     def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
-        return [self.basis(*self._asked(location, inner, view, context)) for inner in inners]
-
-    def direction(self, here: Here, inner: Values) -> Array | None:
-        """Return the (6,) twist of a law whose basis is `Along` one, else None."""
-        return self.basis.direction(here, inner) if isinstance(self.basis, Along) else None
+        return [self.twists(*self._asked(location, inner, view, context)) for inner in inners]
 
     def shapes(self, location: Location, inner: Values, view: Solved, context: Context) -> Array:
-        """Return the (k, M) numbers, one per amplitude, of a law whose basis is `Along` one direction."""
-        return np.array(cast(Along, self.basis).shapes(*self._asked(location, inner, view, context)))
+        here, load, row, _ = self._asked(location, inner, view, context)
+        way = self.direction(here, inner)
+        assert way is not None
+        return twists_of(self.terms(here, inner), load, row, way[None] / max(float(way @ way), LEAST))[..., 0]
 
     def _asked(
         self, location: Location, inner: Values, view: Solved, context: Context

@@ -2,20 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.shapes import (
-    OVER_ITS_RANGE,
-    SECOND_ENCODER,
-    at_drives,
-    on_drive,
-    own_column,
-    own_position,
-    twists,
-)
+from armflex.laws.effects.shapes import OVER_ITS_RANGE, SECOND_ENCODER, at_drives, on_drive, own_column, twists
 from armflex.laws.terms import waves
 
 
@@ -34,5 +24,5 @@ ENCODER_ECCENTRICITY = TwistLaw(
     places=_places,
     amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),
     terms=lambda here, inner: twists(here.drive, *([wave] for wave in waves(own_column(here), 1.0))),
-    basis=on_drive(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),
+    direction=on_drive,
 )

@@ -1,7 +1,5 @@
 """Encoder offset: the joint is elsewhere than reported, always by the same amount."""
 
-import numpy as np
-
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import IN_THE_BASE, at_drives, on_drive, twists
 
@@ -15,7 +13,7 @@ ENCODER_OFFSET = TwistLaw(
     places=at_drives,
     amplitudes=(Amplitude("offset", "{m}"),),
     terms=lambda here, inner: twists(here.drive, ()),
-    basis=on_drive(lambda here, wrench, row, inner: (np.ones(wrench.shape[:-1]),)),
+    direction=on_drive,
     constant=True,
     stands_for=("joint_offset",),
 )

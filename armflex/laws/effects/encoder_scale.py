@@ -1,15 +1,7 @@
 """Encoder scale: eps (q - q0); q0 is an encoder offset, which calibration has, and is taken as zero."""
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
-from armflex.laws.effects.shapes import (
-    OVER_ITS_RANGE,
-    SECOND_ENCODER,
-    at_drives,
-    on_drive,
-    own_column,
-    own_position,
-    twists,
-)
+from armflex.laws.effects.shapes import OVER_ITS_RANGE, SECOND_ENCODER, at_drives, on_drive, own_column, twists
 from armflex.laws.terms import powers
 
 ENCODER_SCALE = TwistLaw(
@@ -22,5 +14,5 @@ ENCODER_SCALE = TwistLaw(
     places=lambda records: at_drives(records, "q_{joint}"),
     amplitudes=(Amplitude("scale", "1"),),
     terms=lambda here, inner: twists(here.drive, powers(own_column(here), 1)),
-    basis=on_drive(lambda here, wrench, row, inner: (own_position(here, row),)),
+    direction=on_drive,
 )

@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
-from armflex.laws.effects.shapes import along, at_joints, on_axis
+from armflex.laws.effects.shapes import at_joints, on_axis
 from armflex.laws.terms import Term, part, power
-
-
-def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
-    across = wrench * (1.0 - here.direction)
-    force, moment = np.linalg.norm(across[..., :3], axis=-1), np.linalg.norm(across[..., 3:], axis=-1)
-    return force, moment, along(here, wrench) ** 2
 
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
@@ -33,7 +25,7 @@ EVEN_IN_LOAD = TwistLaw(
     places=lambda records: with_terms(at_joints(records), (0,), (1,), (2,)),
     amplitudes=(Amplitude("c_force", "{m}/N"), Amplitude("c_moment", "{m}/Nm"), Amplitude("c_square", "{m}/{w}^2")),
     terms=_terms,
-    basis=on_axis(_shapes),
+    direction=on_axis,
     loaded=True,
     passive=False,
 )

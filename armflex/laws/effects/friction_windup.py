@@ -1,11 +1,9 @@
 """Friction wind-up: s (a + b |tau|), the drive train twisted by the friction it had to overcome."""
 
-import numpy as np
-
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import with_terms
-from armflex.laws.effects.shapes import BY_HAND, approach, at_drives, on_drive, side
+from armflex.laws.effects.shapes import BY_HAND, at_drives, on_drive, side
 from armflex.laws.terms import Kind, Term, part
 
 
@@ -26,9 +24,7 @@ FRICTION_WINDUP = TwistLaw(
         [Term(here.drive, factors=side(here))],
         [Term(here.drive, features=(part(here.drive, Kind.SIZE),), factors=side(here))],
     ],
-    basis=on_drive(
-        lambda here, wrench, row, inner: (approach(here, row), approach(here, row) * np.abs(wrench @ here.drive)),
-    ),
+    direction=on_drive,
     loaded=True,
     passive=False,
     possible=_grows,

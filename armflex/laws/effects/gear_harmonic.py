@@ -10,7 +10,7 @@ import numpy as np
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location, with_terms
-from armflex.laws.effects.shapes import at_drives, free_of_aliases, on_drive, own_column, own_position, twists
+from armflex.laws.effects.shapes import at_drives, free_of_aliases, on_drive, own_column, twists
 from armflex.laws.terms import waves
 
 MOST_PERIODS = 24.0
@@ -44,12 +44,7 @@ GEAR_HARMONIC = TwistLaw(
     places=lambda records: with_terms(at_drives(records, "q_{joint}"), (0, 1)),
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
     terms=lambda here, inner: twists(here.drive, *([wave] for wave in waves(own_column(here), inner[0]))),
-    basis=on_drive(
-        lambda here, wrench, row, inner: (
-            np.sin(inner[0] * own_position(here, row)),
-            np.cos(inner[0] * own_position(here, row)),
-        )
-    ),
+    direction=on_drive,
     inner=(Inner("k", "1", _orders),),
     possible=_determined,
 )

@@ -12,19 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import AXES_TURN
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import along, of_column, on_axis, shares_of_load
+from armflex.laws.effects.shapes import of_column, on_axis, shares_of_load
 from armflex.laws.terms import Factor, Kind, Of, Term, part, straight
-
-
-def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
-    load = along(here, wrench)
-    overlap = inner[1] + np.abs(row.column(here.location.covariates[0]) - inner[2])
-    return np.clip(load / inner[0], -1.0, 1.0) / overlap, load / overlap
 
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
@@ -50,7 +42,7 @@ GUIDE = TwistLaw(
     ],
     amplitudes=(Amplitude("g", "rad m", positive=True), Amplitude("c", "rad m/Nm", positive=True)),
     terms=_terms,
-    basis=on_axis(_shapes),
+    direction=on_axis,
     inner=(
         Inner("tau0", "Nm", partial(shares_of_load, shares=(0.05, 0.2, 0.5))),
         Inner("spare", "m", of_column(lambda q: max(float(np.ptp(q)), 1e-3) * np.array([0.05, 0.15, 0.5]))),

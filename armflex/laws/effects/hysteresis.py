@@ -10,7 +10,7 @@ from armflex.conventions import Array
 from armflex.laws.effects.context import AXES, Context
 from armflex.laws.effects.effect import Amplitude, Inner, Memory, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import along, at_joints, on_axis, play_in, stepper, twists
+from armflex.laws.effects.shapes import at_joints, on_axis, play_in, stepper, twists
 from armflex.laws.terms import powers
 
 
@@ -36,7 +36,7 @@ HYSTERESIS = TwistLaw(
     places=at_joints,
     amplitudes=(Amplitude("gain", "{m}/{w}", positive=True),),
     terms=lambda here, inner: twists(here.direction, powers(_state(here.location, inner), 1)),
-    basis=on_axis(lambda here, wrench, row, inner: (row.covariate(_state(here.location, inner)),)),
+    direction=on_axis,
     inner=(Inner("radius", "{w}", _radii),),
-    memory=Memory(_state, lambda here, wrench, row, inner: play(along(here, wrench), inner[0]), "{w}"),
+    memory=Memory(_state, lambda here, wrench, row, inner: play(wrench @ here.direction, inner[0]), "{w}"),
 )

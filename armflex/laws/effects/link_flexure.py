@@ -1,18 +1,14 @@
 """A link that bends at its end, in the frame before its end joint's motion: C w, on one axis or about several."""
 
-import numpy as np
-
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import (
     CROSSED,
     ON_THE_LINK,
-    crossed,
     crossed_terms,
     each_axis,
     singly_and_together,
     turning_terms,
-    unit_twists,
 )
 
 LINK_FLEXURE = TwistLaw(
@@ -27,7 +23,6 @@ LINK_FLEXURE = TwistLaw(
         *(Amplitude(name, "rad/Nm") for name in CROSSED),
     ),
     terms=lambda here, inner: [*each_axis(), *crossed_terms()],
-    basis=lambda here, wrench, row, inner: np.concatenate([unit_twists(wrench), crossed(wrench)], axis=-2),
     loaded=True,
     linear=True,
 )

@@ -1,7 +1,5 @@
 """A link that is not as drawn: a constant twist at its end."""
 
-import numpy as np
-
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.shapes import ON_THE_LINK, singly_and_together
@@ -16,7 +14,6 @@ LINK_GEOMETRY = TwistLaw(
     places=lambda records: singly_and_together(records.links, (0, 1, 2), (3, 4, 5)),
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
     terms=lambda here, inner: [[Term(unit)] for unit in UNITS],
-    basis=lambda here, wrench, row, inner: np.broadcast_to(np.eye(6), (*wrench.shape[:-1], 6, 6)),
     constant=True,
     stands_for=("geometry",),
 )

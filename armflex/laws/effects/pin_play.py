@@ -11,10 +11,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, joint_named
+from armflex.laws.law import embed
+from armflex.laws.terms import NOTHING, Term, power
 from armflex.robot import Robot
 
 SHARES = (0.01, 0.05, 0.2)
@@ -38,10 +39,10 @@ def across(name: str, robot: Robot) -> Array:
     return along if joint.kind == "prismatic" else np.eye(3) - along
 
 
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    force = wrench[..., :3] @ across(here.location.site, here.robot)
-    way = force / np.sqrt((force * force).sum(axis=-1, keepdims=True) + inner[0] ** 2)
-    return np.concatenate([0.5 * way, np.zeros_like(way)], axis=-1)[..., None, :]
+def _terms(here: Here, inner: Values) -> list[list[Term]]:
+    """Return the force across over its length, that of `seated` beside it."""
+    held = embed(across(here.location.site, here.robot))
+    return [[Term(NOTHING, 0.5 * held, (power(held, -0.5, inner[0] ** 2),))]]
 
 
 def _seated(location: Location, context: Context) -> Iterable[float]:
@@ -57,7 +58,7 @@ PIN_PLAY = TwistLaw(
     plausible=Plausible(0.001, 0.002, "bushes are changed when a pin has a mm or two"),
     places=_places,
     amplitudes=(Amplitude("gap", "m", positive=True),),
-    basis=_basis,
+    terms=_terms,
     inner=(Inner("seated", "N", _seated),),
     loaded=True,
 )

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-from armflex.conventions import Array
-from armflex.laws import Row
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
-from armflex.laws.effects.location import Here, Location, with_terms
-from armflex.laws.effects.shapes import along, compliances, on_axis, own_column, own_position
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.location import Location, with_terms
+from armflex.laws.effects.shapes import compliances, on_axis, own_column
 from armflex.laws.terms import powers
-
-
-def _shapes(here: Here, wrench: Array, row: Row, inner: Values) -> tuple[Array, ...]:
-    load, position = along(here, wrench), own_position(here, row)
-    return position * load, position**2 * load
-
 
 POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     name="position_dependent_compliance",
@@ -29,7 +21,7 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     ),
     amplitudes=(Amplitude("C1", "{m}/{w} per q"), Amplitude("C2", "{m}/{w} per q^2")),
     terms=lambda here, inner: compliances(here.direction, *(powers(own_column(here), exponent) for exponent in (1, 2))),
-    basis=on_axis(_shapes),
+    direction=on_axis,
     loaded=True,
     linear=True,
 )

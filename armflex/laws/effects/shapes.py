@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records
-from armflex.laws.effects.effect import Along, Inner, Memory, Shapes, Values
+from armflex.laws.effects.effect import Inner, Memory, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 from armflex.laws.terms import UNITS, Factor, Term, powers, straight
 
@@ -31,14 +31,14 @@ IN_THE_BASE = "measure the joint's link in the base frame, by marks on both or a
 ON_THE_FLOOR = "measure fixed targets on the floor in every session"
 
 
-def on_axis(shapes: Shapes) -> Along:
-    """Return the basis of (...,) shapes along the location's axis."""
-    return Along(shapes, lambda here, inner: here.direction)
+def on_axis(here: Here, inner: Values) -> Array:
+    """Return the (6,) direction of twists along the location's axis."""
+    return here.direction
 
 
-def on_drive(shapes: Shapes) -> Along:
-    """Return the basis of (...,) shapes along the joint's own motion."""
-    return Along(shapes, lambda here, inner: here.drive)
+def on_drive(here: Here, inner: Values) -> Array:
+    """Return the (6,) direction of twists along the joint's own motion."""
+    return here.drive
 
 
 def twists(way: Array, *each: Sequence[Factor]) -> list[list[Term]]:
@@ -67,13 +67,8 @@ def side(here: Here) -> tuple[Factor, ...]:
 
 
 def warm(here: Here, reference: float, lag: float) -> tuple[Factor, ...]:
-    """Return the factor of `warmth`."""
+    """Return the factor of the temperature above the reference [K], lagged where there is a lag."""
     return powers(lagged_name(here.location, (lag,)) if lag > 0.0 else here.location.covariates[0], 1, reference)
-
-
-def along(here: Here, wrench: Array) -> Array:
-    """Return the (...,) load along the location's axis: tau about a turning one."""
-    return wrench @ here.direction
 
 
 def shares_of_load(location: Location, context: Context, shares: tuple[float, ...]) -> Iterable[float]:
@@ -84,22 +79,6 @@ def shares_of_load(location: Location, context: Context, shares: tuple[float, ..
     wrench = np.abs(context.wrenches[location.site]).max(axis=0)  # of forces and moments alike: as if at 1 m
     load = float(wrench[[AXES.index(location.axis)] if location.axis else [2 + term for term in location.terms]].max())
     return () if load <= ROUNDING * wrench.max() else load * np.array(shares)
-
-
-def own_position(here: Here, row: Row) -> Array:
-    """Return the (...,) position of the site's joint."""
-    return row.position(here.location.place)
-
-
-def approach(here: Here, row: Row) -> Array:
-    """Return the (...,) direction from which the site's joint came."""
-    return row.covariate(f"approach_{here.location.place}")
-
-
-def warmth(here: Here, row: Row, reference: float, lag: float) -> Array:
-    """Return the (...,) temperature above the reference, lagged where there is a lag."""
-    name = lagged_name(here.location, (lag,)) if lag > 0.0 else here.location.covariates[0]
-    return row.column(name) - reference
 
 
 def lagged_name(location: Location, inner: Values) -> str:
@@ -196,14 +175,6 @@ def crossed_terms() -> list[list[Term]]:
     return [[straight(np.outer(turns[i], turns[j]) + np.outer(turns[j], turns[i]))] for i, j in PAIRS]
 
 
-def crossed(wrench: Array) -> Array:
-    """Return (..., 3, 6) what couples two turning axes: a moment about either turns the other, by the same."""
-    twists = np.zeros((*wrench.shape[:-1], 3, 6))
-    for k, (i, j) in enumerate(PAIRS):
-        twists[..., k, 3 + i], twists[..., k, 3 + j] = wrench[..., 3 + j], wrench[..., 3 + i]
-    return twists
-
-
 def turning_terms(first: int, coupled: int) -> tuple[tuple[int, ...], ...]:
     """Return the terms of a symmetric compliance about several axes, with and without what couples them.
 
@@ -237,11 +208,6 @@ def singly_and_together(
 def with_temperature(make: Callable[..., list[Location]], records: Records) -> list[Location]:
     """Return the locations of `make(temperature)` for every recorded temperature."""
     return [location for name in records.temperatures for location in make(name)]
-
-
-def unit_twists(wrench: Array) -> Array:
-    """Return (..., 6, 6) with row a the wrench's component a on axis a: a diagonal compliance's columns."""
-    return wrench[..., None] * np.eye(6)
 
 
 @cache

@@ -36,7 +36,7 @@ SLIP_STEP = TwistLaw(
     places=lambda records: at_joints(records, covariate="time") if records.timed else [],
     amplitudes=(Amplitude("size", "{m}"),),
     terms=lambda here, inner: twists(here.direction, (Factor(Of.STEP, "time", (inner[0],)),)),
-    basis=on_axis(lambda here, wrench, row, inner: (np.where(row.covariate("time") >= inner[0], 1.0, 0.0),)),
+    direction=on_axis,
     inner=(Inner("at", "s", _times, positive=False, smooth=False),),
     timed=True,
 )

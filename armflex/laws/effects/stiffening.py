@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, with_terms
-from armflex.laws.effects.shapes import along, at_joints, on_axis
+from armflex.laws.effects.shapes import at_joints, on_axis
 from armflex.laws.terms import Kind, Term, part
 
 
@@ -25,11 +23,6 @@ STIFFENING = TwistLaw(
     places=lambda records: with_terms(at_joints(records), (0,), (1,), (0, 1)),
     amplitudes=(Amplitude("c2", "{m}/{w}^2"), Amplitude("c3", "{m}/{w}^3")),
     terms=_terms,
-    basis=on_axis(
-        lambda here, wrench, row, inner: (
-            along(here, wrench) * np.abs(along(here, wrench)),
-            along(here, wrench) ** 3,
-        )
-    ),
+    direction=on_axis,
     loaded=True,
 )

@@ -16,11 +16,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import of_column, own_column, own_position
+from armflex.laws.effects.shapes import of_column, own_column
 from armflex.laws.terms import Term, powers, straight
 
 WAYS = {"out": 1.0, "in": -1.0}
@@ -47,14 +46,6 @@ def lengths(here: Here, position: Array | float, inner: Values) -> tuple[Array |
     """Return L at positions, and L_d."""
     side = WAYS[here.location.partner]
     return inner[0] + side * position, 0.0 if here.base_law is None else inner[0] + side * inner[1]
-
-
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    bends, twists = beam(here)
-    length, declared = lengths(here, own_position(here, row), inner)
-    given = sum(np.asarray(length**k - declared**k)[..., None] * (wrench @ bends[k].T) for k in (1, 2, 3))
-    turned = np.asarray(length - declared)[..., None] * (wrench @ twists.T)
-    return np.stack(np.broadcast_arrays(given, turned), axis=-2)
 
 
 def _length0(location: Location, context: Context) -> Iterable[float]:
@@ -102,7 +93,6 @@ TELESCOPE = TwistLaw(
     ],
     amplitudes=(Amplitude("bending", "1/(N m^2)", positive=True), Amplitude("torsion", "1/(N m^2)", positive=True)),
     terms=_terms,
-    basis=_basis,
     possible=_is_built,
     inner=(
         Inner("length0", "m", _length0, positive=False),

@@ -10,9 +10,9 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES_TURN, Context
-from armflex.laws.effects.effect import Along, Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import LINK, Here, Location, joint_named, path_to
-from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm, warmth
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm
 
 PARALLEL = 1.0 - 1e-9
 """Tolerance: cosine above which two axes are one."""
@@ -47,7 +47,7 @@ THERMAL_BENDING = TwistLaw(
     ],
     amplitudes=(Amplitude("beta", "rad/K"),),
     terms=lambda here, inner: twists(_direction(here, inner), warm(here, *inner[1:])),
-    basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner[1:]),), _direction),
+    direction=_direction,
     inner=(
         Inner("along", "1", _along, polished=False, default=1.0),
         *WARM,

@@ -1,8 +1,8 @@
 """A link that grows as it warms: alpha L (T - Tref) along the link."""
 
-from armflex.laws.effects.effect import Along, Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm, warmth
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm
 
 THERMAL_GROWTH = TwistLaw(
     name="thermal_growth",
@@ -12,7 +12,7 @@ THERMAL_GROWTH = TwistLaw(
     places=lambda records: [Location(link, None, (name,)) for link in records.links for name in records.temperatures],
     amplitudes=(Amplitude("alpha", "1/K", usual=5e-5),),
     terms=lambda here, inner: twists(here.stretch, warm(here, *inner)),
-    basis=Along(lambda here, wrench, row, inner: (warmth(here, row, *inner),), lambda here, inner: here.stretch),
+    direction=lambda here, inner: here.stretch,
     inner=WARM,
     memory=LAGGED,
 )

@@ -9,8 +9,8 @@ from armflex.laws import Row
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warm, warmth, with_temperature
-from armflex.laws.terms import Terms
+from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warm, with_temperature
+from armflex.laws.terms import Terms, weight_of
 
 MOST = 0.1
 """Largest plausible beta [1/K]: plastics near their softening point; steel and gears have a thousandth."""
@@ -25,7 +25,7 @@ def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
     twist = np.zeros_like(wrench) if here.base_law is None else here.base_law.twist(wrench, row)
     if here.location.axis:
         twist = twist * np.abs(here.direction)
-    return (warmth(here, row, *inner)[..., None] * twist)[..., None, :]
+    return (np.asarray(weight_of(warm(here, *inner), row))[..., None] * twist)[..., None, :]
 
 
 def _terms(here: Here, inner: Values) -> list[Terms]:

@@ -6,8 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import TOOL, Here, Location
@@ -31,12 +29,6 @@ def _starts(location: Location, context: Context) -> Iterable[float]:
     return (ALWAYS, *sorted(first.values())[1:])
 
 
-def _basis(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    since = inner[0]
-    there = np.ones(wrench.shape[:-1]) if since == ALWAYS else np.where(row.covariate("time") >= since, 1.0, 0.0)
-    return there[..., None, None] * np.eye(6)[:3]
-
-
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     since = () if inner[0] == ALWAYS else (Factor(Of.STEP, "time", (inner[0],)),)
     return [[Term(unit, factors=since)] for unit in UNITS[:3]]
@@ -50,7 +42,6 @@ TOOL_SHIFT = TwistLaw(
     places=_places,
     amplitudes=tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz")),
     terms=_terms,
-    basis=_basis,
     inner=(Inner("since", "s", _starts, positive=False, polished=False, default=ALWAYS),),
     timed=True,
     stands_for=("tool", "session_target"),

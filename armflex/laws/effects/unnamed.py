@@ -6,18 +6,16 @@ recorded range; outside it they stay at their end values.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from itertools import permutations
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.laws import Row
 from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
-from armflex.laws.effects.shapes import along, compliances, free_of_aliases, of_column, on_axis, twists
+from armflex.laws.effects.shapes import compliances, free_of_aliases, of_column, on_axis, twists
 from armflex.laws.terms import Factor, Of, Term, powers, tents, waves
 
 KNOTS = 8
@@ -25,39 +23,6 @@ KNOTS = 8
 
 LEAST_PERIODS, PERIODS = 0.5, 6.0
 """Fewest and most periods of a wave over a column's recorded range; less of one is a trend."""
-
-
-def hats(values: Array, low: float, high: float, count: int) -> Array:
-    """Return (count, ...) piecewise straight functions; the last of all is left out, so they sum to no constant."""
-    place = (np.clip(values, low, high) - low) * (count / (high - low if high > low else 1.0))
-    knots = np.arange(count, dtype=float).reshape(-1, *(1,) * np.ndim(place))
-    return np.maximum(1.0 - np.abs(place - knots), 0.0)
-
-
-def _away(here: Here, wrench: Array, row: Row, middle: float = 0.0) -> Array:
-    """Return how far the location's column is from a value, once for every load."""
-    return (row.column(here.location.covariates[0]) - middle) * np.ones(wrench.shape[:-1])
-
-
-def _spline_compliance(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    return hats(_away(here, wrench, row), inner[0], inner[1], KNOTS) * along(here, wrench)
-
-
-def _wave(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    angle = inner[0] * row.column(here.location.covariates[0])
-    return np.sin(angle), np.cos(angle)
-
-
-def _product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    first, second = (row.column(name) for name in here.location.covariates)
-    tents = hats(first, inner[0], inner[1], KNOTS)
-    return (*tents, *(tent * (second - inner[2]) for tent in [*tents, 1.0 - sum(tents)]))
-
-
-def _wave_product(here: Here, wrench: Array, row: Row, inner: Values) -> Sequence[Array]:
-    first, second = (row.column(name) for name in here.location.covariates)
-    sine, cosine = np.sin(inner[0] * first), np.cos(inner[0] * first)
-    return [wave * factor for factor in (1.0, second - inner[1]) for wave in (sine, cosine)]
 
 
 def _column(here: Here) -> str:
@@ -132,9 +97,7 @@ SPLINE = TwistLaw(
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}") for name in TENTS),
     terms=lambda here, inner: twists(here.direction, *([tent] for tent in _tents(here, inner))),
-    basis=on_axis(
-        lambda here, wrench, row, inner: hats(row.column(here.location.covariates[0]), inner[0], inner[1], KNOTS)
-    ),
+    direction=on_axis,
     inner=(LOW, HIGH),
     plausible=FREE,
     physical=False,
@@ -146,7 +109,7 @@ SPLINE_COMPLIANCE = TwistLaw(
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
     terms=lambda here, inner: compliances(here.direction, *([tent] for tent in _tents(here, inner))),
-    basis=on_axis(_spline_compliance),
+    direction=on_axis,
     inner=(LOW, HIGH),
     loaded=True,
     plausible=FREE,
@@ -159,9 +122,7 @@ BUMP = TwistLaw(
     places=everywhere,
     amplitudes=(Amplitude("height", "{m}"),),
     terms=lambda here, inner: twists(here.direction, (Factor(Of.BUMP, _column(here), tuple(inner)),)),
-    basis=on_axis(
-        lambda here, wrench, row, inner: (np.exp(-0.5 * (_away(here, wrench, row, inner[0]) / inner[1]) ** 2),)
-    ),
+    direction=on_axis,
     inner=(CENTRE, WIDTH),
     plausible=FREE,
     physical=False,
@@ -174,7 +135,7 @@ WAVE = TwistLaw(
     places=_with_all(2),
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
     terms=lambda here, inner: twists(here.direction, *([wave] for wave in waves(_column(here), inner[0]))),
-    basis=on_axis(_wave),
+    direction=on_axis,
     inner=(NUMBER,),
     plausible=FREE,
     physical=False,
@@ -190,9 +151,7 @@ LINE = TwistLaw(
     terms=lambda here, inner: twists(
         here.direction, *(powers(_column(here), exponent, inner[0]) for exponent in (1, 2))
     ),
-    basis=on_axis(
-        lambda here, wrench, row, inner: (_away(here, wrench, row, inner[0]), _away(here, wrench, row, inner[0]) ** 2)
-    ),
+    direction=on_axis,
     inner=(MIDDLE,),
     plausible=FREE,
     physical=False,
@@ -204,7 +163,7 @@ PRODUCT = TwistLaw(
     places=_with_all(2 * KNOTS + 1, columns=2),
     amplitudes=tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
     terms=_product_terms,
-    basis=on_axis(_product),
+    direction=on_axis,
     inner=(LOW, HIGH, MIDDLE),
     plausible=FREE,
     physical=False,
@@ -222,7 +181,7 @@ WAVE_PRODUCT = TwistLaw(
         Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)
     ),
     terms=_wave_product_terms,
-    basis=on_axis(_wave_product),
+    direction=on_axis,
     inner=(NUMBER, MIDDLE),
     plausible=FREE,
     physical=False,
@@ -238,7 +197,7 @@ LEVEL = TwistLaw(
     places=lambda records: _at_all(records, ((name,) for name in records.levels)),
     amplitudes=(Amplitude("step", "{m}"),),
     terms=lambda here, inner: twists(here.direction, powers(_column(here), 1)),
-    basis=on_axis(lambda here, wrench, row, inner: (_away(here, wrench, row),)),
+    direction=on_axis,
     plausible=FREE,
     physical=False,
     shape="level",

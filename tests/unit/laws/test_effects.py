@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import pickle
-from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -31,6 +29,8 @@ from armflex.laws.effects.hysteresis import play
 from armflex.laws.effects.telescope import TELESCOPE
 from armflex.laws.effects.tool_shift import ALWAYS
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
+from armflex.laws.row import Row
+from armflex.laws.terms import tents as hats
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 
@@ -161,7 +161,7 @@ def test_a_misspelt_covariate_is_guessed(stage):
         stage.with_effect(still).arm.deflection(stage.rows.q[0], covariates={"temprature": 20.0})
 
 
-@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if hasattr(law, "basis")])
+@pytest.mark.parametrize("name", [name for name, law in EVERY.items() if hasattr(law, "twists")])
 def test_one_row_and_many_rows_are_alike(name, stage):
     """A law answers single rows and whole campaigns with the same numbers."""
     law = EVERY[name]
@@ -171,11 +171,11 @@ def test_one_row_and_many_rows_are_alike(name, stage):
         known = known_rows(setup.arm, stage.rows)
         row = replace(stage.context.row, covariates=known)
         wrench = stage.context.wrenches[effect.location.site]
-        whole = law.basis(here, wrench, row, effect.inner)
+        whole = law.twists(here, wrench, row, effect.inner)
         assert whole.shape == (ROWS, len(law.amplitudes), 6)
         for i in range(ROWS):
             one = replace(row, q=row.q[i], covariates={key: values[i] for key, values in known.items()})
-            np.testing.assert_allclose(law.basis(here, wrench[i], one, effect.inner), whole[i], rtol=1e-13)
+            np.testing.assert_allclose(law.twists(here, wrench[i], one, effect.inner), whole[i], rtol=1e-13)
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -258,17 +258,9 @@ def test_every_law_has_a_name_of_its_own_and_is_found_by_it():
         assert again is law or again == law, law.name
 
 
-@cache
-def shapes_of(count: int) -> Callable[[Array, float, float], list[Array]]:
-    from armflex.laws.effects.unnamed import hats
-
-    return partial(hats, count=count)
-
-
-@pytest.mark.slow
 def test_hats_are_a_partition_and_stay_at_their_ends():
     x = np.linspace(-1.0, 3.0, 101)
-    tents = np.array(shapes_of(5)(x, 0.0, 2.0))
+    tents = np.array([hat.at(Row(np.zeros((101, 0)), {}, {"x": x})) for hat in hats("x", 0.0, 2.0, 5)[:-1]])
     assert tents.shape == (5, 101) and tents.min() >= 0.0 and tents.sum(axis=0).max() <= 1.0 + 1e-12
     np.testing.assert_array_equal(tents[:, x <= 0.0], np.tile(tents[:, :1], (x <= 0.0).sum()))
     assert (tents[:, x >= 2.0] == 0.0).all()

@@ -20,7 +20,8 @@ from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.context import AXES_TURN, Records
 from armflex.laws.effects.effect import Amplitude, Words
 from armflex.laws.effects.location import drive_axis
-from armflex.laws.effects.shapes import on_axis, own_position
+from armflex.laws.effects.shapes import on_axis, own_column, twists
+from armflex.laws.terms import waves
 from armflex.plan.design import instead
 from armflex.plan.hypotheses import named_effect, spelled
 from armflex.show.report.words import called, labelled, units_of
@@ -41,7 +42,8 @@ AXIS_WOBBLE = TwistLaw(
     instead="measure a target on the joint's housing",
     places=_places,
     amplitudes=(Amplitude("A", "rad"), Amplitude("B", "rad")),
-    basis=on_axis(lambda here, wrench, row, inner: (np.sin(own_position(here, row)), np.cos(own_position(here, row)))),
+    direction=on_axis,
+    terms=lambda here, inner: twists(here.direction, *([wave] for wave in waves(own_column(here), 1.0))),
 )
 WOBBLE = Effect(AXIS_WOBBLE, Location("J3", "rx", ("q_J3",), (0, 1)), (9e-4, -5e-4))
 

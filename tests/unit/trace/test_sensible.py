@@ -227,7 +227,7 @@ def test_a_compliance_about_several_axes_is_symmetric_and_positive(before, name)
     )
     candidate = Candidate(law, location, ())
     wrench = np.random.default_rng(0).normal(size=(4, 6))
-    basis = law.basis(resolve(location, before.declared.arm.robot, ()), wrench, Row(np.zeros((4, 0)), {}), ())
+    basis = law.twists(resolve(location, before.declared.arm.robot, ()), wrench, Row(np.zeros((4, 0)), {}), ())
     matrix = np.array([[8.2e-9, 5.8e-9], [5.8e-9, 5.4e-9]])  # of a machine on tracks, a thousandth
     given = np.einsum("nka,k->na", basis[:, list(location.terms)], [matrix[0, 0], matrix[1, 1], matrix[0, 1]])
     np.testing.assert_allclose(given[:, 3:5], wrench[:, 3:5] @ matrix, rtol=1e-12)
