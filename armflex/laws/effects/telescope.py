@@ -15,11 +15,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from armflex.conventions import Array
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
 from armflex.laws.effects.shapes import of_column, own_column
+from armflex.laws.joint.telescope import bending
+from armflex.laws.law import block_diagonal
 from armflex.laws.terms import Term, powers, straight
 
 WAYS = {"out": 1.0, "in": -1.0}
@@ -28,24 +29,6 @@ SPARE = (0.1, 0.5, 1.5)
 
 MOST = 5.0
 """Prior: no telescope is built of which more stays out, as a share of the travel that was measured."""
-
-
-def beam(here: Here) -> tuple[Array, Array]:
-    """Return (4, 6, 6) coefficients of B by the power of L, and the (6, 6) torsion per metre."""
-    way = here.drive[:3] * WAYS[here.location.partner]
-    across, around = np.eye(3) - np.outer(way, way), np.cross(way, np.eye(3)).T
-    bends, twists = np.zeros((4, 6, 6)), np.zeros((6, 6))
-    bends[3, :3, :3] = across / 3.0
-    bends[2, :3, 3:], bends[2, 3:, :3] = -0.5 * around, 0.5 * around
-    bends[1, 3:, 3:] = across
-    twists[3:, 3:] = np.outer(way, way)
-    return bends, twists
-
-
-def lengths(here: Here, position: Array | float, inner: Values) -> tuple[Array | float, float]:
-    """Return L at positions, and L_d."""
-    side = WAYS[here.location.partner]
-    return inner[0] + side * position, 0.0 if here.base_law is None else inner[0] + side * inner[1]
 
 
 def _length0(location: Location, context: Context) -> Iterable[float]:
@@ -67,13 +50,14 @@ def _is_built(effect: Effect, context: Context, arm: Manipulator) -> bool:
 
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     """Return the beam's compliance as a polynomial in the joint's position, less what it is where declared."""
-    bends, twists = beam(here)
-    length = np.polynomial.Polynomial((inner[0], WAYS[here.location.partner]))
-    declared = lengths(here, 0.0, tuple(inner))[1]
+    side = WAYS[here.location.partner]
+    along, length = side * here.drive[:3], np.polynomial.Polynomial((inner[0], side))
+    declared = 0.0 if here.base_law is None else inner[0] + side * inner[1]
     parts = np.zeros((4, 4))  # by the power of L, and of q
     for k in range(4):
         parts[k, : k + 1] = (length**k - declared**k).coef
-    each = (np.einsum("kn,kij->nij", parts, bends), np.einsum("n,ij->nij", parts[1], twists))
+    twist = block_diagonal(np.zeros((3, 3)), np.outer(along, along))
+    each = (np.einsum("kn,kij->nij", parts, bending(along)), np.einsum("n,ij->nij", parts[1], twist))
     return [[straight(own, *powers(own_column(here), n)) for n, own in enumerate(one)] for one in each]
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.errors import did_you_mean
 from armflex.laws.joint.linear import declared_std
@@ -44,12 +45,7 @@ def read_telescope(table: Declaration, joint: str, ranges: Ranges) -> PositionDe
     if (shortest := length0 + min(ranges[owner])) < 0.0:
         raise table.fail("length0", f"the boom would be {shortest:.3g} m long at the lower limit of {owner!r}")
     way = along / size
-    straight, turned = np.outer(way, way), np.cross(np.eye(3), way)  # (n, k) -> (e_n x b)_k
-    by_length = np.zeros((4, 6, 6))
-    by_length[3, :3, :3] = (np.eye(3) - straight) / 3.0
-    by_length[2, 3:, :3], by_length[2, :3, 3:] = 0.5 * turned, 0.5 * turned.T
-    by_length[1, 3:, 3:] = np.eye(3) - straight
-    by_length /= stiffness["EI"]
+    by_length, straight = bending(way) / stiffness["EI"], np.outer(way, way)
     by_length[1, 3:, 3:] += straight / stiffness["GJ"]
     by_length[1, :3, :3] += straight / stiffness["EA"]
     coefficients = np.zeros((4, 6, 6))
@@ -57,3 +53,12 @@ def read_telescope(table: Declaration, joint: str, ranges: Ranges) -> PositionDe
         for k, part in enumerate((np.polynomial.Polynomial((length0, 1.0)) ** power).coef):
             coefficients[k] += part * by_length[power]
     return PositionDependentLaw(owner, coefficients, declared_std(table))
+
+
+def bending(along: Array) -> Array:
+    """Return the (4, 6, 6) compliance by the power of L, times EI, of a beam along a (3,) unit vector."""
+    across, turned = np.eye(3) - np.outer(along, along), np.cross(np.eye(3), along)  # (n, k) -> (e_n x b)_k
+    found = np.zeros((4, 6, 6))
+    found[3, :3, :3], found[1, 3:, 3:] = across / 3.0, across
+    found[2, 3:, :3], found[2, :3, 3:] = 0.5 * turned, 0.5 * turned.T
+    return found

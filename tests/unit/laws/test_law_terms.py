@@ -41,7 +41,7 @@ def test_the_terms_of_an_effect_are_its_twist(name: str) -> None:
         if effect.state is not None:
             row.covariates[effect.state] = rng.normal(size=5)  # pyright: ignore[reportIndexIssue]
         wrench = SIZE * rng.normal(size=(5, 6))
-        wanted = here.twist(wrench, row)
+        wanted = values @ law.twists(here.here, wrench, row, effect.inner)
         np.testing.assert_allclose(
             twist_of(here.terms(), wrench, row), wanted, rtol=1e-9, atol=1e-12 * abs(wanted).max()
         )
