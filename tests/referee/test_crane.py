@@ -113,6 +113,7 @@ def test_youngs_modulus_of_each_link_is_found(folder: Path) -> None:
         assert abs(value - factor) < 4.0 * variance**0.5 and variance**0.5 < 0.1
 
 
+@pytest.mark.filterwarnings("ignore:rigid:armflex.ArmflexWarning")
 def test_the_weight_of_the_links_is_what_it_was(folder: Path) -> None:
     """Splitting a link moves none of its weight: loads at the base are those of rigid links, to first order."""
     bent, rigid = arm(folder, LINKS), armflex.load_arm(folder / "r.urdf", tip="tip")

@@ -85,6 +85,7 @@ def declared(folder, boom: float) -> Arm:
 
 
 @pytest.mark.parametrize(("density", "worst"), [(0.0, 0.02), (0.3, 0.05)])
+@pytest.mark.filterwarnings("ignore:soft:armflex.ArmflexWarning")
 def test_a_boom_calibrated_on_its_sag_swings_as_a_beam(density: float, worst: float, tmp_path) -> None:
     """True EI and hinge differ by 30 % and 25 % from the declared ones; the boom weighs up to a quarter of its load."""
     bending, hinge, rng = 9000.0 / 1.3, 2e4 / 1.25, np.random.default_rng(3)
@@ -105,6 +106,7 @@ def test_a_boom_calibrated_on_its_sag_swings_as_a_beam(density: float, worst: fl
     assert np.median(np.abs(away)) < worst
 
 
+@pytest.mark.filterwarnings("ignore:soft:armflex.ArmflexWarning")
 def test_a_boom_that_cannot_be_is_refused(tmp_path) -> None:
     arm = declared(tmp_path, 0.0)
     text = (tmp_path / "arm.toml").read_text()

@@ -156,6 +156,7 @@ def test_a_machine_rests_where_exudyn_has_it(name, row, tmp_path):
 
 
 @pytest.mark.parametrize("way", [name for name, one in CLOSED.items() if not any(one.gives)])
+@pytest.mark.filterwarnings("ignore:ObjectJointGeneric:DeprecationWarning")
 def test_a_machine_with_everything_rests_where_exudyn_has_it(way, tmp_path):
     machine, arm = built(CLOSED[way], tmp_path)
     turns, rng = {loop.name: loop.turn_to for loop in arm.robot.linkage.loops}, np.random.default_rng(5)

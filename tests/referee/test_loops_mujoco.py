@@ -232,6 +232,7 @@ base = "world"
 
 
 @pytest.mark.parametrize("name", ["parallelogram", "uneven", "five_bar"])
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_loops_and_springs_of_mjcf_are_those_of_an_arm_file(name: str, tmp_path) -> None:
     """`connect`, tendons with a spring and joints without an actuator, beside the same machine declared."""
     machine = MACHINES[name]
@@ -266,6 +267,7 @@ def driven_tendons(text: str) -> str:
     return text.replace("</mujoco>", f"<actuator>{motors}</actuator></mujoco>")
 
 
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_driven_tendons_of_mjcf_are_cylinders(tmp_path) -> None:
     machine = MACHINES["crane"]
     rigid = {**machine.cylinders, "fold": (*machine.cylinders["fold"][:4], 1e15, *machine.cylinders["fold"][5:])}
@@ -287,6 +289,7 @@ def test_driven_tendons_of_mjcf_are_cylinders(tmp_path) -> None:
         armflex.load_arm(tmp_path / "mjcf.toml")
 
 
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_a_weld_of_mjcf_is_a_fixed_loop(tmp_path) -> None:
     """The rod of the parallelogram is welded to a pin's eye; a weld that wants it turned is refused."""
     machine = replace(MACHINES["parallelogram"], loops={}, gives={})

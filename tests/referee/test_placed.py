@@ -45,6 +45,7 @@ def level(tmp_path_factory) -> tuple[Path, list[Path]]:
 
 
 @pytest.mark.parametrize("keep", [True, False])
+@pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
 def test_gravity_is_turned_once_however_often_an_arm_is_calibrated(level, tmp_path: Path, keep: bool) -> None:
     file, (first, second) = level
     arm = load_arm(file)

@@ -14,6 +14,8 @@ from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.errors import IdentifiabilityError, InputError
 from armflex.estimate.calibrate import Calibration, write_calibrated
 
+pytestmark = pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
+
 OFFSETS = {1: 8e-4, 2: -5e-4}
 SOFTER = 1.2
 NOISE = np.sqrt(3.0) * SIGMA

@@ -167,7 +167,7 @@ def is_loaded(law: EffectLaw, location: Location, stage: Stage) -> bool:
     named = {location.axis, location.partner, *suffixes} & set(TWIST_NAMES)
     wanted = [TWIST_NAMES.index(axis) for axis in named or ("rx", "ry", "rz")]
     sizes = np.sqrt((stage.context.wrenches[location.site] ** 2).mean(axis=0))
-    share = sizes / np.repeat([sizes[:3].max(), sizes[3:].max()], 3)
+    share = sizes / np.maximum(np.repeat([sizes[:3].max(), sizes[3:].max()], 3), 1e-300)
     # Across the plane of a loop hardly anything is loaded: what gives there would have to be soft enough to buckle.
     return bool((share[wanted] > (0.5 if stage.context.robot.linkage else 0.1)).all())
 

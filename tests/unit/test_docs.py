@@ -106,6 +106,7 @@ def test_every_block_says_why_it_is_not_run() -> None:
                 assert re.search(r"<!-- not run: \w.* -->", said), (page.name, text)
 
 
+@pytest.mark.filterwarnings("ignore:partly_certain:armflex.ArmflexWarning")
 def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the readers ask for while they read docs/formats stands in `docs/_ext/keys.py`."""
     monkeypatch.syspath_prepend(str(ROOT / "docs" / "_ext"))

@@ -155,6 +155,7 @@ def test_wrong_kinds_of_things_for_an_arm(name: str, arm: armflex.Arm) -> None:
     assert [said for said in raw if said] == []
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_wrong_kinds_of_things_for_results(arm: armflex.Arm, tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)  # a text is a file's name, too
     plain = armflex.load_arm(FOLDER / "arm.toml")
@@ -191,6 +192,7 @@ def test_the_argument_is_named(arm: armflex.Arm) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_a_warning_points_at_the_line_that_asked(tmp_path: Path) -> None:
     row = "slew = { d = 0.4, lower = 0.5, upper = 1.0 }"
     (tmp_path / "arm.toml").write_text(f'[robot]\ndh = "standard"\n[robot.joint]\n{row}\n')

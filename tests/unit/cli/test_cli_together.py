@@ -111,6 +111,7 @@ def test_every_command_is_asked() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", GIVEN)
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_what_was_found_is_on_the_disk_before_it_is_said(job: Path, folder: Path, name: str) -> None:
     given = [name, *map(str, GIVEN[name]), "--json", "o.json"]
     outputs = {"o.json", *(text for text in given if text.startswith("o.")), *BESIDE.get(name, ())}

@@ -38,6 +38,7 @@ def sisters(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Arm]:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
 def test_mean_and_spread_are_found_and_the_next_one_is_no_surprise(sisters: dict[str, Arm]) -> None:
     found = common(sisters)
     zero = [one.label for one in found.parameters].index("joint_offset J2")
@@ -48,6 +49,7 @@ def test_mean_and_spread_are_found_and_the_next_one_is_no_surprise(sisters: dict
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
 def test_a_stranger_is_left_out_by_name(sisters: dict[str, Arm], tmp_path: Path) -> None:
     file = machine(tmp_path / "odd", 9, centre=-4e-3)
     odd = calibrate(armflex.load_arm(file.parent / "arm.toml"), file)
@@ -57,6 +59,7 @@ def test_a_stranger_is_left_out_by_name(sisters: dict[str, Arm], tmp_path: Path)
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
 def test_few_rows_and_the_fleet_are_better_than_few_rows(sisters: dict[str, Arm], tmp_path: Path) -> None:
     file = machine(tmp_path, 17, count=40)
     arm = armflex.load_arm(tmp_path / "arm.toml")

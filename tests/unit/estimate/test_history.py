@@ -38,6 +38,7 @@ def over(folder: Path, zeros: list[float]) -> History:
         ([1e-3] * 5, "", 0),
     ],
 )
+@pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
 def test_what_changed_and_since_when(tmp_path: Path, zeros: list[float], change: str, since: int) -> None:
     found = over(tmp_path, zeros)
     changed = {one.parameter.label: one for one in found.changed}

@@ -117,6 +117,7 @@ def test_a_fault_of_the_instrument_is_named(title: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("title", SLOWER)
+@pytest.mark.filterwarnings("ignore:Gimbal lock:UserWarning")
 def test_a_fault_of_a_boom_is_named(title: str) -> None:
     arm, rows = boom()
     fault = next(one for one in silent(arm, rows) if one.title == title)

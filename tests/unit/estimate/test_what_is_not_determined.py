@@ -73,6 +73,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     return calibrate(arm, read_measurements(folder / "campaign.csv", arm))
 
 
+@pytest.mark.filterwarnings("ignore:not_the_drive:armflex.ArmflexWarning")
 def test_a_value_that_a_misfit_moved_is_not_called_unseen(found: Calibration) -> None:
     """The readings want none of the constant compliance: the smaller it is, the less they depend on it."""
     absorbing = {one.name: one for one in found.undetermined if one.absorbing}

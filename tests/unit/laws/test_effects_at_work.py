@@ -129,6 +129,7 @@ def test_rounding_turns_no_joint_round(heavy: Arm) -> None:
     assert path.known["approach_J2"].tolist() == [0.0, 1.0, 1.0, 1.0]
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_check_takes_the_side_from_the_motion_between_rows(tmp_path: Path) -> None:
     """There and back: the same configurations differ by the gap."""
     arm = arm_with(tmp_path, BACKLASH.replace("3.6e-4", "4e-3"))
@@ -144,6 +145,7 @@ def test_check_takes_the_side_from_the_motion_between_rows(tmp_path: Path) -> No
     assert report.path_worst.displacement_m >= max(sides) * (1 - 1e-9), "both sides of the turning point count"
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_columns_and_constants(tmp_path: Path, heavy_path: Trajectory) -> None:
     arm, path = arm_with(tmp_path, WARM), part(heavy_path, 4)
     for ask in (lambda **more: check(arm, path, 1.0, **more), lambda **more: compensate(arm, path, **more)):
@@ -161,6 +163,7 @@ def test_columns_and_constants(tmp_path: Path, heavy_path: Trajectory) -> None:
     view(arm, Q, covariates={"temperature": 30.0}, path=tmp_path / "w.html")
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_a_covariate_that_nothing_depends_on_is_refused_where_somebody_names_it(
     tmp_path: Path, heavy: Arm, heavy_path: Trajectory
 ) -> None:
@@ -180,6 +183,7 @@ def test_a_covariate_that_nothing_depends_on_is_refused_where_somebody_names_it(
     assert not (tmp_path / "v.html").exists()
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_a_record_may_hold_more_than_the_effects_depend_on(tmp_path: Path, heavy_path: Trajectory) -> None:
     arm, path = arm_with(tmp_path, WARM), warming(part(heavy_path, 2))
     more = dataclasses.replace(path, covariates={**path.covariates, "humidity": np.full(len(path), 40.0)})

@@ -141,6 +141,7 @@ def test_a_mast_of_which_a_constant_was_declared_is_traced_to_what_bends(tmp_pat
     middle = replace(mast, law=type(mast.law)(guides + cantilever(CLAMPED + 1.8)))
     arm = replace(arm, flexures=(middle, *arm.flexures[1:]))
     rows = read_measurements(TARM / "campaign.csv", arm)
+    rows = rows.some(np.arange(0, len(rows), 3))
     tips = predict(true, rows).position
     noise = np.random.default_rng(1).normal(0.0, 2e-4, tips.shape)
     found = trace(arm, replace(rows, position=tips + noise))

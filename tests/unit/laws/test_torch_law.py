@@ -186,6 +186,7 @@ def stranger(copied: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return copied
 
 
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_the_code_of_a_stranger_is_not_run(stranger: Path) -> None:
     """Neither on the way to a law nor on that to an arm, until the user says so for what the file holds."""
     code, law, arm = stranger / "code" / "own.py", stranger / "laws" / "own.safetensors", stranger / "arm.toml"
@@ -411,6 +412,7 @@ def in_an_arm(folder: Path) -> Path:
     return write(folder, ARM, "arm.toml")
 
 
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_in_an_arm_one_row_many_rows_and_a_control_loop_say_the_same(copied: Path) -> None:
     arm = load_arm(in_an_arm(copied))
     rows = np.linspace(-1.0, 1.0, 5)[:, None]
@@ -451,6 +453,7 @@ def test_an_arm_names_the_line_of_a_law_whose_code_has_changed(copied: Path) -> 
         load_arm(path)
 
 
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_a_campaign_learns_a_correction_about_it(copied: Path) -> None:
     """The module stays as it was trained; what the arm shows beside it is learned, written, and read again."""
     path = in_an_arm(copied)

@@ -61,6 +61,7 @@ def test_columns_are_what_deflection_is_asked(heavy: Arm, pushed: Path) -> None:
     np.testing.assert_allclose(sum(one.force for one in own), [[0, 0, -500.0], [0, 0, -250.0]])
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_a_compensated_path_keeps_its_loads(heavy: Arm, pushed: Path, tmp_path: Path) -> None:
     """Also in rows that are inserted, unless loads at two links meet there: a table has columns for one."""
     path = read_trajectory(pushed, heavy)

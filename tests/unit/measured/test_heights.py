@@ -62,6 +62,7 @@ def test_a_ruler_finds_the_table_and_foretells_heights(written: tuple[Machine, P
     assert 0.6 < np.sqrt((whitened**2).mean()) < 1.5
 
 
+@pytest.mark.filterwarnings("ignore:gravity:armflex.ArmflexWarning")
 def test_a_table_without_gravity_needs_its_direction(written: tuple[Machine, Path], tmp_path: Path) -> None:
     _, file = written
     text = file.read_text().replace("gravity = [0.0, 0.0, -9.81]", "gravity = [0.0, 0.0, 0.0]")

@@ -24,6 +24,8 @@ from armflex.readings.board import Board, read_board
 from armflex.readings.lens import projected
 from armflex.readings.sighting import Sighting, sighted
 
+pytestmark = pytest.mark.filterwarnings("ignore:soft:armflex.ArmflexWarning")
+
 cv2 = pytest.importorskip("cv2", reason="opencv is an extra")
 STANDING = CAMERA.replace("camera_link", "board_link")
 

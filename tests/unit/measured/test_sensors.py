@@ -93,6 +93,7 @@ def test_every_kind_is_fitted_to_written_and_predicted(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:partly_certain:armflex.ArmflexWarning")
 def test_what_a_declared_compliance_is_uncertain_by_is_in_what_sensors_will_read(tmp_path: Path) -> None:
     """As `relative_std` has it: arms drawn so read that far apart, by a level on a link and by a target on the tip."""
     target = TARGET.replace("point = [0.0, 0.3, 0.05]", "").replace("point_std = 1e-3\n", "")

@@ -65,6 +65,7 @@ def test_a_table_is_read_as_it_comes(tarm: Arm, tmp_path: Path, name: str) -> No
         (f"\n{SEMICOLONS}1;2\n".encode(), "rows.csv:5: has 2 cells, the header has 10"),
     ],
 )
+@pytest.mark.filterwarnings("ignore:encoding:armflex.ArmflexWarning")
 def test_what_can_be_meant_in_two_ways_is_refused(tarm: Arm, tmp_path: Path, content: bytes, match: str) -> None:
     (tmp_path / "rows.csv").write_bytes(content)
     with pytest.raises(TableError, match=match):

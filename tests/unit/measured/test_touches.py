@@ -20,6 +20,8 @@ from armflex.estimate.view import look
 from armflex.plan.drive import write_plan
 from armflex.readings.instrument import Instrument
 
+pytestmark = pytest.mark.filterwarnings("ignore:weightless:armflex.ArmflexWarning")
+
 ARM = """[robot]
 dh = "standard"
 gravity = [0.0, 0.0, -9.81]

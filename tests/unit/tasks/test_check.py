@@ -204,6 +204,7 @@ def test_payload_holds_until_the_row_that_drops_it(tarm: Arm, tarm_path: Traject
     assert segment.payload == path.payload[0] and segment.displacement_m >= max(carried) * (1 - 1e-12)
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_angle_alone_can_fail(heavy: Arm, heavy_path: Trajectory) -> None:
     wide = check(heavy, heavy_path, 1.0)
     assert wide.ok and wide.angle_rad is None and all(point.margin_rad is None for point in wide.via_points)
@@ -232,6 +233,7 @@ def test_errors_name_row_and_time(tarm: Arm, tarm_path: Trajectory) -> None:
         check(tarm, replace(tarm_path, q=q), 0.1)
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_what_no_tolerance_allows_fails_with_its_reason(tarm: Arm, tarm_path: Trajectory, tmp_path: Path) -> None:
     q = tarm_path.q.copy()
     q[59, 3] = 9.0
@@ -242,6 +244,8 @@ def test_what_no_tolerance_allows_fails_with_its_reason(tarm: Arm, tarm_path: Tr
     assert worst.verdict == "fail" and worst.reason.startswith("flexure 'j' turns")
 
 
+@pytest.mark.filterwarnings("ignore:near_buckling:armflex.ArmflexWarning")
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_a_path_near_buckling_is_flagged_with_the_least_load_factor(tmp_path: Path) -> None:
     """Upright at 0.8 of the critical load: k / (m g l) is 1.25, leaning it is more."""
     soft = one_joint(tmp_path, np.diag([0, 0, 0, 0, 0.8 / (10.0 * 9.81 * 0.8), 0]), (0.0, 0.0, 0.8), 10.0)
@@ -275,6 +279,7 @@ FORCES_ALONE = LinearLaw(
 @pytest.mark.parametrize(
     ("law", "moment"), [(FORCES_ALONE, "78.5"), (AtNode(FORCES_ALONE, np.array([0.2, 0.0, 0.0])), "58.9")]
 )
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_a_law_of_forces_alone_says_that_it_does_not_turn(tmp_path: Path, law: LinearLaw | AtNode, moment: str) -> None:
     """Upright, the weight goes straight through the joint and there is no moment to be silent about."""
     soft = one_joint(tmp_path, np.zeros((6, 6)), (0.8, 0.0, 0.0), 10.0)
@@ -297,6 +302,7 @@ def test_stretches_are_judged_alike_together_and_one_by_one(
     assert check(heavy, path, 0.005) == together
 
 
+@pytest.mark.filterwarnings("ignore:tolerance_angle:armflex.ArmflexWarning")
 def test_what_a_fit_does_not_know_is_part_of_the_verdict(heavy: Arm, heavy_path: Trajectory) -> None:
     """Joint offsets alone, of which differences of the arm's own displacement tell the uncertainty."""
     names, std, path = heavy.joint_names, 2e-4, some_rows(heavy_path, range(0, 3))
@@ -377,6 +383,7 @@ def test_a_drive_beyond_its_limit_is_flagged(tarm, tarm_path):
     assert "beyond_effort" not in {flag.code for flag in check(tarm, tarm_path, 1.0).flags}
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_rotation_is_ranked_and_blamed_where_it_is_worse(tarm, tarm_path):
     report = check(tarm, tarm_path, 10.0, angle=0.01)
     margins = [point.margin_rad for point in report.via_points]
@@ -489,6 +496,7 @@ def test_a_short_vector_s_length_is_as_uncertain_as_normal_deviations_make_it() 
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_what_nothing_determines_makes_every_verdict_uncertain(heavy: Arm, heavy_path: Trajectory) -> None:
     path, labels = some_rows(heavy_path, range(0, 4)), tuple(f"joint_offset {name}" for name in heavy.joint_names)
     known = Certainty(heavy.named(labels), np.diag(np.full(6, 1e-8)), directions=np.eye(6)[:1])

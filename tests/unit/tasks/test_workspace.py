@@ -100,6 +100,7 @@ def test_a_plain_loop_finds_the_same(tarm: Arm) -> None:
     assert not found.refused.any() and "up to" in repr(found)
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_a_pendulum_in_closed_form(tmp_path: Path) -> None:
     """A rod turns by f at its hinge, f = k cos(q + f): its tip moves by a chord, and beyond 0.1 rad it is refused."""
     k = 0.12
@@ -174,6 +175,7 @@ def test_what_is_ok_is_so_for_all_that_are_drawn(tarm: Arm) -> None:
     assert (found.verdicts(limit) == expected).all() and set(expected) == {"ok", "uncertain", "fail"}
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_a_drawn_arm_without_an_answer(tmp_path: Path) -> None:
     """A hinge whose drawn compliance turns too far: the arm's own answers stay, and none of them is ok."""
     law = LinearLaw(np.diag([0, 0, 0, 0, 0.09 / (2.0 * 9.81 * 0.5), 0]), relative_std=0.5)
@@ -375,6 +377,7 @@ def test_a_damaged_map_is_refused(tarm: Arm, tmp_path: Path, spoil: Callable[[Pa
         read_map(path)
 
 
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_pictures(tarm: Arm, tmp_path: Path) -> None:
     found = map_workspace(tarm, PAYLOADS, rows=64)
     for name, tolerance in (("a.png", None), ("b.svg", 0.1), ("c.png", 5.0)):
@@ -388,6 +391,7 @@ def test_pictures(tarm: Arm, tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
 def test_pictures_of_an_arm_that_never_stands(tmp_path: Path) -> None:
     arm = three_joints(tmp_path, [np.diag([0.0, 0, 0, 1, 1, 1])] * 3)
     found = map_workspace(arm, rows=16)
