@@ -259,6 +259,7 @@ def test_soft_arms_that_only_newton_settles(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("softness", "expected"), [(0.02, FINE), (0.0509, FINE), (0.0511, NO_EQUILIBRIUM), (0.2, NO_EQUILIBRIUM)]
 )
+@pytest.mark.filterwarnings("ignore:near_buckling:armflex.ArmflexWarning")
 def test_an_arm_that_would_buckle_has_no_equilibrium(tmp_path: Path, softness: float, expected: int) -> None:
     """2 kg straight above a joint 1 m below: it balances exactly, and falls once its compliance is 1 / (2 g)."""
     arm = standing(tmp_path, softness, 1.0)

@@ -93,6 +93,7 @@ def test_what_was_not_corrected_is_as_it_was_written(tmp_path: Path) -> None:
     assert "<!-- [assumed] Forearm roll. -->" in export(moved).text
 
 
+@pytest.mark.filterwarnings("ignore:rigid:armflex.ArmflexWarning")
 def test_the_file_is_an_arm_of_its_own_without_corrections(tmp_path: Path) -> None:
     arm = corrected(bundled("heavy_six"))
     path = tmp_path / "r.urdf"
