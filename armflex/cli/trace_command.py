@@ -169,7 +169,7 @@ def print_trace(found: Trace) -> None:
         rows = [
             [
                 one.title.removesuffix(" at every drive"),
-                f"{number(one.std, 2)} {one.unit}",
+                f"{number(one.size, 2)} {one.unit}",
                 f"{one.evidence:.0f}",
                 f"{number(one.proof.before * factor, 3)} -> {number(one.proof.after * factor, 3)}",
             ]
@@ -260,7 +260,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         "families": [
             {
                 "effect": names_of(one.members[0][0].law)[0],
-                **record(one, "title unit std evidence probability", family="number"),
+                **record(one, "title unit evidence probability", std="size", family="number"),
                 "credible": _credible_json(one.credible),
                 "held_out_rms_mm": _before_after(one.proof),
                 "members": [

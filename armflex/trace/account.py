@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.errors import ArmflexError
 from armflex.estimate.fit import THOROUGH
-from armflex.estimate.held_out import excess, held_out, judged_by, pose_folds
+from armflex.estimate.held_out import excess, held_out, pose_folds
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import robust_limit
@@ -23,7 +23,6 @@ from armflex.plan.next_measurement import Place, lacking, misplaced_centres, nex
 from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
-    FoundFamily,
     Smallest,
     Trace,
     Undecided,
@@ -35,8 +34,8 @@ from armflex.trace.findings import (
 from armflex.trace.probabilities import CREDIBLE, Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, standing
-from armflex.trace.selection import BETTER, SCALES
-from armflex.trace.state import State, lost_rows, refit, sorted_out, with_hypotheses
+from armflex.trace.selection import BETTER, SCALES, without
+from armflex.trace.state import State, lost_of, refit, sorted_out, with_hypotheses
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
 
@@ -84,10 +83,10 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         odds, nothing = [one.ranking[0][1] for one in found[:-1]], [one.nothing for one in found[:-1]]
         last, after, seen, null, why = int(np.argmax(nothing)), None, None, -np.inf, "it may be nothing"
         if nothing[last] > 1.0 - CREDIBLE:
-            after = _without(here, last)
+            after = refitted(here, without(here.model, last))
         if after is None:
             last, null, why = int(np.argmin(odds)), chance(here), "chance explains as much"
-            after = _without(here, last) if odds[last] <= null else None
+            after = refitted(here, without(here.model, last)) if odds[last] <= null else None
         if after is None:
             here.screen.forget()
             here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
@@ -95,22 +94,17 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             if not seen.compared.worse:
                 return Weighed(here, found, seen, null), tuple(withdrawn)
             last, why = weakest(model, evidence), "held-out poses are predicted worse with it"
-            after = _without(here, last)
+            after = refitted(here, without(here.model, last))
         gone = [last]
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
-            gone = list(range(len(model)))
-            after = with_hypotheses(here.state, (), np.zeros(len(here.screen.projection.data)))
+            gone, none = list(range(len(model))), np.zeros(0)
+            after = with_hypotheses(here.state, (), none, none, np.zeros(len(here.screen.projection.data)))
         for unit in (here.state.units[i] for i in gone):
             one = here.state.fitted[unit[0]]
             if seen is not None:
                 withdrawn.append(Withdrawn(one, seen.compared, len(unit) > 1))
             here.state.reporter.stage(f"withdrawing {one.title}: {why}")
         here = replace(standing(after, here), rejected=[*here.rejected, spots(here.screen, here.model)])
-
-
-def _without(here: Standing, last: int) -> State | None:
-    """Return the state refitted without one of its hypotheses, None where the arm does not come to rest."""
-    return refitted(here, tuple(one for i, one in enumerate(here.model) if i != last))
 
 
 def settled_exactly(here: Standing) -> Standing:
@@ -132,20 +126,17 @@ def conclude(
     ask: int = 0,
     settable: Mapping[str, Sequence[float]] | None = None,
 ) -> Trace:
-    """Return the account of a search that has come to its end.
+    """Return the account of a search that has come to its end; `ask` and `settable` as in `armflex.trace`.
 
-    Args:
-        here: The state.
-        places: Where a random twist would have explained what was left at first.
-        ask: How many rows are wanted that decide what is in question.
-        settable: Values that can be set of recorded columns in those, by name.
+    `places` are where a random twist would have explained what was left at first.
     """
     here.state.reporter.stage("fitting to the end")
     known, withdrawn = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
-    found = tuple(_found(known, number) for number in range(len(state.known)) if not state.known[number].family)
+    every = [_found(known, number) for number in range(len(state.known))]
+    found, families = (tuple(one for one in every if one.family is family) for family in (False, True))
     left = unexplained(state, here.scattered)
-    together = np.setdiff1d(state.asked[~(lost_rows(state, heed=True) | state.undirected)], state.rows)
+    together = np.setdiff1d(state.asked[~(lost_of(state, heed=True)[1] | state.undirected)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
         view = look(state.fit.setup, state.measurements, together)
         squares = view.readings.row_squares(view.residual)
@@ -160,7 +151,7 @@ def conclude(
     return Trace(
         **errors,
         found=found,
-        families=tuple(_family(known, i) for i, one in enumerate(state.known) if one.family),
+        families=families,
         unexplained=left,
         places=places,
         undecided=None if state.effects or left is not None else _undecided(known),
@@ -183,7 +174,7 @@ def so_far(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
 def _errors(state: State, seen: Validated | None = None) -> dict:
     """Return the parts of an account that every state has, once it is `seen` how held-out poses are predicted."""
     fit, calibration = state.fit, state.calibration
-    folds, judged = pose_folds(state.groups), judged_by(state.calibrated, fit)
+    folds, judged = pose_folds(state.groups), state.judged
     certainty = certainty_of(fit) if seen is None else certainty_of(fit, least=0.0)
     if seen is not None and fit.view.readings.unit in ("m", "px"):
         chosen = excess(fit, folds, seen.errors, judged, certainty.design_effect)
@@ -196,27 +187,26 @@ def _errors(state: State, seen: Validated | None = None) -> dict:
         "state": state,
         "held_out_before": held_out(state.calibrated, folds, judged=judged).rms,
         "held_out_after": held_out(fit, folds, judged=judged).rms,
-        "held_out_sessions": sessions_held_out(state.calibrated, fit, state.effects, state.sessions),
+        "held_out_sessions": sessions_held_out(state, range(len(state.effects))),
     }
 
 
 def _found(known: Weighed, number: int) -> Found:
     state, credible, seen = known.here.state, known.credible[number], known.validated
     assert seen is not None
-    index = state.units[number][0]
-    best = credible.ranking[0][1]
-    ranking = tuple((one, 2.0 * odds) for one, odds in credible.ranking if not one.family)
+    own, unit, size = state.units[number], state.known[number].unit, 0.0
+    if unit is not None:
+        size = float(np.sqrt((np.concatenate([state.fitted[i].acting for i in own]) ** 2 / unit**2).mean()))
     return Found(
-        effect=state.fitted[index],
-        std=state.std_of(state.effects[index]),
-        evidence=2.0 * best,
+        members=tuple((state.fitted[i], state.std_of(state.effects[i])) for i in own),
+        evidence=2.0 * credible.ranking[0][1],
         proof=seen.proofs[number],
-        ranking=ranking,
-        index=index,
-        number=state.effects[index].number,
-        survives=seen.names[number],
+        ranking=tuple((one, 2.0 * odds) for one, odds in credible.ranking if not one.family),
+        index=own[0],
+        number=state.effects[own[0]].number if unit is None else number + 1,
         probability=credible.probability,
         credible=_others(credible),
+        size=size,
     )
 
 
@@ -252,18 +242,6 @@ def _before(state: State, certainty: Certainty) -> Before:
         left = measured.view.whitened[fit.view.rows] * np.sqrt(fit.weights)
         least = float(np.sqrt(fit.view.readings.row_squares(left).sum() / max(fit.view.count, 1)))
     return Before(setup, measured, {name: max(noise, least) for name, noise in noises_of(fit).items()})
-
-
-def _family(known: Weighed, number: int) -> FoundFamily:
-    state, seen = known.here.state, known.validated
-    assert seen is not None
-    unit, one = state.units[number], state.known[number]
-    members = tuple((state.fitted[i], state.std_of(state.effects[i])) for i in unit)
-    assert one.unit is not None
-    values = np.concatenate([state.fitted[i].acting for i in unit]) / one.unit
-    size, credible = float(np.sqrt((values**2).mean())), known.credible[number]
-    evidence, others = 2.0 * credible.ranking[0][1], _others(credible)
-    return FoundFamily(number + 1, size, evidence, members, seen.proofs[number], credible.probability, others)
 
 
 def _undecided(known: Weighed) -> Undecided | None:

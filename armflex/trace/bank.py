@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby
@@ -115,34 +115,23 @@ class Bank:
         """Drop the columns, which are made again when they are asked for."""
         vars(self).pop("_kept", None)
 
-    @property
-    def squares(self) -> tuple[tuple[np.ndarray, Array], ...]:
-        """For every group size: groups, and (g, k, k) products of their columns among themselves."""
-        return self._by_size(lambda part: part.squares)
+    def squares(self, rows: Any = None) -> Iterator[tuple[np.ndarray, Array, Array]]:
+        """Yield for every group size (g,) groups, and (g, k, k) products of their columns among themselves.
 
-    def squares_through(self, rows: Any) -> tuple[tuple[np.ndarray, Array], ...]:
-        """Return the same of the columns' products with (m, n) sparse rows."""
-
-        def squares(part: Part) -> Callable[[np.ndarray], Array]:
-            seen = part.products(rows)
-            return lambda some: seen[some] @ seen[some].transpose(0, 2, 1)
-
-        return self._by_size(squares)
-
-    def _by_size(
-        self, squares: Callable[[Part], Callable[[np.ndarray], Array]]
-    ) -> tuple[tuple[np.ndarray, Array], ...]:
-        found: dict[int, list[tuple[np.ndarray, Array]]] = {}
+        Third come those of the columns' products with (m, n) sparse rows, 0 where not given.
+        """
+        found: dict[int, list[tuple[np.ndarray, Array, Array]]] = {}
         for part in self.parts:
-            sizes, of = self.sizes[part.groups], squares(part)
+            sizes, seen = self.sizes[part.groups], np.zeros((len(part.of), 1)) if rows is None else part.products(rows)
             starts = np.cumsum(sizes) - sizes
             for size in np.unique(sizes).tolist():
                 some = sizes == size
-                found.setdefault(size, []).append((part.groups[some], of(starts[some][:, None] + np.arange(size))))
-        return tuple(
-            (np.concatenate([groups for groups, _ in some]), np.concatenate([whole for _, whole in some]))
-            for some in found.values()
-        )
+                at = starts[some][:, None] + np.arange(size)
+                own = part.groups[some], part.squares(at), seen[at] @ seen[at].transpose(0, 2, 1)
+                found.setdefault(size, []).append(own)
+        for some in found.values():
+            groups, whole, through = map(np.concatenate, zip(*some, strict=True))
+            yield groups, whole, through
 
     def products(self, others: Array) -> Array:
         """Return the (K, F) products of all columns with (n, F) others."""

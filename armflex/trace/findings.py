@@ -18,7 +18,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import Fit, realise
-from armflex.estimate.held_out import OfCampaign, by_campaign, judged_by
+from armflex.estimate.held_out import OfCampaign, by_campaign
 from armflex.estimate.learn import with_posteriors
 from armflex.estimate.outliers import Outlier, exchanged, outliers_of
 from armflex.estimate.robust import BY_CHANCE
@@ -32,7 +32,7 @@ from armflex.parameters import DOUBT, ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.state import State, lost_of, lost_rows
+from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
 
 VARIANCE_RATIO = 2.0
@@ -55,6 +55,7 @@ class Proof:
             still shows; None where there are none.
         errors_apart: Standard errors by which the mean squared error falls.
         null: Best log odds that any hypothesis had under random signs of the residual.
+        survives: Share of the folds of the poses without which the same law at the same place is selected.
     """
 
     before: float
@@ -63,6 +64,7 @@ class Proof:
     sessions_after: float | None
     errors_apart: float
     null: float
+    survives: float
 
 
 @dataclass(frozen=True)
@@ -114,31 +116,63 @@ class Withdrawn:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """An effect that was added.
+    """An effect that was added; or a family, one law at every drive, few of which show alone.
 
     Attributes:
-        effect: With its fitted values.
-        std: Standard uncertainty of each fitted value by name.
+        members: The effect with its fitted values, of a family at each drive, and their standard uncertainties by name.
         evidence: Twice the log odds of it beside the others, over none.
         proof: Held-out rows.
         ranking: What competes for its place with twice the log odds, the best first.
         index: Its place among the effects of the final fit.
-        number: Which of its name it is in the arm, see `numbers_of`.
-        survives: Share of the folds of the poses without which the same law at the same place is selected.
+        number: Which of its name it is in the arm, see `numbers_of`; of a family its place among all found, from 1 on.
         probability: Of it, law and place.
-        credible: Other candidates that with it make up the 95 % credible set, with the probability of each.
+        credible: Single effects that with it make up the 95 % credible set, with the probability of each.
+        size: Standard deviation of the twists of a family, RMS over the rows [rad or m].
     """
 
-    effect: Effect
-    std: Mapping[str, float]
+    members: tuple[tuple[Effect, Mapping[str, float]], ...]
     evidence: float
     proof: Proof
     ranking: tuple[tuple[Hypothesis, float], ...]
     index: int
     number: int
-    survives: float
     probability: float
     credible: tuple[tuple[Effect, float], ...] = ()
+    size: float = 0.0
+
+    @property
+    def family(self) -> bool:
+        """Whether it is of every drive."""
+        return len(self.members) > 1
+
+    @property
+    def effect(self) -> Effect:
+        """The effect, of a family the first."""
+        return self.members[0][0]
+
+    @property
+    def std(self) -> Mapping[str, float]:
+        """Standard uncertainty of each of its fitted values by name."""
+        return self.members[0][1]
+
+    @property
+    def title(self) -> str:
+        """What it is in words; of a family with the values that all have in common."""
+        if not self.family:
+            return self.effect.title
+        inner = list(self.effect.named.items())[len(self.effect.location.terms) :]
+        said = "".join(f" {name} = {value:.3g}" for name, value in inner)
+        return f"{self.effect.law.name.replace('_', ' ')}{said} at every drive"
+
+    @property
+    def unit(self) -> str:
+        """Of the size of a family."""
+        return "rad" if self.effect.location.turns else "m"
+
+    @property
+    def survives(self) -> float:
+        """Share of the folds of the poses without which the same law at the same place is selected."""
+        return self.proof.survives
 
     @property
     def equivalent(self) -> tuple[tuple[Effect, float], ...]:
@@ -153,42 +187,6 @@ class Found:
             return ""
         other = self.credible[0][0].title
         return f" It is not distinguished from {other}, which is likelier but with which the fitted arm is no better."
-
-
-@dataclass(frozen=True, eq=False)
-class FoundFamily:
-    """One law at every drive, accepted together: errors of a size that all of them have, few of which show alone.
-
-    Attributes:
-        number: Its place among the hypotheses found, from 1 on.
-        std: Standard deviation of its members' twists, RMS over the rows [rad or m].
-        evidence: Twice the log odds of it beside the others, over none.
-        members: The law at each drive with its fitted values, and the standard uncertainty of each by name.
-        proof: Held-out rows.
-        probability: Of it.
-        credible: Single effects that with it make up the 95 % credible set, with the probability of each.
-    """
-
-    number: int
-    std: float
-    evidence: float
-    members: tuple[tuple[Effect, Mapping[str, float]], ...]
-    proof: Proof
-    probability: float
-    credible: tuple[tuple[Effect, float], ...]
-
-    @property
-    def title(self) -> str:
-        """Law, values that all have in common, and that it is everywhere."""
-        effect = self.members[0][0]
-        inner = dict(list(effect.named.items())[len(effect.location.terms) :])
-        said = "".join(f" {name} = {value:.3g}" for name, value in inner.items())
-        return f"{effect.law.name.replace('_', ' ')}{said} at every drive"
-
-    @property
-    def unit(self) -> str:
-        """Of the size of its twists."""
-        return "rad" if self.members[0][0].location.turns else "m"
 
 
 @dataclass(frozen=True)
@@ -317,7 +315,7 @@ class Trace(Result):
     asked: Asked | None = None
     compared: Compared | None = None
     withdrawn: tuple[Withdrawn, ...] = ()
-    families: tuple[FoundFamily, ...] = ()
+    families: tuple[Found, ...] = ()
     undecided: Undecided | None = None
     unfinished: bool = False
     nothing: float | None = None
@@ -355,10 +353,10 @@ class Trace(Result):
         """(M,) which of the fitted rows every error is over."""
         return np.any(self.judged, axis=1)
 
-    @cached_property
+    @property
     def judged(self) -> np.ndarray:
         """(M, d) which of their readings every error is over."""
-        return judged_by(self.before, self.state.fit)
+        return self.state.judged
 
     @property
     def rows(self) -> np.ndarray:
@@ -372,7 +370,7 @@ class Trace(Result):
         There the effect is predicted halfway, as the search takes it.
         """
         state = self.state
-        return state.asked[state.undirected & ~lost_rows(state, heed=False)]
+        return state.asked[state.undirected & ~lost_of(state, heed=False)[1]]
 
     def _rms(self, view: View, errors: Array, others: Setup) -> float:
         """Return the RMS of (M, d) errors [m] of the fitted rows, and of what is left of the others at a setup."""
@@ -421,8 +419,8 @@ class Trace(Result):
         state, whole = self.state, self.calibration.measurements
         rows = np.setdiff1d(state.asked, [*self.rows, *self.unjudged])
         gone = np.isin(state.asked, rows)
-        far = lost_of(state, heed=False) & (gone[:, None] | state.lost)
-        view, alone = look(state.fit.setup, whole, state.asked), lost_rows(state, heed=True)
+        far = lost_of(state, heed=False)[0] & (gone[:, None] | state.lost)
+        view, alone = look(state.fit.setup, whole, state.asked), lost_of(state, heed=True)[1]
         found = list(outliers_of(view, far & (~gone[:, None] | self._paired(view, far)), whole, "lost beam"))
         for i in np.flatnonzero(gone & ~np.isin(state.asked, [one.row for one in found])):
             row, error = int(state.asked[i]), float(np.sqrt(view.readings.row_squares(view.residual)[i]))

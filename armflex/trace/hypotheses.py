@@ -124,7 +124,7 @@ def hypotheses(context: Context) -> list[Hypothesis]:
     found = []
     for one, spot in zip(known, spots, strict=True):
         beside = values[spot, one.location.terms]
-        prior = laws[one.law.name] - _share(one, places[one.law.name])
+        prior = laws[one.law.name] - log(places[one.law.name]) - PLAINER * one.location.site.startswith(LINK)
         prior += log(RARE_VALUE) * _rare(one, beside, context)
         if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives.get(one.location.site):
             prior += log(ODD_PLACE)
@@ -153,10 +153,6 @@ def _rare(one: Candidate, beside: Sequence[Values], context: Context) -> int:
         else:
             count += 1
     return count
-
-
-def _share(one: Candidate, places: int) -> float:
-    return log(places) + PLAINER * one.location.site.startswith(LINK)
 
 
 def _of_law(law: EffectLaw) -> float:

@@ -14,9 +14,9 @@ from scipy.special import logsumexp
 
 from armflex.parameters import DOUBT
 from armflex.trace.hypotheses import Hypothesis, oddness
-from armflex.trace.refine import Refiner
+from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
-from armflex.trace.selection import MOST_COMPETING, Chosen, Model, rivals
+from armflex.trace.selection import MOST_COMPETING, Chosen, Model, rivals, without
 
 SWEEPS = 60
 """Tolerance: sweeps of the sampler."""
@@ -57,10 +57,10 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     aliased = {number for number, (whole, inside) in screen.single().items() if inside <= ALMOST * whole}
     own, mine = {screen.groups[one.number].hypothesis.members for one in model}, {one.number for one in model}
     screen.extend(_elsewhere(screen, model))
-    refiner, found, charges = Refiner(screen), dict[int, float](), dict[int, float]()
+    found, charges = dict[int, float](), dict[int, float]()
     for i in range(len(model) + 1):
-        rest = tuple(one for j, one in enumerate(model) if j != i)
-        for one in rivals(screen.beside(rest), refiner, most=MOST_COMPETING):
+        rest = without(model, i)
+        for one in rivals(screen.beside(rest), refine, most=MOST_COMPETING):
             if one.chosen.number in aliased:
                 continue
             if screen.groups[one.chosen.number].hypothesis.members in own and one.chosen.number not in mine:
@@ -100,13 +100,7 @@ def named(evidence: Dense, own: Model) -> np.ndarray:
 
 
 def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible, ...], set[Model]]:
-    """Return what every hypothesis of a model may be, and last what may be missing beside them; and the models drawn.
-
-    Args:
-        evidence: The hypotheses that compete.
-        own: The model in it.
-        seed: Of the draws.
-    """
+    """Return what every hypothesis of a model may be, last what may be missing beside them; and the models drawn."""
     rng, slots = np.random.default_rng(seed), list[Chosen | None](own)
     names = named(evidence, own)
     mine = [int(names[one.number]) for one in own]
@@ -132,15 +126,15 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
             else:
                 chances[i] += np.where(other | (np.arange(len(names)) == mine[i]), chance, 0.0)
                 nothing[i] += none
-            drawn = rng.choice(weights.size + 1, p=_normal(np.append(weights.ravel(), none)))
+            every = np.append(weights.ravel(), none)
+            drawn = rng.choice(len(every), p=every / every.sum())
             slots[i] = None if drawn == weights.size else Chosen(*map(int, np.unravel_index(drawn, weights.shape)))
             visited.add(tuple(one for one in slots if one is not None))
     counted = np.maximum(chances.sum(axis=1) + nothing, 1e-300)
     nothing /= counted
     found = []
     for i, chance in enumerate(chances / counted[:, None]):
-        rest = tuple(one for j, one in enumerate(own) if j != i)
-        odds = evidence.beside(rest).odds.max(axis=1)
+        odds = evidence.beside(without(own, i)).odds.max(axis=1)
         best = dict[int, tuple[Hypothesis, float]]()
         for number in np.argsort(-odds).tolist():
             best.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
@@ -152,7 +146,3 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
                 reached += chance[name]
         found.append(Credible(probability, float(nothing[i]), tuple(others), tuple(best.values())))
     return tuple(found), visited
-
-
-def _normal(weights: np.ndarray) -> np.ndarray:
-    return weights / weights.sum()

@@ -25,51 +25,47 @@ MOMENTS = 12
 """Tolerance: every moment is tried within this part of all of them to either side of the grid's best."""
 
 
-class Refiner:
-    """Refines hypotheses on a screen; what was refined beside the same others is not refined again."""
+def refine(beside: Beside, rivals: Sequence[Rival]) -> None:
+    """Add refined ones of some hypotheses of a screen beside a model; beside the same others none is refined twice."""
+    screen = beside.evidence
+    assert isinstance(screen, Screen)
+    others = frozenset(screen.groups[one.number].hypothesis.spot for one in beside.model)
+    found, odds = list[Hypothesis](), beside.odds.max(axis=1)
 
-    def __init__(self, screen: Screen) -> None:
-        self._screen = screen
+    def of_grid(spot: tuple) -> list[Hypothesis]:
+        like = [i for i in range(len(odds)) if screen.groups[i].hypothesis.spot == spot]
+        return [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_TRIED]]
 
-    def __call__(self, beside: Beside, rivals: Sequence[Rival]) -> None:
-        """Add refined ones of some hypotheses beside a model."""
-        screen = self._screen
-        others = frozenset(screen.groups[one.number].hypothesis.spot for one in beside.model)
-        found, odds = list[Hypothesis](), beside.odds.max(axis=1)
-        for place, rival in enumerate(rivals):
-            hypothesis = screen.groups[rival.chosen.number].hypothesis
-            before = screen.refined.setdefault(hypothesis.spot, set())
-            if others in before or (before and place >= MOST_TRIED):
-                continue
+    def best(starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
+        tried = [one for start in starts if (one := _Search(screen, beside, start, tau).best()) is not None]
+        return [max(tried, key=lambda one: one[1])[0]] if tried else []
+
+    for place, rival in enumerate(rivals):
+        hypothesis = screen.groups[rival.chosen.number].hypothesis
+        before = screen.refined.setdefault(hypothesis.spot, set())
+        if others not in before and (not before or place < MOST_TRIED):
             before.add(others)
-            starts = self._starts(hypothesis.spot, odds) if hypothesis.one.law.spatial else [hypothesis]
-            found += self._best(beside, starts, SCALES[rival.chosen.scale])
-        screen.extend(found)
-        lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
-        law, led = lead.one.law, others | {("led by", lead.spot)}
-        if law.spatial:  # a point of the grid is near the place from some links, and far from it from others
-            inner = tuple(
-                value if one.spread is None or one.default is None else one.default
-                for one, value in zip(law.inner, lead.one.inner, strict=True)
-            )
-            best = list[Hypothesis]()
-            for spot in dict.fromkeys(one.hypothesis.spot for one in screen.groups if one.hypothesis.one.law is law):
-                before = screen.refined.setdefault(spot, set())
-                if spot != lead.spot and led not in before:
-                    before.add(led)
-                    grid = self._starts(spot, odds)[0]
-                    there = replace(grid, members=(replace(grid.one, inner=inner),))
-                    best += self._best(beside, [grid, there], SCALES[len(SCALES) // 2])
-            screen.extend(best)
-
-    def _starts(self, spot: tuple, odds: Array) -> list[Hypothesis]:
-        like = [i for i, one in enumerate(self._screen.groups[: len(odds)]) if one.hypothesis.spot == spot]
-        return [self._screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_TRIED]]
-
-    def _best(self, beside: Beside, starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
-        tried = [_Search(self._screen, beside, one, tau).best() for one in starts]
-        values = [one for one in tried if one is not None]
-        return [max(values, key=lambda one: one[1])[0]] if values else []
+            starts = of_grid(hypothesis.spot) if hypothesis.one.law.spatial else [hypothesis]
+            found += best(starts, SCALES[rival.chosen.scale])
+    screen.extend(found)
+    lead = screen.groups[int(beside.odds.max(axis=1).argmax())].hypothesis
+    law, led = lead.one.law, others | {("led by", lead.spot)}
+    if not law.spatial:
+        return
+    # A point of the grid is near the place from some links, and far from it from others.
+    inner = tuple(
+        value if one.spread is None or one.default is None else one.default
+        for one, value in zip(law.inner, lead.one.inner, strict=True)
+    )
+    found = list[Hypothesis]()
+    for spot in dict.fromkeys(one.hypothesis.spot for one in screen.groups if one.hypothesis.one.law is law):
+        before = screen.refined.setdefault(spot, set())
+        if spot != lead.spot and led not in before:
+            before.add(led)
+            grid = of_grid(spot)[0]
+            there = replace(grid, members=(replace(grid.one, inner=inner),))
+            found += best([grid, there], SCALES[len(SCALES) // 2])
+    screen.extend(found)
 
 
 @dataclass(frozen=True)
@@ -95,14 +91,11 @@ class _Search:
 
     def reduced(self, columns: Array) -> tuple[Array, Array]:
         """Return information and score of (n, k) columns beside the model."""
-        projection = self.screen.projection
+        projection, beside = self.screen.projection, self.beside
         seen = (projection.half @ columns).T
-        score = columns.T @ projection.residual
-        information = columns.T @ projection.cleared(columns) - seen @ seen.T
-        if self.known.shape[1]:
-            across = np.linalg.solve(self.beside.root, self.known.T @ columns - self.known_seen @ seen.T).T
-            score, information = score - across @ self.beside.pull, information - across @ across.T
-        return information, score
+        across = (columns.T @ self.known - seen @ self.known_seen.T) @ beside.inverse.T
+        information = columns.T @ projection.cleared(columns) - seen @ seen.T - across @ across.T
+        return information, columns.T @ projection.residual - across @ beside.pull
 
     def held(self, columns: Array) -> Array:
         """Return the (k,) prior precisions of amplitudes of columns."""
@@ -137,9 +130,7 @@ class _Search:
                 if trial is not None and trial.value > here.value:
                     here = trial
         one = replace(self.hypothesis.one, inner=here.inner)
-        free = [i for i in one.searched if self.law.inner[i].smooth]
-        free += [i for i, inner in enumerate(self.law.inner) if inner.spread is not None]
-        here, cost = self._climbed(here, free) if free else (here, 0.0)
+        here, cost = self._climbed(here, one.fitted) if one.fitted else (here, 0.0)
         if here.inner == self.start:
             return None
         members = tuple(replace(one, inner=here.inner) for one in self.hypothesis.members)
@@ -164,9 +155,9 @@ class _Search:
         alone = 0.3 if inner.positive else max(abs(value), 1.0) * 0.3
         return 0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone
 
-    def _climbed(self, here: _At, free: list[int]) -> tuple[_At, float]:
+    def _climbed(self, here: _At, free: Sequence[int]) -> tuple[_At, float]:
         """Return the best values near some, and the log of how much less their posterior is than a cell of the grid."""
-        inners = [self.law.inner[i] for i in free]
+        inners, count = [self.law.inner[i] for i in free], len(here.amplitudes)
         cells = [self._cell(one, here.inner[i]) for one, i in zip(inners, free, strict=True)]
 
         def moved(inner: Values, steps: np.ndarray) -> Values:
@@ -174,24 +165,22 @@ class _Search:
                 inner = _with(inner, i, one.moved(inner[i], cell * step))
             return inner
 
-        damping = 1e-2
-        # What a prior holds is pulled back to its default.
-        holding = np.array([0.0 if one.spread is None else (cell / one.spread) ** 2
-                            for one, cell in zip(inners, cells, strict=True)])  # fmt: skip
-        count, slopes = len(here.amplitudes), np.zeros((len(here.columns), 0))
+        def sloped(here: _At) -> Array:
+            steps = [(moved(here.inner, step), moved(here.inner, -step)) for step in QUOTIENT_STEP * np.eye(len(free))]
+            slopes = [(self.columns(more) - self.columns(less)) @ here.amplitudes for more, less in steps]
+            return np.stack(slopes, axis=1) / (2.0 * QUOTIENT_STEP)
+
+        damping, slopes = 1e-2, np.zeros((len(here.columns), 0))
+        prior = np.array([float(one.spread is not None) for one in inners])  # of steps: a cell is its deviation
         for _ in range(MOST_ROUNDS):
-            slopes = np.stack([
-                (self.columns(moved(here.inner, step)) - self.columns(moved(here.inner, -step))) @ here.amplitudes
-                / (2.0 * QUOTIENT_STEP)
-                for step in QUOTIENT_STEP * np.eye(len(free))
-            ], axis=1)  # fmt: skip
+            slopes = sloped(here)
             if not np.isfinite(slopes).all():
-                break
+                return here, 0.0
             information, score = self.reduced(np.hstack([here.columns, slopes]))
-            away = np.array([0.0 if one.spread is None else (here.inner[i] - (one.default or 0.0)) / cell
-                             for one, i, cell in zip(inners, free, cells, strict=True)])  # fmt: skip
-            score[count:] -= holding * away
-            held = np.concatenate([self.held(here.columns), holding + 1e-9 * np.diag(information)[count:]])
+            defaults = [(here.inner[i] - (one.default or 0.0)) / cell
+                        for one, i, cell in zip(inners, free, cells, strict=True)]  # fmt: skip
+            score[count:] -= np.where(prior > 0.0, defaults, 0.0)
+            held = np.concatenate([self.held(here.columns), prior + 1e-9 * np.diag(information)[count:]])
             own, damped = float(score[:count] @ here.amplitudes), np.diag(information) * (np.arange(len(held)) >= count)
             trial = None
             while trial is None:  # as long as a step promises anything
@@ -206,18 +195,12 @@ class _Search:
             gain, here, damping = trial.value - here.value, trial, damping / 5.0
             if gain < BETTER:
                 break
-        return here, self._occam(here, slopes, holding)
-
-    def _occam(self, here: _At, slopes: Array, holding: Array) -> float:
-        if not slopes.shape[1] or not np.isfinite(slopes).all():
-            return 0.0
         information, _ = self.reduced(np.hstack([here.columns, slopes]))
-        count = len(here.amplitudes)
         own = information[:count, :count] + np.diag(self.held(here.columns))
         across = information[count:, :count]
         inside = information[count:, count:] - across @ np.linalg.solve(own, across.T)
         noise = max(self.beside.left / self.screen.freedom, 1.0)
-        return 0.5 * float(np.linalg.slogdet(np.eye(len(inside)) + inside / noise)[1])
+        return here, 0.5 * float(np.linalg.slogdet(np.eye(len(inside)) + inside / noise)[1])
 
 
 def _with(inner: Values, place: int, value: float) -> Values:

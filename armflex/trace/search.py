@@ -7,9 +7,9 @@ own hypotheses in its own linear problem, and only a state that is worth more re
 
 from __future__ import annotations
 
-import contextlib
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -26,7 +26,7 @@ from armflex.parameters import DOUBT
 from armflex.rows.rows import POSE
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
-from armflex.trace.refine import Refiner
+from armflex.trace.refine import refine
 from armflex.trace.screen import Screen
 from armflex.trace.selection import (
     BETTER,
@@ -34,13 +34,13 @@ from armflex.trace.selection import (
     MOST_EFFECTS,
     MOST_ROUNDS,
     MOST_TRIED,
-    SCALES,
     Chosen,
     Model,
     climbed,
     rivals,
+    without,
 )
-from armflex.trace.state import Added, State, sorted_out, with_hypotheses, with_random
+from armflex.trace.state import State, sorted_out, with_hypotheses, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
 MOST_SHAPED = 10
@@ -107,29 +107,26 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     if last is not None:
         last.screen.forget()
     state.reporter.stage(f"screening what {len(state.rows)} rows still show")
-    known = hypotheses(state.context)  # grids of loads follow the fit
+    # Grids of loads follow the fit.
+    return _screened(state, hypotheses(state.context), families(state.fit.view, state.context))
+
+
+def _screened(state: State, known: Sequence[Hypothesis] = (), common: Sequence[Hypothesis] = ()) -> Standing:
+    """Return a state with the linear problem of these hypotheses and its own: without any, what a trial is worth."""
     columns = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter)
     screen = Screen(known, columns, state.bare, state.quiet)
-    screen.extend(families(state.fit.view, state.context))
+    screen.extend(common)
     return Standing(state, screen, own_model(screen, state.hypotheses))
-
-
-def alone(state: State) -> tuple[Screen, Model]:
-    """Return the linear problem of a state's own hypotheses alone, and its model: what a trial is worth."""
-    screen = Screen((), Bank((), state.fit, state.context), state.bare, state.quiet)
-    return screen, own_model(screen, state.hypotheses)
 
 
 def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
     """Return hypotheses as a model of a screen, each at the scale that is most probable beside the others."""
     first = len(screen.groups)
     screen.extend(known)
-    numbers = list(range(first, len(screen.groups)))
-    model = tuple(Chosen(number, 2) for number in numbers)
-    for i, number in enumerate(numbers):
-        rest = (*model[:i], *model[i + 1 :])
-        scale = int(screen.beside(rest).odds_at(number).argmax())
-        model = (*model[:i], Chosen(number, scale), *model[i + 1 :])
+    model = tuple(Chosen(number, 2) for number in range(first, len(screen.groups)))
+    for i, one in enumerate(model):
+        odds = screen.beside(without(model, i)).odds_at(one.number)
+        model = (*model[:i], replace(one, scale=int(odds.argmax())), *model[i + 1 :])
     return model
 
 
@@ -145,54 +142,49 @@ def _odds(place: RandomTwist, places: Sequence[RandomTwist]) -> float:
 
 
 def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: None) -> Standing:
-    """Return the state that is most probable, with its linear problem.
+    """Return the state that no proposal improves, with its linear problem.
 
-    Args:
-        begun: Where to begin.
-        passing: Called after every state that is accepted.
+    A proposal returns a state that is to replace the one it is given, None where it has none. The first that has one is
+    taken, `passing` is called with it, and all are asked again.
     """
-    here = _settled(_begun(begun, passing), passing)
-    for _ in range(MOST_ROUNDS):
-        after = _rethought(here, passing)
+    here, proposals = begun, (_random_first, *PROPOSALS)
+    for _ in range(MOST_ROUNDS**2):
+        after = next((one for propose in proposals if (one := propose(here)) is not None), None)
         if after is None:
             break
-        here = after
+        passing(after)
+        here, proposals = after, PROPOSALS
     return here
 
 
-def _begun(here: Standing, passing: Callable[[Standing], None]) -> Standing:
-    """Return the state with what comes first where a few effects explain less than a random twist would.
+def _random_first(here: Standing) -> Standing | None:
+    """Propose what comes first where a few effects explain less than a random twist would.
 
     That is a product of columns, or else a random twist from pose to pose, set aside.
     """
     place = here.scattered[0]
     if _odds(place, here.scattered) <= 0.0 or here.state.random is not None:
-        return here
-    few = climbed(here.screen, here.model, Refiner(here.screen), most=int(EFFECTS))  # more may imitate a random twist
+        return None
+    few = climbed(here.screen, here.model, refine, most=int(EFFECTS))  # more may imitate a random twist
     if here.screen.log_posterior(few) > here.value + _odds(place, here.scattered):
-        return here
-    after = _with_products(here, passing) if place in here.changing else None
-    if after is not None or here.unrecorded is None:
-        return after or here
-    with contextlib.suppress(ArmflexError):
-        return standing(_with_twist(here.state, here.places[0], here.places), here)
-    return here
+        return None
+    return (_with_products(here) if place in here.changing else None) or _set_aside(here)
 
 
-def _settled(here: Standing, passing: Callable[[Standing], None]) -> Standing:
-    """Return the state that no further model of its own linear problem improves; a full one stays as it is."""
-    for _ in range(MOST_ROUNDS):
-        if is_full(here):
-            return here
-        model = modelled(here)
-        after = _fitted(here, model)
-        if after is None and spots(here.screen, model) != spots(here.screen, here.model):
-            after = _fitted(here, modelled(here, 1))
-        if after is None:
-            return here
-        here = after
-        passing(here)
-    return here
+def _more_probable(here: Standing) -> Standing | None:
+    """Propose the most probable model, once several and once a single hypothesis longer; a full one stays as it is."""
+    if is_full(here):
+        return None
+    some = max(MOST_TRIED, len(here.model))  # once there are many, as many as there are
+    model = _modelled(here, some)
+    if spots(here.screen, model) == spots(here.screen, here.model):
+        return None
+    return _fitted(here, model) or _fitted(here, _modelled(here, 1))
+
+
+def _modelled(here: Standing, more: int) -> Model:
+    """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
+    return climbed(here.screen, here.model, refine, most=min(len(here.model) + more, MOST_EFFECTS))
 
 
 def exchanged(here: Standing, models: Sequence[Model]) -> Standing | None:
@@ -214,19 +206,13 @@ def is_full(here: Standing) -> bool:
     return len(here.model) >= MOST_EFFECTS
 
 
-def modelled(here: Standing, more: int = 0) -> Model:
-    """Return the most probable model that a climb finds in a state's linear problem, a few hypotheses more at most."""
-    more = more or max(MOST_TRIED, len(here.model))  # once there are many, as many as there are
-    return climbed(here.screen, here.model, Refiner(here.screen), most=min(len(here.model) + more, MOST_EFFECTS))
-
-
-def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
-    """Return the state with waves and bumps where free shapes explain most; None where none is more probable.
+def _with_shapes(here: Standing) -> Standing | None:
+    """Propose waves and bumps where free shapes explain most.
 
     One shape may stand for several effects that imitate it: they leave one by one once it is there.
     """
-    screen, refiner = here.screen, Refiner(here.screen)
-    shaped = _shaped(screen, here.model)
+    screen = here.screen
+    shaped = [] if is_full(here) else _shaped(screen, here.model)
     if not shaped:
         return None
     here.state.reporter.stage("searching waves and bumps")
@@ -235,20 +221,11 @@ def _with_shapes(here: Standing, passing: Callable[[Standing], None]) -> Standin
         # A wave over its own drive is what the catalogue has of its gear: no reading could distinguish them.
         places = [one for one in shaped if law is BUMP or (one.site, one.axis, one.covariates) not in gears]
         screen.extend(screen.likeliest(sought(law, places, here.state.context), ((), here.model), MOST_COMPETING))
-    model = climbed(screen, here.model, refiner)
+    model = climbed(screen, here.model, refine)
     if spots(screen, model) == spots(screen, here.model):
-        for rival in rivals(screen.beside(()), refiner, _is_free)[:1]:
-            model = max(model, climbed(screen, (*model, rival.chosen), refiner), key=screen.log_posterior)
-    return _accepted(here, model, passing)
-
-
-def _accepted(here: Standing, model: Model, passing: Callable[[Standing], None]) -> Standing | None:
-    """Return where a model leads to, None where it is no more probable than the state."""
-    after = None if spots(here.screen, model) == spots(here.screen, here.model) else _fitted(here, model)
-    if after is None:
-        return None
-    passing(after)
-    return _settled(after, passing)
+        for rival in rivals(screen.beside(()), refine, _is_free)[:1]:
+            model = max(model, climbed(screen, (*model, rival.chosen), refine), key=screen.log_posterior)
+    return _fitted(here, model)
 
 
 def _is_free(hypothesis: Hypothesis) -> bool:
@@ -284,60 +261,39 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
         state = refitted(here, model)
         if state is None:
             return None
-        screen, own = alone(state)
-        if screen.log_posterior(own) > here.value + BETTER or len(state.rows) != count:
+        trial = _screened(state)
+        if trial.value > here.value + BETTER or len(state.rows) != count:
             return standing(state, here)
         places = [here.screen.groups[one.number].hypothesis.spot for one in model]
         new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
         if len(new) == 1 and places[new[0]] not in known:
-            here.screen.fall_short(places[new[0]], here.screen.log_posterior(model) - screen.log_posterior(own))
-        left = {i: screen.log_posterior((*own[:i], *own[i + 1 :])) for i in new}
+            here.screen.fall_short(places[new[0]], here.screen.log_posterior(model) - trial.value)
+        left = {i: trial.screen.log_posterior(without(trial.model, i)) for i in new}
         spared = max(left, key=left.__getitem__, default=None)
         if spared is None or left[spared] <= here.value:
             return None
-        model = (*model[:spared], *model[spared + 1 :])
+        model = without(model, spared)
     return None
 
 
 def refitted(here: Standing, model: Model) -> State | None:
     """Return the state fitted with a model, None where the arm with it does not come to rest."""
     screen, state = here.screen, here.state
-    beside, added = screen.beside(model), list[Added]()
-    for one, amplitudes in zip(model, beside.amplitudes, strict=True):
-        group = screen.groups[one.number]
-        std = np.where(group.scale > 0.0, SCALES[one.scale] * group.scale / (beside.noise * screen.quiet), 1e-12)
-        added.append(Added(group.hypothesis, amplitudes, std))
-    names = ", ".join(one.hypothesis.one.name + " everywhere" * one.hypothesis.family for one in added)
+    beside, known = screen.beside(model), [screen.groups[one.number].hypothesis for one in model]
+    tau = beside.scale / np.sqrt(beside.held) / (beside.noise * screen.quiet)
+    names = ", ".join(one.one.name + " everywhere" * one.family for one in known)
     state.reporter.stage(f"refitting with {names or 'nothing'}")
+    std, explained = np.where(tau > 0.0, tau, 1e-12), screen.explained(beside)
     try:
-        return sorted_out(with_hypotheses(replace(state, heed=True), added, screen.explained(beside)))
+        return sorted_out(with_hypotheses(replace(state, heed=True), known, beside.values, std, explained))
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
         return None
 
 
-def _rethought(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
-    """Return the state after what comes last: products, a random twist, rows far off; None where nothing changes."""
-    state = here.state
-    after = None if is_full(here) else _with_shapes(here, passing)
-    if after is not None:
-        return after
-    if state.random is not None:
-        return _withdrawn(here, passing)
-    if _odds(here.scattered[0], here.scattered) > 0.0:
-        after = None if is_full(here) else _with_products(here, passing)
-        if after is not None:
-            return after
-    if here.unrecorded is not None:
-        return _set_aside(here, passing)
-    if state.heed:
-        left = sorted_out(replace(state, heed=False))
-        if not np.array_equal(left.rows, state.rows):
-            return _settled(standing(left, here), passing)
-    return None
-
-
-def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
-    """Return the state with a product of two columns where a random twist would explain most; None where none does."""
+def _with_products(here: Standing) -> Standing | None:
+    """Propose a product of two columns where a random twist would explain most."""
+    if is_full(here) or here.state.random is not None or _odds(here.scattered[0], here.scattered) <= 0.0:
+        return None
     screen, context = here.screen, here.state.context
     here.state.reporter.stage("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
@@ -346,38 +302,44 @@ def _with_products(here: Standing, passing: Callable[[Standing], None]) -> Stand
         likely = [place for one in here.scattered if (place := (one.site, one.axis)) in free][:MOST_TRIED]
         locations = [one for place in likely for own, one in every if own == place]
         screen.extend(screen.likeliest(sought(law, locations, context), ((), here.model), MOST_COMPETING))
-    return _accepted(here, climbed(screen, here.model, Refiner(screen)), passing)
+    return _fitted(here, climbed(screen, here.model, refine))
 
 
-def _set_aside(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
-    """Return the state with a random twist beside its effects; None where the arm with it does not come to rest."""
-    place = here.unrecorded
-    assert place is not None
-    try:
-        after = standing(_with_twist(here.state, place, here.places), here)
-    except ArmflexError:
+def _set_aside(here: Standing) -> Standing | None:
+    """Propose a random twist beside the effects."""
+    place, state = here.unrecorded, here.state
+    if place is None or state.random is not None:
         return None
-    passing(after)
-    return _settled(after, passing)
-
-
-def _withdrawn(here: Standing, passing: Callable[[Standing], None]) -> Standing | None:
-    """Return the state without its random twist where none is probable any more, None where it stays."""
-    try:
-        bare = standing(with_random(here.state, None), here)
-    except ArmflexError:
-        return None
-    if bare.unrecorded is not None:
-        return None
-    here.state.reporter.stage("withdrawing the random twist that was set aside")
-    passing(bare)
-    return _settled(bare, passing)
-
-
-def _with_twist(state: State, place: RandomTwist, places: tuple[RandomTwist, ...]) -> State:
     state.reporter.stage(f"setting aside a random twist at {place.site} {place.axis}")
     groups = state.context.column(POSE).astype(int)
-    return with_random(state, PoseBlock(place.site, place.axis, place.std, groups, as_likely(places)))
+    with suppress(ArmflexError):  # an arm that does not come to rest with it
+        twist = PoseBlock(place.site, place.axis, place.std, groups, as_likely(here.places))
+        return standing(with_random(state, twist), here)
+    return None
+
+
+def _withdrawn(here: Standing) -> Standing | None:
+    """Propose to do without the random twist where none is probable any more."""
+    if here.state.random is None:
+        return None
+    with suppress(ArmflexError):
+        bare = standing(with_random(here.state, None), here)
+        if bare.unrecorded is None:
+            here.state.reporter.stage("withdrawing the random twist that was set aside")
+            return bare
+    return None
+
+
+def _without_far_off(here: Standing) -> Standing | None:
+    """Propose to leave out rows that are far off in company, where no random twist explains them."""
+    if not here.state.heed or here.state.random is not None or here.unrecorded is not None:
+        return None
+    left = sorted_out(replace(here.state, heed=False))
+    return None if np.array_equal(left.rows, here.state.rows) else standing(left, here)
+
+
+PROPOSALS = (_more_probable, _with_shapes, _with_products, _set_aside, _withdrawn, _without_far_off)
+"""What may replace a state, in the order in which it is asked for."""
 
 
 def resumed(begun: Standing, accepted: Sequence[Effect]) -> Standing:

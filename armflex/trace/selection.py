@@ -20,12 +20,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations, pairwise, takewhile
-from typing import Self
-from weakref import ref
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary, ref
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri
@@ -82,6 +81,11 @@ class Chosen:
 Model = tuple[Chosen, ...]
 
 
+def without(model: Model, *gone: int) -> Model:
+    """Return a model without the hypotheses at some places."""
+    return tuple(one for i, one in enumerate(model) if i not in gone)
+
+
 @dataclass(frozen=True, eq=False)
 class Group:
     """A hypothesis with its columns.
@@ -102,21 +106,21 @@ class Group:
         return np.arange(self.first, self.first + len(self.scale))
 
 
-Batch = tuple[np.ndarray, np.ndarray, Array, Array, np.ndarray]
-"""Groups of one size: numbers, (g, k) columns and scales, (g, k, k) scaled parts of G, and which have a sign."""
+class Batch(NamedTuple):
+    """Groups of one size: numbers, (g, k) columns and scales, (g, k, k) scaled parts of G, and which have a sign."""
 
+    numbers: np.ndarray
+    places: np.ndarray
+    scale: Array
+    inside: Array
+    signed: np.ndarray
 
-def batch_of(groups: Sequence[Group], numbers: np.ndarray, places: np.ndarray, inside: Array) -> Batch:
-    """Return groups of one size with the (g, k) places of their columns and their (g, k, k) parts of G."""
-    scale = np.array([one.scale for one in groups])
-    signed = np.array([one.hypothesis.positive for one in groups])
-    return numbers, places, scale, inside * scale[:, :, None] * scale[:, None, :], signed
-
-
-def joined(some: Sequence[Batch]) -> Batch:
-    """Return batches of one size as one."""
-    numbers, places, scale, inside, signed = (np.concatenate(part) for part in zip(*some, strict=True))
-    return numbers, places, scale, inside, signed
+    @staticmethod
+    def of(groups: Sequence[Group], numbers: np.ndarray, places: np.ndarray, inside: Array) -> Batch:
+        """Return groups with the places of their columns and their parts of G."""
+        scale = np.array([one.scale for one in groups])
+        signed = np.array([one.hypothesis.positive for one in groups])
+        return Batch(numbers, places, scale, inside * scale[:, :, None] * scale[:, None, :], signed)
 
 
 def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -> tuple[Batch, ...]:
@@ -126,7 +130,7 @@ def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -
         numbers = np.flatnonzero(sizes == size)
         some = [groups[i] for i in numbers.tolist()]
         places = np.array([one.places for one in some])
-        found.append(batch_of(some, numbers, places, inside(places)))
+        found.append(Batch.of(some, numbers, places, inside(places)))
     return tuple(found)
 
 
@@ -135,42 +139,39 @@ class Block:
     """Hypotheses that a scan goes through together.
 
     Attributes:
-        first: Number of the first; batches number hypotheses and columns from those of the block.
-        batches: They by their size.
+        batches: They by their size; hypotheses and columns are numbered from the first of the block.
         scores: (K,) products X'My of their columns.
         priors: (H, T) log prior probability of every hypothesis at each of its scales.
-        kept: Which of the columns are gone through, and numbered by batches, where not all are.
+        gram: Returns the (K, k) products X'MX of their columns with some of all columns.
+        last: What the block was scanned beside last, and how; see `Beside.across`.
     """
 
-    first: int
     batches: tuple[Batch, ...]
     scores: Array
     priors: Array
-    kept: np.ndarray | None = None
+    gram: Callable[[np.ndarray], Array]
+    last: list[Any] = field(default_factory=lambda: [(), np.empty((0, 0))], init=False, repr=False)
 
-    @cached_property
-    def where(self) -> dict[int, tuple[int, int]]:
-        """Of every hypothesis the batch, and the place in it."""
-        pairs = enumerate(numbers.tolist() for numbers, *_ in self.batches)
-        return {number: (i, j) for i, numbers in pairs for j, number in enumerate(numbers)}
+    def joined(self, more: Block, gram: Callable[[np.ndarray], Array]) -> Block:
+        """Return this block with another behind it."""
+        by_size = {one.places.shape[1]: one for one in self.batches}
+        for numbers, places, *rest in more.batches:
+            batch = Batch(numbers + len(self.priors), places + len(self.scores), *rest)
+            if own := by_size.get(places.shape[1]):
+                batch = Batch(*map(np.concatenate, zip(own, batch, strict=True)))
+            by_size[places.shape[1]] = batch
+        scores, priors = np.append(self.scores, more.scores), np.concatenate([self.priors, more.priors])
+        return Block(tuple(by_size.values()), scores, priors, gram)
 
-    @property
-    def key(self) -> tuple[int, bool]:
-        """By which it is known while it grows."""
-        return self.first, self.kept is not None
-
-    def narrowed(self, numbers: np.ndarray) -> Block:
-        """Return the block with some of its hypotheses, under their numbers."""
-        kept, batches, count = list[np.ndarray](), list[Batch](), 0
-        for own, places, *rest in self.batches:
-            some = np.isin(own, numbers)
-            kept.append(places[some].ravel())
-            places = count + np.arange(len(kept[-1])).reshape(-1, places.shape[1])
-            count += len(kept[-1])
-            scale, inside, signed = (one[some] for one in rest)
-            batches.append((own[some], places, scale, inside, signed))
-        columns = np.concatenate([np.zeros(0, dtype=int), *kept])
-        return replace(self, batches=tuple(batches), scores=self.scores[columns], kept=columns)
+    def narrowed(self, some: np.ndarray) -> tuple[tuple[Batch, ...], np.ndarray]:
+        """Return the batches of some of the hypotheses, under their numbers, and which columns those have, in order."""
+        kept, batches, count = [np.zeros(0, dtype=int)], list[Batch](), 0
+        for one in self.batches:
+            batch = Batch(*(part[np.isin(one.numbers, some)] for part in one))
+            kept.append(batch.places.ravel())
+            batches.append(batch._replace(places=count + np.arange(batch.places.size).reshape(batch.places.shape)))
+            count += batch.places.size
+        return tuple(batches), np.concatenate(kept)
 
 
 def prior_of(some: Iterable[Group]) -> Array:
@@ -188,6 +189,7 @@ class Evidence(ABC):
         objective: J0.
         freedom: Degrees of freedom n: readings less what is fitted to them anyway.
         constant: Log likelihood that all models share, by which states of a search differ.
+        ranked: Numbers of the hypotheses that were among the best of any scan of all since a climb began.
     """
 
     groups: list[Group]
@@ -196,15 +198,10 @@ class Evidence(ABC):
     freedom: float
     constant: float = 0.0
     ranked: np.ndarray = np.zeros(0, dtype=int)
-    """Numbers of the hypotheses that were among the best of any scan of all since a climb began."""
 
     @abstractmethod
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         """Return the (k, k) products X'MX of some columns with one another, and (k,) X'My."""
-
-    @abstractmethod
-    def gram(self, block: int, places: np.ndarray) -> Array:
-        """Return the (K, k) products X'MX of all columns of a block with some columns."""
 
     def charge(self, number: int, amplitudes: Array) -> float:
         """Return what (k,) amplitudes of a hypothesis [the law's unit] count against it [nats]."""
@@ -214,14 +211,22 @@ class Evidence(ABC):
         """Return the (T,) log of how much likelier a scale of a hypothesis is than where all are equally likely."""
         return 0.0
 
-    def block_of(self, number: int) -> int:
-        """Return the place of the block that a hypothesis is in."""
-        return max(i for i, block in enumerate(self.blocks) if block.first <= number)
+    def narrow(self, some: bool) -> None:
+        """Scan only what is `ranked` from now on, or all: where all are few, all."""
+        return
+
+    def block_of(self, number: int) -> tuple[Block, int]:
+        """Return the block that a hypothesis is in, and its number there."""
+        for block in self.blocks[:-1]:
+            if number < len(block.priors):
+                return block, number
+            number -= len(block.priors)
+        return self.blocks[-1], number
 
     def prior(self, number: int) -> Array:
         """Return the (T,) log prior probability of a hypothesis at each of its scales."""
-        block = self.blocks[self.block_of(number)]
-        return block.priors[number - block.first] + self.sized(number)
+        block, own = self.block_of(number)
+        return block.priors[own] + self.sized(number)
 
     @property
     def priors(self) -> Array:
@@ -240,35 +245,9 @@ class Evidence(ABC):
             del self._known[next(iter(self._known))]
         return found
 
-    @cached_property
-    def scanned(self) -> dict[tuple[int, bool], tuple[list, Array]]:
-        """Of every block what it was last scanned beside, and how; see `Beside.across`."""
-        return {}
-
-    @abstractmethod
-    def narrow(self, some: bool) -> None:
-        """Scan only what is `ranked` from now on, or all."""
-
     def log_posterior(self, model: Model) -> float:
         """Return the log posterior probability of a model, but for a constant."""
         return self.beside(model).log_posterior
-
-    def with_readings(self, scores: Array, objective: float) -> Self:
-        """Return the same hypotheses with other readings: (K,) scores of all columns, and J0."""
-        other = copy(self)
-        for name in ("_known", "scanned"):
-            vars(other).pop(name, None)
-        pairs = zip(self.blocks, self.parted(scores), strict=True)
-        other.blocks, other.objective = [replace(a, scores=b) for a, b in pairs], objective
-        return other
-
-    def parted(self, scores: Array) -> list[Array]:
-        """Return (K, ...) scores of all columns block by block."""
-        return np.split(scores, np.cumsum([len(one.scores) for one in self.blocks[:-1]]))
-
-
-Reduced = tuple[list[Array], Array]
-"""Of a block beside a model: (g, k, k) scaled information of every batch, and (K,) scores of all columns."""
 
 
 class Beside:
@@ -296,8 +275,8 @@ class Beside:
         self.inverse = dtrtri(self.root, lower=1)[0] if len(self.root) else self.root
         self.pull = self.inverse @ (scores * self.scale)
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
-        self._reduced: dict[tuple[int, bool], tuple[Block, Reduced]] = {}
-        self._odds: dict[tuple[int, bool], tuple[Block, Array]] = {}
+        self._reduced = WeakKeyDictionary[Block, tuple[list[Array], Array]]()
+        self._odds = WeakKeyDictionary[Block, Array]()
 
     @property
     def evidence(self) -> Evidence:
@@ -317,84 +296,44 @@ class Beside:
         return float(np.sqrt(max(self.left / self.evidence.freedom, 1.0)))
 
     @cached_property
-    def covariance(self) -> Array:
-        """(k, k) posterior covariance of the scaled amplitudes [mm^2]."""
-        return self.noise**2 * self.inverse.T @ self.inverse
+    def values(self) -> Array:
+        """(k,) most probable amplitudes of all hypotheses in the model [the laws' units]."""
+        return self.inverse.T @ self.pull * self.scale
 
-    @cached_property
+    @property
     def amplitudes(self) -> tuple[Array, ...]:
-        """(k,) most probable amplitudes of each hypothesis in the model [the law's unit]."""
-        values = self.inverse.T @ self.pull * self.scale
-        return tuple(values[a:b] for a, b in pairwise(self._ends))
+        """The same for each hypothesis."""
+        return tuple(self.values[a:b] for a, b in pairwise(self._ends))
 
     @cached_property
     def log_posterior(self) -> float:
         """Log posterior probability of the model, but for a constant."""
         evidence, found = self.evidence, 0.0
-        values = self.inverse.T @ self.pull
         for one, amplitudes, first in zip(self.model, self.amplitudes, self._ends, strict=False):
             found += float(evidence.prior(one.number)[one.scale]) - evidence.charge(one.number, amplitudes)
             if evidence.groups[one.number].hypothesis.positive:
-                found += float(_sign(values[first] / np.sqrt(self.covariance[first, first])))
+                std = self.noise * float(np.linalg.norm(self.inverse[:, first]))
+                found += float(_sign(float(self.inverse[:, first] @ self.pull) / std))
         return found + float(log_likelihood(self.left, evidence.freedom)) - 0.5 * self.volume + evidence.constant
 
     @property
     def odds(self) -> Array:
         """(H, T) log odds of the model with each hypothesis at each scale more, over the model; nothing is charged."""
-        return np.concatenate([self._odds_in(which) for which in range(len(self.evidence.blocks))])
+        return np.concatenate([self.odds_in(block) for block in self.evidence.blocks])
 
     def odds_at(self, number: int) -> Array:
         """Return the (T,) log odds of a further hypothesis at each scale, as likely as that is; nothing is charged."""
-        which = self.evidence.block_of(number)
-        return self._odds_in(which)[number - self.evidence.blocks[which].first] + self.evidence.sized(number)
+        block, own = self.evidence.block_of(number)
+        return self.odds_in(block)[own] + self.evidence.sized(number)
 
-    def _odds_in(self, which: int) -> Array:
-        block = self.evidence.blocks[which]
-        if block.key not in self._odds or self._odds[block.key][0] is not block:
-            odds = self.odds_of(block.batches, *self.reduced(which), len(block.priors)) + block.priors
-            self._odds[block.key] = block, odds
-        return self._odds[block.key][1]
-
-    def across(self, which: int) -> Array:
-        """Return (K, k) products of a block's columns with the scaled ones of the model, by the root's inverse.
-
-        Squares of it are what the model takes of their information. Columns of what the last model begins with, too,
-        stand as they are: a climb adds at the end, and takes out one hypothesis after the other from there.
-        """
-        block, size = self.evidence.blocks[which], len(self.places)
-        own = [block, *zip(self.places.tolist(), self.held.tolist(), strict=True)]
-        last, found = self.evidence.scanned.get(block.key, ([], np.empty((0, 0))))
-        if len(found) != len(block.scores) or found.shape[1] < size:
-            last, found = [], np.empty((len(block.scores), size + size // 2))
-        first = max(sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(own, last, strict=False))) - 1, 0)
-        if first < size:
-            inverse = self.inverse[first:, first:]  # of a triangle's end the inverse is the end of its inverse
-            before = found[:, :first] @ (inverse @ self.root[first:, :first]).T
-            found[:, first:size] = self.evidence.gram(which, self.places[first:]) @ (inverse * self.scale[first:]).T
-            found[:, first:size] -= before
-        self.evidence.scanned[block.key] = own, found
-        return found[:, :size]
-
-    def reduced(self, which: int) -> Reduced:
-        """Return what the model leaves of a block's information and scores."""
-        block = self.evidence.blocks[which]
-        if block.key not in self._reduced or self._reduced[block.key][0] is not block:
-            across = self.across(which)
-            self._reduced[block.key] = block, (reduced(block.batches, across), block.scores - across @ self.pull)
-        return self._reduced[block.key][1]
-
-    def odds_of(self, batches: Sequence[Batch], insides: Sequence[Array], scores: Array, most: int) -> Array:
-        """Return the (H, T) log evidence that hypotheses add to the model at each scale; none where not in batches.
-
-        Args:
-            batches: Of all of them.
-            insides, scores: What the model leaves of their information and of their columns' scores.
-            most: H.
-        """
-        freedom = self.evidence.freedom
-        found = np.full((most, len(SCALES)), -np.inf)
+    def odds_in(self, block: Block) -> Array:
+        """Return the `odds` of a block's hypotheses; of those that are in no batch none."""
+        if block in self._odds:
+            return self._odds[block]
+        freedom, (insides, scores) = self.evidence.freedom, self.reduced(block)
+        found = np.full(block.priors.shape, -np.inf)
         here, tight = float(log_likelihood(self.left, freedom)), SCALES[:, None] ** -2.0
-        for (numbers, places, scale, _, signed), inside in zip(batches, insides, strict=True):
+        for (numbers, places, scale, _, signed), inside in zip(block.batches, insides, strict=True):
             score = scores[places] * scale
             if places.shape[1] == 1:
                 values, turned = np.maximum(inside[:, 0], 0.0), score
@@ -408,7 +347,41 @@ class Beside:
                 own = turned[signed, None, 0] / np.sqrt(held[signed, :, 0] * np.maximum(left[signed] / freedom, 1.0))
                 logs[signed] += _sign(own)
             found[numbers] = logs
-        return found
+        self._odds[block] = found + block.priors
+        return self._odds[block]
+
+    def reduced(self, block: Block) -> tuple[list[Array], Array]:
+        """Return what the model leaves of the (g, k, k) information of every batch, and of the (K,) scores."""
+        if block not in self._reduced:
+            across, found = self.across(block), list[Array]()
+            squares = np.einsum("km,km->k", across, across)
+            for _, places, scale, inside, _ in block.batches:
+                if places.shape[1] == 1:
+                    found.append(inside - (squares[places] * scale**2)[:, :, None])
+                else:
+                    own = across[places] * scale[:, :, None]
+                    found.append(inside - own @ own.transpose(0, 2, 1))
+            self._reduced[block] = found, block.scores - across @ self.pull
+        return self._reduced[block]
+
+    def across(self, block: Block) -> Array:
+        """Return (K, k) products of a block's columns with the scaled ones of the model, by the root's inverse.
+
+        Squares of it are what the model takes of their information. Columns of what the last model begins with, too,
+        stand as they are: a climb adds at the end, and takes out one hypothesis after the other from there.
+        """
+        size, (last, found) = len(self.places), block.last
+        own = list(zip(self.places.tolist(), self.held.tolist(), strict=True))
+        if len(found) != len(block.scores) or found.shape[1] < size:
+            last, found = (), np.empty((len(block.scores), size + size // 2))
+        first = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(own, last, strict=False)))
+        if first < size:
+            inverse = self.inverse[first:, first:]  # of a triangle's end the inverse is the end of its inverse
+            before = found[:, :first] @ (inverse @ self.root[first:, :first]).T
+            found[:, first:size] = block.gram(self.places[first:]) @ (inverse * self.scale[first:]).T
+            found[:, first:size] -= before
+        block.last[:] = own, found
+        return found[:, :size]
 
     def rough(self, top: float) -> float:
         """Return the least log odds on a grid with which a hypothesis may come as near to some others as `WITHIN`."""
@@ -420,24 +393,13 @@ class Beside:
 
     def amplitudes_of(self, number: int, scale: int) -> Array:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
-        which = self.evidence.block_of(number)
-        block, (insides, scores) = self.evidence.blocks[which], self.reduced(which)
-        batch, row = block.where[number - block.first]
-        _, places, scales, *_ = block.batches[batch]
-        own = insides[batch][row] + np.eye(places.shape[1]) * SCALES[scale] ** -2.0
-        return np.linalg.solve(own, scores[places[row]] * scales[row]) * scales[row]
-
-
-def reduced(batches: Sequence[Batch], across: Array) -> list[Array]:
-    """Return (g, k, k) information of batches beside a model; see `Beside.across`."""
-    found, squares = [], np.einsum("km,km->k", across, across)
-    for _, places, scale, inside, _ in batches:
-        if places.shape[1] == 1:
-            found.append(inside - (squares[places] * scale**2)[:, :, None])
-        else:
-            own = across[places] * scale[:, :, None]
-            found.append(inside - own @ own.transpose(0, 2, 1))
-    return found
+        block, own = self.evidence.block_of(number)
+        insides, scores = self.reduced(block)
+        for (numbers, places, scales, *_), inside in zip(block.batches, insides, strict=True):
+            for row in np.flatnonzero(numbers == own):
+                whole = inside[row] + np.eye(places.shape[1]) * SCALES[scale] ** -2.0
+                return np.linalg.solve(whole, scores[places[row]] * scales[row]) * scales[row]
+        raise KeyError(number)
 
 
 def _sign(ratio: Array | float) -> Array:
@@ -502,79 +464,56 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
 def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None, most: int = MOST_EFFECTS) -> Model:
     """Return the model that no addition, deletion or exchange of one hypothesis, or of a pair, makes more probable.
 
-    Nor does one hypothesis for each of two drives make it so in place of one for all drives.
-
-    Args:
-        evidence: The hypotheses; refined ones are added.
-        model: Where to begin.
-        refine: Refines what is inside the best hypotheses before one is chosen; None to take them as they are.
-        most: Hypotheses at most.
+    Nor does one hypothesis for each of two drives make it so in place of one for all drives. It begins with a model and
+    has so many hypotheses at most; those that are refined are added to the evidence.
     """
-    begun, first, again = evidence.log_posterior(model), set(model), True
+    worth, begun, first = evidence.log_posterior, evidence.log_posterior(model), set(model)
     evidence.ranked = np.zeros(0, dtype=int)
-    model, value = _swept(evidence, model, begun, refine, most)
-    while again:
-        again = False
+
+    def extended(model: Model, only: Only | None = None) -> Model:
+        for rival in rivals(evidence.beside(model), refine, only)[:2] if len(model) < most else ():
+            longer = (*model, rival.chosen)
+            if worth(longer) > worth(model) + max(BETTER, LINEAR_ERROR * (worth(longer) - begun)):
+                return longer
+        return model
+
+    def swept(model: Model) -> Model:  # one after the other, and round again until none can go or be exchanged
+        i, tried, start = 0, -1, model
+        while tried < len(model):
+            evidence.narrow(tried >= 0 and model is not start)
+            if tried < 0:
+                longer = extended(model)
+                model, tried = longer, 0 if longer is model else -1
+                continue
+            i, tried = (i if 0 < i <= len(model) else len(model)) - 1, tried + 1
+            some = rivals(evidence.beside(without(model, i)), refine)[:2]
+            trials = [without(model, i), *((*model[:i], one.chosen, *model[i + 1 :]) for one in some)]
+            trial = max(trials, key=worth)
+            if worth(trial) > worth(model) + BETTER:
+                model, tried = trial, -1
+        return model
+
+    def exchangeable(model: Model) -> list[tuple[int, ...]]:
         families = [(i,) for i, one in enumerate(model) if evidence.groups[one.number].hypothesis.family]
-        for gone in [*_sharing(evidence, model), *families]:
-            rest = tuple(one for i, one in enumerate(model) if i not in gone)
-            trial, found = rest, evidence.log_posterior(rest)
-            evidence.narrow(set(model) != first)
-            for _ in range(2):
-                only = _is_single if len(gone) == 1 else None
-                trial, found = _extended(evidence, trial, found, begun, refine, most, only)
-            if found > value - WITHIN and set(trial) != set(model):
-                trial, found = _swept(evidence, trial, begun, refine, most)
-            if found > value + BETTER:
-                model, value, again = trial, found, True
-                break
+        return [*_sharing(evidence, model), *families]
+
+    model = swept(model)
+    some = exchangeable(model)
+    while some:
+        gone = some.pop(0)
+        only = _is_single if len(gone) == 1 else None
+        evidence.narrow(set(model) != first)
+        trial = extended(extended(without(model, *gone), only), only)
+        if worth(trial) > worth(model) - WITHIN and set(trial) != set(model):
+            trial = swept(trial)
+        if worth(trial) > worth(model) + BETTER:
+            model, some = trial, exchangeable(trial)
     evidence.narrow(False)
     return model
 
 
-def _extended(
-    evidence: Evidence,
-    model: Model,
-    value: float,
-    begun: float,
-    refine: Refine | None,
-    most: int,
-    only: Only | None = None,
-) -> tuple[Model, float]:
-    """Return the model with the hypothesis more that makes it most probable, or the model itself."""
-    if len(model) >= most:
-        return model, value
-    for rival in rivals(evidence.beside(model), refine, only)[:2]:
-        found = evidence.log_posterior((*model, rival.chosen))
-        if found > value + max(BETTER, LINEAR_ERROR * (found - begun)):
-            return (*model, rival.chosen), found
-    return model, value
-
-
 def _is_single(hypothesis: Hypothesis) -> bool:
     return not hypothesis.family
-
-
-def _swept(evidence: Evidence, model: Model, begun: float, refine: Refine | None, most: int) -> tuple[Model, float]:
-    """Return a model, and its log posterior, that no one hypothesis more, less or exchanged makes more probable."""
-    value, i, tried, first = evidence.log_posterior(model), 0, -1, model
-    while tried < len(model):  # one after the other, and round again until none can go or be exchanged
-        evidence.narrow(tried >= 0 and model is not first)
-        if tried < 0:
-            longer, value = _extended(evidence, model, value, begun, refine, most)
-            model, tried = longer, 0 if len(longer) == len(model) else -1
-            continue
-        i, tried = (i if 0 < i <= len(model) else len(model)) - 1, tried + 1
-        rest = (*model[:i], *model[i + 1 :])
-        beside = evidence.beside(rest)
-        trials = [(beside.log_posterior, rest)]
-        for rival in rivals(beside, refine)[:2]:
-            trial = (*model[:i], rival.chosen, *model[i + 1 :])
-            trials.append((evidence.log_posterior(trial), trial))
-        found, trial = max(trials, key=lambda one: one[0])
-        if found > value + BETTER:
-            model, value, tried = trial, found, -1
-    return model, value
 
 
 def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:

@@ -15,6 +15,7 @@ from armflex.errors import ArmflexError
 from armflex.estimate.block import Block, EffectBlock, amplitude_prior
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
+from armflex.estimate.held_out import judged_by
 from armflex.estimate.outliers import lost_readings
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.view import gravity_in, look
@@ -82,6 +83,11 @@ class State:
         if np.array_equal(self.rows, first.view.rows):
             return first
         return fit(first.declared, first.blocks, self.measurements, self.rows, first.values)
+
+    @cached_property
+    def judged(self) -> np.ndarray:
+        """(M, d) which readings of the rows in use every error is over."""
+        return judged_by(self.calibrated, self.fit)
 
     @cached_property
     def groups(self) -> np.ndarray:
@@ -192,8 +198,8 @@ def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     While an effect is missing, readings that it moves may look lost; once it is there, others stand out that did not.
     Rows before a joint's first motion leave with the first effect that must know its direction.
     """
-    lost, whole = lost_of(state, state.heed), state.calibration.measurements
-    used = ~(only_lost(state, lost) | state.undirected)
+    (lost, gone), whole = lost_of(state, state.heed), state.calibration.measurements
+    used = ~(gone | state.undirected)
     if np.array_equal(state.asked[used], state.rows) and np.array_equal(lost[used], state.lost[used]):
         return state
     lost &= used[:, None]
@@ -205,24 +211,17 @@ def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     return refit(changed, state.effects, state.random, state.fit.values, effort)
 
 
-def lost_of(state: State, heed: bool) -> np.ndarray:
-    """Return (A, G) which readings of the rows that were to be used are lost beams at a fit; see `lost_readings`."""
+def lost_of(state: State, heed: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return (A, G) which readings of the rows asked for are lost beams, and (A,) which rows hold nothing else.
+
+    See `lost_readings`.
+    """
     asked, whole = state.asked, state.calibration.measurements
     same = np.array_equal(asked, state.rows) and state.measurements is whole
     view = state.fit.view if same else look(state.fit.setup, whole, asked)
-    return lost_readings(view, [whole.session[row] for row in asked], whole.pose_number[asked], heed)
-
-
-def only_lost(state: State, lost: np.ndarray) -> np.ndarray:
-    """Return (A,) which rows hold nothing but (A, G) lost readings."""
-    whole = state.calibration.measurements.readings
-    read = np.array([np.isfinite(whole.sigma[state.asked][:, place]).any(axis=1) for place in whole.groups]).T
-    return np.all(lost | ~read, axis=1)
-
-
-def lost_rows(state: State, heed: bool) -> np.ndarray:
-    """Return which of the rows that were to be used hold nothing but lost beams at a fit; see `lost_of`."""
-    return only_lost(state, lost_of(state, heed))
+    lost = lost_readings(view, [whole.session[row] for row in asked], whole.pose_number[asked], heed)
+    read = [np.isfinite(whole.readings.sigma[asked][:, place]).any(axis=1) for place in whole.readings.groups]
+    return lost, np.all(lost | ~np.array(read).T, axis=1)
 
 
 def context_at(fitted: Fit, measurements: Measurements) -> Context:
@@ -243,64 +242,54 @@ def context_at(fitted: Fit, measurements: Measurements) -> Context:
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
 
 
-@dataclass(frozen=True, eq=False)
-class Added:
-    """A hypothesis that is to be in the arm.
-
-    Attributes:
-        hypothesis: What it says.
-        amplitudes: (k,) where its amplitudes begin, of all members [the laws' units].
-        std: (k,) their prior standard deviations.
-    """
-
-    hypothesis: Hypothesis
-    amplitudes: Array
-    std: Array
-
-
-def with_hypotheses(state: State, added: Sequence[Added], explained: Array, effort: Effort = ROUGH) -> State:
+def with_hypotheses(
+    state: State,
+    known: Sequence[Hypothesis],
+    amplitudes: Array,
+    std: Array,
+    explained: Array,
+) -> State:
     """Return the state with these hypotheses in place of those that it has, and everything refitted.
 
     Args:
         state: The arm so far.
-        added: What is to be added to the declared arm.
+        known: What is to be added to the declared arm.
+        amplitudes, std: (K,) where the amplitudes of all members begin, and their prior deviations [the laws' units].
         explained: (n,) what they explain of the readings of `state.bare`, whitened and weighted.
-        effort: Of the fit.
 
     Raises:
         ArmflexError: The arm with them does not come to rest, or no fit is found.
     """
-    known, blocks, starts = len(state.declared.arm.effects), list[EffectBlock](), list[tuple[Array, Array]]()
-    present = {
-        one.spot: [state.fitted[i].acting for i in unit] for one, unit in zip(state.known, state.units, strict=True)
-    }
-    for one in added:
-        first, now = 0, present.get(one.hypothesis.spot, [])
-        for member in one.hypothesis.members:
-            count = len(member.location.terms)
-            effect = member.effect(one.amplitudes[first : first + count])
-            derived = tuple(name for name in member.location.covariates if name in state.measurements.derived)
-            effect = replace(effect, derived=derived).seen_in(state.context, state.rows)
-            free = () if one.hypothesis.family else member.fitted
-            prior = amplitude_prior(effect, free, state.fit.view, state.context)
-            prior[:count] = np.minimum(prior[:count], one.std[first : first + count])
-            blocks.append(EffectBlock(effect, free, state.context, known + len(blocks), prior))
-            start, promised = blocks[-1].start, np.zeros(len(prior))
-            promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
-            starts.append((start, promised))
-            first += count
+    present = {one.spot: [state.fitted[i].acting for i in own]
+               for one, own in zip(state.known, state.units, strict=True)}  # fmt: skip
+    blocks, starts, first = list[EffectBlock](), list[tuple[Array, Array]](), 0
+    for one, member in [(each, member) for each in known for member in each.members]:
+        count = len(member.location.terms)
+        own, now = slice(first, first + count), present.get(one.spot)
+        effect = member.effect(amplitudes[own])
+        derived = tuple(name for name in member.location.covariates if name in state.measurements.derived)
+        effect = replace(effect, derived=derived).seen_in(state.context, state.rows)
+        free = () if one.family else member.fitted
+        prior = amplitude_prior(effect, free, state.fit.view, state.context)
+        prior[:count] = np.minimum(prior[:count], std[own])
+        number = len(state.declared.arm.effects) + len(blocks)
+        blocks.append(EffectBlock(effect, free, state.context, number, prior))
+        start, promised = blocks[-1].start, np.zeros(len(prior))
+        promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
+        starts.append((start, promised))
+        first += count
     projection, rest = state.bare, sum(len(block.parameters) for block in state.blocks)
     absorbed = projection.absorbed(projection.data - explained)
     random = absorbed[rest:] if state.random is not None else np.zeros(0)
-    if not added:  # of several minima that of the calibration
+    if not known:  # of several minima that of the calibration
         absorbed = state.first.values
-    after = replace(state, known=tuple(one.hypothesis for one in added))
+    after = replace(state, known=tuple(known))
     last: ArmflexError | None = None
     for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead
         declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
         effects = [start - (1.0 - share) * promised for start, promised in starts]
         try:
-            return refit(after, tuple(blocks), state.random, np.concatenate([declared, *effects, random]), effort)
+            return refit(after, tuple(blocks), state.random, np.concatenate([declared, *effects, random]))
         except ArmflexError as error:
             last = error
     assert last is not None

@@ -59,14 +59,7 @@ class RandomTwist:
 
 
 def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndarray) -> tuple[RandomTwist, ...]:
-    """Return every site and axis, the likeliest first.
-
-    Args:
-        fit: The fit whose residual is looked at.
-        context: The campaign.
-        projection: The same fit's.
-        groups: (M,) number of the pose of every measured row: rows of one pose share a twist.
-    """
+    """Return every site and axis, the likeliest first; measured rows of one of (M,) groups, a pose, share a twist."""
     view, scale = fit.view, fit.scale
     residual, read = projection.residual.reshape(scale.shape), np.isfinite(view.sigma)
     # The RMS of each kind's residual where it was read, over that of all.
@@ -94,11 +87,8 @@ def localise(fit: Fit, context: Context, projection: Projection, groups: np.ndar
 def _likelihood(score: Array, square: Array, total: float, freedom: float) -> tuple[float, float]:
     """Return the largest log-likelihood ratio, the noise's size fitted for each variance, and the variance there.
 
-    Args:
-        score: (G,) product of every pose's residual with its column.
-        square: (G,) square of every pose's column.
-        total: Sum of squares of the residual.
-        freedom: Degrees of freedom of the residual.
+    `score` and `square` are the (G,) products of every pose's column with its residual and itself, `total` the sum of
+    squares of the residual.
     """
     mean = float(square.mean())
     if mean <= 0.0:

@@ -10,16 +10,15 @@ from scipy.special import chdtri
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
-from armflex.estimate.block import Block
 from armflex.estimate.fit import ROUGH, Fit, fit
-from armflex.estimate.held_out import errors_of, frames_of, held_out, judged_by, known_of_others, pose_folds
+from armflex.estimate.held_out import errors_of, frames_of, held_out, known_of_others, pose_folds
 from armflex.estimate.view import look
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
-from armflex.trace.selection import SCALES, Model, climbed, log_likelihood
+from armflex.trace.selection import SCALES, Model, climbed, log_likelihood, without
 from armflex.trace.state import State
 
 SIGN_FLIPS = 100
@@ -35,11 +34,9 @@ class Folds:
     """The linear problem of a state in parts: every fifth of the poses predicted from the others.
 
     Attributes:
-        here: The state.
         numbers: Hypotheses that compete, by their numbers in its screen.
         learned: (n,) readings of all poses but those of a fold, for every fold.
-        parts: Evidence from those.
-        fitted: What they say of the parameters that are fitted anyway, whatever the model.
+        parts, fitted: Evidence from those, and what they say of the parameters that are fitted anyway.
         readings, judged: What errors are over, and (M,) the rows that have any of it.
     """
 
@@ -52,7 +49,7 @@ class Folds:
         for learned in self.learned:
             own = projection.regressors[learned].T @ projection.shared[learned]
             self.fitted.append(LinearGaussian(own + np.diag(projection.precision)))
-        self.readings = state.fit.view.readings.where(judged_by(state.calibrated, state.fit))
+        self.readings = state.fit.view.readings.where(state.judged)
         self.judged = self.readings.foremost_count > 0
 
     def errors(self, models: Sequence[Model]) -> Array:
@@ -62,7 +59,7 @@ class Folds:
         for part, learned, fitted, model in zip(self.parts, self.learned, self.fitted, models, strict=True):
             own = [screen.groups[self.numbers[one.number]] for one in model]
             places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in own)])
-            amplitudes = np.concatenate([np.zeros(0), *part.beside(model).amplitudes])
+            amplitudes = part.beside(model).values
             data = projection.data - screen.columns(places) @ amplitudes
             values = fitted.solve(projection.shared[learned].T @ data[learned])
             left[~learned] = (data - projection.regressors @ values)[~learned]
@@ -84,17 +81,12 @@ class Folds:
 
 @dataclass(frozen=True, eq=False)
 class Validated:
-    """How a state predicts held-out poses.
+    """How a state predicts held-out poses, and what they say of every hypothesis.
 
-    Attributes:
-        compared: Errors on poses held out.
-        names: For every hypothesis found, the share of folds that lead to its law and place.
-        proofs: For every hypothesis, errors without it and with it.
-        errors: (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m].
+    `errors` are (M, n) of what is read foremost on poses held out, everything chosen and fitted without them [m].
     """
 
     compared: Compared
-    names: tuple[float, ...]
     proofs: tuple[Proof, ...]
     errors: Array
 
@@ -102,53 +94,42 @@ class Validated:
 def validated(here: Standing, numbers: Sequence[int], own: Model, priors: Array, null: float) -> Validated:
     """Return how a state predicts poses that were held out.
 
-    Args:
-        here: The state.
-        numbers: Hypotheses that compete, by their numbers in its screen.
-        own: Its model among those.
-        priors: (k, T) log prior probability of each of those at each of its scales.
-        null: What chance gives.
+    `own` is its model among the hypotheses that compete, which have `numbers` in its screen and (k, T) log `priors`;
+    `null` is what chance gives.
     """
     folds = Folds(here, numbers, priors)
     anew, count = [climbed(part) for part in folds.parts], len(folds.parts)
-    whole, chosen, fitted = folds.squares([own] * count), folds.errors(anew), here.state.fit
+    whole, chosen, state = folds.squares([own] * count), folds.errors(anew), here.state
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
-    calibrated, judged = here.state.calibrated, judged_by(here.state.calibrated, fitted)
-    poses = pose_folds(here.state.groups)
-    before, exact = (held_out(one, poses, judged=judged).squares for one in (calibrated, fitted))
-    names, proofs = [], []
+    poses = pose_folds(state.groups)
+    before, exact = (held_out(one, poses, judged=state.judged).squares for one in (state.calibrated, state.fit))
+    proofs = []
     for i, one in enumerate(own):
         name = folds.parts[0].groups[one.number].hypothesis.name
         led = [any(part.groups[c.number].hypothesis.name == name for c in model)
                for part, model in zip(folds.parts, anew, strict=True)]  # fmt: skip
-        names.append(sum(led) / count)
-        without = folds.squares([tuple(o for j, o in enumerate(own) if j != i)] * count)
-        proofs.append(_proof(here, folds, i, without, whole, null))
+        less, sessions = folds.squares([without(own, i)] * count), sessions_held_out(state, state.units[i])
+        first, last = sessions or (None, None)
+        rise, share = folds.apart(less, whole), sum(led) / count
+        proofs.append(Proof(folds.rms(less), folds.rms(whole), first, last, -rise, null, share))
     ways = [folds.readings.row_squares(chosen), whole]
     if folds.rms(exact) > folds.rms(before) >= max(map(folds.rms, ways)):
-        exact = refitted_out(here.state, poses, judged)
+        exact = refitted_out(state, poses)
     ways += [] if exact is None else [exact]
     apart = max(folds.apart(before, one) for one in ways)
     first, after, *as_found = map(folds.rms, (before, *ways))
-    return Validated(Compared(first, after, max(as_found), apart), tuple(names), tuple(proofs), chosen)
+    return Validated(Compared(first, after, max(as_found), apart), tuple(proofs), chosen)
 
 
-def refitted_out(state: State, folds: np.ndarray, judged: np.ndarray) -> Array | None:
-    """Return the (M,) squared errors of rows held out, each fold predicted by a fit of its own without it [m^2].
+def refitted_out(state: State, folds: np.ndarray) -> Array | None:
+    """Return the (M,) squared errors of rows [m^2], those of each of (M,) folds predicted by a fit without it.
 
     The linear problem is far off where few rows say what is inside a law, as where a magnet is that the arm comes near.
-
-    Args:
-        state: The state.
-        folds: (M,) fold of every row.
-        judged: (M, d) readings that count.
-
-    Returns:
-        None where no values inside laws are fitted, or a fit without a fold does not settle.
+    None where no values inside laws are fitted, or a fit without a fold does not settle.
     """
     if state.random is not None or not any(block.free for block in state.effects):
         return None
-    left, blocks = np.empty(judged.shape), (*state.blocks, *state.effects)
+    left, blocks = np.empty(state.judged.shape), (*state.blocks, *state.effects)
     for number in range(int(folds.max()) + 1):
         own = folds == number
         try:
@@ -156,15 +137,7 @@ def refitted_out(state: State, folds: np.ndarray, judged: np.ndarray) -> Array |
             left[own] = look(others.setup, state.measurements, state.rows[own]).residual
         except ArmflexError:
             return None
-    return state.fit.view.readings.where(judged).row_squares(left)
-
-
-def _proof(here: Standing, folds: Folds, index: int, before: Array, after: Array, null: float) -> Proof:
-    state, apart = here.state, -folds.apart(before, after)
-    blocks = [state.effects[i] for i in state.units[index]]
-    sessions = sessions_held_out(state.calibrated, state.fit, blocks, state.sessions)
-    without, with_it = sessions or (None, None)
-    return Proof(folds.rms(before), folds.rms(after), without, with_it, apart, null)
+    return state.fit.view.readings.where(state.judged).row_squares(left)
 
 
 def chance(here: Standing, seed: int = 0) -> float:
@@ -183,10 +156,9 @@ def chance(here: Standing, seed: int = 0) -> float:
     pulls = beside.inverse @ (every[beside.places] * beside.scale[:, None])
     objective = (flipped * projection.cleared(flipped)).sum(axis=0) - (seen**2).sum(axis=0) - (pulls**2).sum(axis=0)
     here_value = log_likelihood(objective, screen.freedom)
-    for which, scores in enumerate(screen.parted(every)):
-        block = screen.blocks[which]
-        left = scores - beside.across(which) @ pulls
-        for (numbers, at, scale, *_), inside in zip(block.batches, beside.reduced(which)[0], strict=True):
+    for block, scores in zip(screen.blocks, screen.parted(every), strict=True):
+        left = scores - beside.across(block) @ pulls
+        for (numbers, at, scale, *_), inside in zip(block.batches, beside.reduced(block)[0], strict=True):
             values, axes = np.linalg.eigh(inside)
             squares = np.einsum("gki,gkf->gif", axes, left[at] * scale[:, :, None]) ** 2
             peaks = squares.max(axis=2)
@@ -206,8 +178,7 @@ def chance(here: Standing, seed: int = 0) -> float:
 def weakest(own: Model, evidence: Dense) -> int:
     """Return the place of the hypothesis of a model that is least probable beside the others."""
     whole = evidence.log_posterior(own)
-    worths = [whole - evidence.log_posterior(tuple(o for j, o in enumerate(own) if j != i)) for i in range(len(own))]
-    return int(np.argmin(worths))
+    return int(np.argmin([whole - evidence.log_posterior(without(own, i)) for i in range(len(own))]))
 
 
 def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -217,24 +188,20 @@ def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[n
     return folds, [frames_of(fit, name) for name in names]
 
 
-def sessions_held_out(
-    before: Fit, after: Fit, new: Sequence[Block], sessions: Sequence[str]
-) -> tuple[float, float] | None:
-    """Return the RMS of the 3-D error with whole sessions held out, before and after new blocks came in [m].
+def sessions_held_out(state: State, new: Sequence[int]) -> tuple[float, float] | None:
+    """Return the RMS of the 3-D error with whole sessions held out, before and after some effects came in [m].
 
     Over the sessions without which the others still show what is new: whether a tool slipped before the second of two
     sessions that no reading distinguishes from one of them. None where there are no such sessions.
     """
-    if len(set(sessions)) < 2 or not new:
+    before, after, judged = state.calibrated, state.fit, state.judged
+    if len(set(state.sessions)) < 2 or not new:
         return None
-    folds, frames = session_folds(after, sessions)
-    able = _showing(after, np.concatenate([after.places(block) for block in new]), folds)
-    if not able.any():
-        return None
-    judged = judged_by(before, after)
+    folds, frames = session_folds(after, state.sessions)
+    able = _showing(after, np.concatenate([after.places(state.effects[i]) for i in new]), folds)
     if not (able & (before.view.readings.where(judged).foremost_count > 0)).any():
         return None
-    first = held_out(before, *session_folds(before, sessions), judged=judged)
+    first = held_out(before, *session_folds(before, state.sessions), judged=judged)
     return first.rms_of(able), held_out(after, folds, frames, judged).rms_of(able)
 
 

@@ -74,7 +74,7 @@ def shown() -> tuple[dict[str, Shown], Records]:
     made = Bank(tuple(one.one for one in known), fit, context)
     screen = Screen(known, made, state.bare, state.quiet)
     whole, inside = np.zeros((2, len(made.candidates)))
-    for groups, squares in made.squares:
+    for groups, squares, _ in made.squares():
         whole[groups] = squares.sum(axis=(1, 2)) / state.quiet**2  # all amplitudes alike
     for groups, _, scale, rest, _ in screen.blocks[0].batches:
         amplitude = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)

@@ -64,7 +64,7 @@ def further(trace: Trace) -> list[str]:
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
     for family in trace.families:
-        size = measure(family.std, None, family.unit)
+        size = measure(family.size, None, family.unit)
         said.append(
             f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family with a "
             f"probability of {family.probability:.0%}, not a named cause."
