@@ -28,7 +28,9 @@ law's tangent, the tip per change of a law B and per change of a load `B C` obey
 
     B_i' = W_i' (J' + L (W C' B'))       an exact (6 n, 6 n) system, whose matrix is the transpose of I + C G E
 
-Its distance from the unit matrix is returned: below 1 the arm is stable, because no eigenvalue is left of zero.
+Its distance from the unit matrix is returned: below 1 the arm is stable, because no eigenvalue is left of zero. No
+eigenvalue depends on the unit of length, so it is the distance in that in which it is shortest: of squares a of metres
+per radian and b of radians per metre, a / u^2 + b u^2 is 2 (a b)^1/2 at least.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws.terms import LEAST, Kind
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
-from armflex.mechanics.equilibrium import CONVERGED, NEXT, SLOWEST, SMALL, STEPS
+from armflex.mechanics.equilibrium import CONVERGED, NEXT, SMALL, STEPS
 from armflex.mechanics.laws import Laws, LawStack
 from armflex.storage import kept_code
 from armflex.storage.kept_code import kept
@@ -270,7 +272,7 @@ def _iterate(arm, laws, room, first, lanes):
             if fine[c] > drawn[c]:
                 if size[c] <= CONVERGED and size[c] * size[c] <= NEXT * before[c]:
                     drawn[c] = 1.0
-                elif not size[c] < SLOWEST * before[c]:
+                elif not size[c] < SMALL:  # shifts and turns may take turns in shrinking
                     fine[c] = 0.0
                 else:
                     moving = True
@@ -821,7 +823,7 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
         compliance: (1 or N, n, 6, 6) tangents of its laws there.
         certain: (N,) whether it is known to be stable; otherwise `by_law` is filled where `distance` shows it.
         by_law: To be filled.
-        distance: (N,) to be filled with the Frobenius norm of C G E, see the head of this module.
+        distance: (N,) to be filled with the least Frobenius norm of C G E, see the head of this module.
     """
     n, arm = twists.shape[1], Arm(elements, kinds, twists.shape[1], links, wrenches)
     here, size = _flexed_room(arm), 6 * n
@@ -830,11 +832,12 @@ def sensitivities(elements, kinds, links, wrenches, changes, q, twists, complian
         _flex(arm, here, q[row], twists[row], row)
         _motions(arm, here, twists[row], compliance[min(row, len(compliance) - 1)])
         _couple(arm, here, changes, row, matrix)
-        square = 0.0
+        squares = np.zeros((2, 2))  # of motions and turns
         for i in range(size):
             for j in range(size):
-                square += matrix[i, j] ** 2
+                squares[i % 6 // 3, j % 6 // 3] += matrix[i, j] ** 2
                 matrix[i, j] *= -1.0
+        square = squares[0, 0] + squares[1, 1] + 2.0 * math.sqrt(squares[0, 1]) * math.sqrt(squares[1, 0])
         distance[row] = math.sqrt(square)
         if not (certain[row] or square < 1.0):
             by_law[row] = np.nan
