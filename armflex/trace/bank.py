@@ -21,7 +21,8 @@ MADE_AT_ONCE = 2**22
 """Tolerance: numbers of a bank's columns that are made at a time."""
 
 BANK_HELD = 2**26
-"""Tolerance: numbers up to which a bank keeps its columns; more are made again whenever they are asked for."""
+"""Tolerance: numbers up to which a bank keeps its columns as they are. Of up to twice as many it keeps 24 bits: models
+have columns of their own. More are made again whenever they are asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class Part:
 
     def squares(self, some: np.ndarray) -> Array:
         """Return the (g, k, k) products among themselves of (g, k) of the columns."""
-        shapes = self.shapes[self.of[some]]
+        shapes = self.shapes[self.of[some]].astype(float, copy=False)
         weighted = shapes if self.answer is None else shapes * (self.answer**2).sum(axis=1)
         return weighted @ shapes.transpose(0, 2, 1)
 
@@ -105,7 +106,11 @@ class Bank:
     @property
     def parts(self) -> Iterable[Part]:
         """All columns, part by part."""
-        return self._kept if self.starts[-1] * len(self.fit.view.rows) <= BANK_HELD else self._made()
+        return self._kept if self._count <= 2 * BANK_HELD else self._made()
+
+    @property
+    def _count(self) -> int:
+        return int(self.starts[-1]) * len(self.fit.view.rows)
 
     @cached_property
     def _kept(self) -> tuple[Part, ...]:
@@ -174,14 +179,15 @@ class Bank:
                     waiting, held = {}, 0
         yield from (self._part(key, some, known) for key, some in waiting.items())
 
-    def _part(self, kind: tuple, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> Part:
+    def _part(self, alike: tuple, some: Sequence[tuple[int, Array]], known: dict[tuple[int, ...], Array]) -> Part:
         """Return the columns of candidates that act alike at a site from what each of them brings, by its number.
 
         `known` are shapes without loads that were put together before, by the arrays that they are of.
         """
-        *_, of_load, _, direction = kind
+        *_, of_load, _, direction = alike
         groups, brought = np.array([index for index, _ in some]), [found for _, found in some]
         first, view = self.candidates[groups[0]], self.fit.view
+        kind = np.float32 if BANK_HELD < self._count <= 2 * BANK_HELD else float
         places = np.concatenate([np.arange(*self.starts[i : i + 2].tolist()) for i in groups.tolist()])
         if direction:
             answer = _answer(self.fit, first.location.site, np.frombuffer(direction))
@@ -192,7 +198,7 @@ class Bank:
             key = tuple(unique)
             shapes = None if of_load else known.get(key)
             if shapes is None:
-                shapes = np.concatenate(list(unique.values()))
+                shapes = np.concatenate(list(unique.values()), dtype=kind)
                 known |= {} if of_load else {key: shapes}
             return Part(groups, places, shapes, np.concatenate(of), answer)
         answer = view.per(first.law, first.location) * self.fit.scale[:, :, None]
@@ -201,7 +207,7 @@ class Bank:
             pairs = zip(map(self.candidates.__getitem__, groups), brought, strict=True)
             columns = [view.effect_quotient(one.law, one.location, one.inner, features) for one, features in pairs]
             regressors = regressors + (np.concatenate(columns, axis=2) * self.fit.scale[:, :, None]).transpose(0, 2, 1)
-        regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1)
+        regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1).astype(kind, copy=False)
         return Part(groups, places, regressors, np.arange(len(places)), None)
 
 
