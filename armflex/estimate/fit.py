@@ -508,7 +508,7 @@ class _Task:
                     if 2.0 * (before - after) < promised:  # a step too long may fall, and fall back
                         return trial, more
                     # What had to be damped more just now is not asked with less at once: it would fail again.
-                    less = damping / 10.0 if damping > LIGHT else 0.0
+                    less = damping / 10.0
                     return trial, damping if damping > start else less
             damping = more
         return None
