@@ -164,7 +164,7 @@ def read(plant: Plant, state: State, station: Array, shifts: Array) -> Array:
     return apply(shifts[state.rows.session], seen) + state.push.shift
 
 
-def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0, spare: int = 0) -> Drawn:
+def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0, spare: int = 0, poses: int = 0) -> Drawn:
     """Draw a campaign.
 
     Args:
@@ -173,21 +173,24 @@ def draw(kind: str, seed: int, arm: str = "boom", size: float = 1.0, spare: int 
         arm: "boom" or "six".
         size: Factor on the size of the effect.
         spare: Stops after the campaign for rows that are asked for.
+        poses: So many, each driven to once and read, in place of those of the study; none is held out.
     """
     for attempt in range(50):
         rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), sorted(ARMS).index(arm), attempt])
         try:
-            return once(rng, kind, seed, arm, size, spare)
+            return once(rng, kind, seed, arm, size, spare, poses)
         except Redraw:
             continue
     raise RuntimeError(f"{kind} cannot matter on this arm")
 
 
-def once(rng: np.random.Generator, kind: str, seed: int, arm: str, size: float, spare: int = 0) -> Drawn:
+def once(
+    rng: np.random.Generator, kind: str, seed: int, arm: str, size: float, spare: int = 0, poses: int = 0
+) -> Drawn:
     """Draw machine, run, instrument, effects and noise; raise `Redraw` where the effect wanted cannot matter."""
     plant = true_machine(rng, arm)
     several = kind in SEVERAL
-    rows = with_spare(run(rng, plant, arm, several), spare)
+    rows = with_spare(run(rng, plant, arm, several, poses), spare)
     noise = noise_of(rng, kind)
     station = pose(rng.normal(0.0, 3.0, 3), turn(np.array([0.0, 0.0, rng.uniform(-3.0, 3.0)])))
     shifts = np.array(
@@ -290,13 +293,17 @@ def true_machine(rng: np.random.Generator, arm: str) -> Plant:
     return plant
 
 
-def run(rng: np.random.Generator, plant: Plant, arm: str, several: bool = False) -> Rows:
+def run(rng: np.random.Generator, plant: Plant, arm: str, several: bool = False, many: int = 0) -> Rows:
     """Draw poses and payloads, the order in which they were driven, and the weather."""
     trained, held = (int(rng.integers(*ends)) for ends in (((72, 177), (18, 45)) if several else ((60, 76), (16, 21))))
+    trained, held = (many, 0) if many else (trained, held)
     lower = np.array([max(0.95 * j.lower, -2.8) for j in plant.joints])
     upper = np.array([min(0.95 * j.upper, 2.8 if j.kind != "prismatic" else np.inf) for j in plant.joints])
     poses = rng.uniform(lower, upper, (trained + held, len(lower)))
-    number, payload = visits(rng, len(poses), len(ARMS[arm].payloads), several).T
+    if many:
+        number, payload = np.arange(many), rng.integers(len(ARMS[arm].payloads), size=many)
+    else:
+        number, payload = visits(rng, len(poses), len(ARMS[arm].payloads), several).T
     q, stops = poses[number], len(number)
     session = np.arange(stops) * SESSIONS // stops
     hold, time = clock(rng, session)
@@ -304,7 +311,8 @@ def run(rng: np.random.Generator, plant: Plant, arm: str, several: bool = False)
     steam = 45.0 - 0.8 * (temperature - REFERENCE) + np.cumsum(rng.normal(0.0, 0.4, stops))
     held_out = number >= trained
     measured = ~held_out
-    measured[rng.choice(np.flatnonzero(measured), UNREAD * stops // STOPS, replace=False)] = False
+    unread = 0 if many else UNREAD * stops // STOPS
+    measured[rng.choice(np.flatnonzero(measured), unread, replace=False)] = False
     carried = ARMS[arm].payloads
     mass, com = np.array([m for _, m, _ in carried]), np.array([c for _, _, c in carried], float)
     came = approach(rng, q)
