@@ -125,6 +125,18 @@ def test_a_row_that_is_soft_but_stays(tmp_path):
     assert_like_pinocchio(arm, q, ["none"] * len(q), respond(arm, q, ["none"] * len(q)))
 
 
+def test_no_unit_of_length_makes_a_row_soft(monkeypatch):
+    """A turn of it gives many metres at a mount that is soft across the load: in a longer unit the tangent is near."""
+    arm, soft = bundled("tarm_like"), LinearLaw(np.diag([1e-4, 1e-4, *[1e-9] * 4]))
+    arm = replace(arm, flexures=(replace(arm.flexures[0], law=soft), *arm.flexures[1:]))
+    q = positions(arm, 300)
+    with monkeypatch.context() as patched:
+        patched.setattr("armflex.mechanics.response.find_equilibrium", None)  # no row is left to it
+        found = respond(arm, q, ["p600"] * len(q)).some(np.arange(4))
+    assert np.linalg.norm(arm.deflection(q[0], "p600").tangent - np.eye(6 * len(arm.flexures))) > 5.0
+    assert_like_pinocchio(arm, q[:4], ["p600"] * 4, found)
+
+
 def test_rows_without_an_answer_are_refused(tmp_path):
     arm = standing(tmp_path, 0.1, 1.0)
     with pytest.raises(UnstableEquilibriumError, match="buckles"):
