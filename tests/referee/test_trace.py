@@ -106,10 +106,10 @@ def test_a_bank_has_every_candidates_columns(everything):
 def test_columns_of_many_rows_are_kept_in_24_bits(everything, monkeypatch):
     some, others = everything.candidates[::7], np.random.default_rng(1).normal(size=(everything.fit.residual.size, 3))
     exact, rounded = (Bank(some, everything.fit, everything.context) for _ in range(2))
-    whole, squares, near = exact.products(others), exact.squares, 1e-7 * np.linalg.norm(others)
+    whole, squares, near = exact.products(others), list(exact.squares()), 1e-7 * np.linalg.norm(others)
     monkeypatch.setattr(sys.modules[Bank.__module__], "BANK_HELD", whole.shape[0] * len(everything.fit.view.rows) - 1)
     assert {part.shapes.dtype for part in rounded.parts} == {np.dtype(np.float32)}
-    for (groups, one), (same, other) in zip(squares, rounded.squares, strict=True):
+    for (groups, one, _), (same, other, _) in zip(squares, rounded.squares(), strict=True):
         assert (groups == same).all()
         np.testing.assert_allclose(np.einsum("gkk->gk", other), np.einsum("gkk->gk", one), rtol=1e-6)
         lengths = np.sqrt(np.einsum("gkk->gk", one))[:, :, None]
