@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 
@@ -61,7 +62,7 @@ class Flexure:
         law = self.law.law if isinstance(self.law, AtNode) else self.law
         return law if isinstance(law, MeshedLaw) else None
 
-    @property
+    @cached_property
     def site(self) -> Site:
         """The same place as a model of the arm names it."""
         return Site(self.name, self.joint, self.before)
