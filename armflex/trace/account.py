@@ -63,14 +63,14 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     An effect in whose place nothing is credible is no finding, nor one that chance explains as well, nor what is less
     likely than something else in its place, unless more is missing than can be named.
     """
-    withdrawn = list[Withdrawn]()
+    withdrawn, full = list[Withdrawn](), is_full(here)
     while True:
         here.state.reporter.stage("weighing what else the effects may be")
         evidence, own, numbers = competing(here.screen, here.model)
         model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
         found, visited = sampled(evidence, model)
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.doubtful]
-        if not is_full(here) and doubted:
+        if doubted and not full:
             back, tried = {place: number for number, place in numbers.items()}, len(here.rejected)
             models = [tuple(replace(one, number=back[one.number]) for one in some) for some in visited]
             known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
