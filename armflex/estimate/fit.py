@@ -362,7 +362,7 @@ def _settled(
         # A limit that rose and fell with the residuals' median could keep the fit going round in circles.
         limit = np.minimum(limit, robust_limit(here.view))
         before, problem = task.cost(here, limit), task.problem(here, limit)
-        unit = float(np.max(limit)) ** 2  # while the model is wrong the residual is many times the noise
+        unit = max(1.0, before / here.view.count)  # while the model is wrong the residual is many times the noise
         found = task.descend(here, problem, limit, effort.flat, damping)
         if found is None:
             left = problem.promised(problem.step(max(damping, LIGHT))) / unit
