@@ -186,7 +186,7 @@ class Found:
         if not self.credible or self.credible[0][1] <= self.probability:
             return ""
         other = self.credible[0][0].title
-        return f" It is not distinguished from {other}, which is likelier but with which the fitted arm is no better."
+        return f" It is not distinguished from {other}, which is likelier in the linear problem of this fit."
 
 
 @dataclass(frozen=True)
