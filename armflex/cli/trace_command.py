@@ -201,10 +201,10 @@ def _remarks(found: Trace) -> Iterator[str]:
     yield headline(found)
     if found.compared is not None:
         yield "In folds: the share of folds that select the effect."
-    titled = [(one, f"{one.effect.title}{numbered(one.number)}", one.doubt) for one in found.found]
-    for one, title, doubt in (*titled, *((family, family.title, "") for family in found.families)):
+    for one in (*found.found, *found.families):
+        title = one.title if one.family else f"{one.title}{numbered(one.number)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-        yield f"Probability: {one.probability:.0%} {title}{others}.{doubt}"
+        yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
     if found.outliers:
         lost, less = found.outlier_count("lost beam"), found.outlier_count("counted less")
         yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."

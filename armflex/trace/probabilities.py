@@ -83,9 +83,8 @@ def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
         law, covariates = shape.one.law, shape.one.location.covariates
         for place in law.places(screen.context.records) if law.sought else ():
             one = replace(shape.one, location=place)
-            other = replace(shape, members=(one,), prior=shape.prior + oddness(one) - oddness(shape.one))
-            if place.covariates == covariates and other.members not in known:
-                found.append(other)
+            if place.covariates == covariates and (one,) not in known:
+                found.append(replace(shape, members=(one,), prior=shape.prior + oddness(one) - oddness(shape.one)))
     return found
 
 

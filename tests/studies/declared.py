@@ -47,10 +47,9 @@ def declared(one: Score) -> float:
 
         with patch.object(search, "hypotheses", hidden), patch.object(search, "families", lambda view, context: []):
             rows = as_campaign(armflex.read_measurements(truth.train, arm), arm)
-            begun = search.standing(state.begin(calibrate(arm, rows, as_stated=True)))
-            here = begun
-            while (after := search._fitted(here, search.modelled(here))) is not None:
-                here = after
+            here = after = search.standing(state.begin(calibrate(arm, rows, as_stated=True)))
+            while after is not None:
+                here, after = after, search._more_probable(after)
             fitted = account.settled_exactly(here).state.fit
         setup, rows = fitted.setup, armflex.read_measurements(truth.test, arm)
         believed = rows.measured & ~truth.lost
