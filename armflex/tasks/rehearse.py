@@ -35,7 +35,7 @@ from armflex.result import Result
 from armflex.rows import Rows
 from armflex.rows.rows import last_motion
 from armflex.trace.probabilities import CREDIBLE
-from armflex.trace.screen import UNIT_MOTION, Screen, unit_of
+from armflex.trace.screen import UNIT_MOTION, Screen
 from armflex.trace.search import standing
 from armflex.trace.state import begin
 
@@ -230,23 +230,22 @@ def _rehearsed(
     one, own = group.hypothesis.one, int(places.number[number])
     what = (one.law.name, one.location, one.name)
     columns = screen.columns(group.places)
-    unit = unit_of(screen.fit) / screen.quiet**2
     read = np.isfinite(screen.fit.view.sigma).ravel()
     mean, within, sizes = np.zeros(len(places.titles)), 0, []
     for _ in range(draws):
         direction = rng.standard_normal(len(one.location.terms))
         direction = np.abs(direction) if group.hypothesis.positive else direction
-        amplitudes = group.scale * (direction / np.linalg.norm(direction))
-        moved = UNIT_MOTION * float(np.sqrt(((columns @ amplitudes) ** 2).sum() / unit))
+        scaled = direction / np.linalg.norm(direction)
+        moved = UNIT_MOTION * float(np.sqrt(((columns @ scaled) ** 2).sum() / screen.unit))
         if not 0.0 < moved < np.inf:
             return Rehearsed(*what, 0.0, 0.0, 0.0, 1.0)
-        amplitudes, moved = amplitudes * size / moved, size
-        while screen.charge(number, amplitudes) > 0.0 and moved > SMALLER * size:
-            amplitudes, moved = 0.5 * amplitudes, 0.5 * moved
+        scaled, moved = scaled * size / moved, size
+        while screen.charge(number, group.scale * scaled) > 0.0 and moved > SMALLER * size:
+            scaled, moved = 0.5 * scaled, 0.5 * moved
         sizes.append(moved)
         drawn = projection.regressors @ _drawn(projection.precision, rng)
         noise = np.where(read, rng.standard_normal(len(read)), 0.0)
-        chances = _posterior(screen, places, columns @ amplitudes + drawn + noise)
+        chances = _posterior(screen, places, columns @ scaled + drawn + noise)
         within += float(chances[chances > chances[own]].sum()) < CREDIBLE
         mean += chances / draws
     best = [i for i in np.argsort(-mean).tolist() if i not in (own, len(mean) - 1)]
@@ -269,7 +268,7 @@ def _posterior(screen: Screen, places: Places, readings: Array) -> Array:
         readings: (n,) whitened readings.
     """
     projection = screen.projection
-    left = float(readings @ projection.cleared(readings)) - float(((projection.half @ readings) ** 2).sum())
+    left = float(readings @ projection.left_of(readings))
     evidence = screen.with_readings(screen.scores_of(readings[:, None])[:, 0], left)
     beside = evidence.beside(())
     logs: Array = np.asarray(logsumexp(beside.odds, axis=1))

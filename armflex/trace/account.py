@@ -66,13 +66,12 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     withdrawn, full = list[Withdrawn](), is_full(here)
     while True:
         here.state.reporter.stage("weighing what else the effects may be")
-        evidence, own, numbers = competing(here.screen, here.model)
-        model = tuple(replace(one, number=i) for one, i in zip(here.model, own, strict=True))
+        evidence = competing(here.screen, here.model)
+        model = evidence.here(here.model)
         found, visited = sampled(evidence, model)
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.doubtful]
         if doubted and not full:
-            back, tried = {place: number for number, place in numbers.items()}, len(here.rejected)
-            models = [tuple(replace(one, number=back[one.number]) for one in some) for some in visited]
+            models, tried = map(evidence.there, visited), len(here.rejected)
             known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
             after = exchanged(here, [one for one in models if any((known - spots(here.screen, one)) & unlikely)])
             if after is not None or len(here.rejected) > tried:
@@ -90,7 +89,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         if after is None:
             here.screen.forget()
             here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
-            seen = validated(here, tuple(numbers), model, evidence.priors, null)
+            seen = validated(here, evidence, null)
             if not seen.compared.worse:
                 return Weighed(here, found, seen, null), tuple(withdrawn)
             last, why = weakest(model, evidence), "held-out poses are predicted worse with it"
@@ -260,15 +259,15 @@ def not_identifiable(here: Standing) -> tuple[Unidentifiable, ...]:
     sizes = np.maximum(np.sqrt((regressors**2).sum(axis=0)), 1e-300)
     added = {(effect.law.name, effect.location) for effect in here.state.fitted}
     found: dict[tuple[str, str], Unidentifiable] = {}
-    for number, (whole, inside) in here.screen.single().items():
+    for number, share in here.screen.single().items():
         candidate = here.screen.groups[number].hypothesis.one
         key = (candidate.law.name, candidate.location.place)
         if key in found or (candidate.law.name, candidate.location) in added or not candidate.law.physical:
             continue
-        if whole > 0.0 and inside > ALMOST * whole:
+        if share is not None and share > ALMOST:
             continue
         partner: ArmParameter | None = None
-        if whole > 0.0:  # the parameter whose column is most like its own
+        if share is not None:  # the parameter whose column is most like its own
             own = here.screen.columns(here.screen.groups[number].places)[:, 0]
             likeness = np.abs(regressors.T @ own) / (sizes * float(np.linalg.norm(own)))
             partner = fit.parameters[int(likeness.argmax())]
@@ -284,11 +283,11 @@ def smallest(here: Standing) -> tuple[Smallest, ...]:
     screen, found = here.screen, dict[str, list[float]]()
     noise = screen.beside(here.model).noise  # beyond the scatter that columns are whitened by
     unit = UNIT_MOTION * screen.fit.view.per_metre * noise
-    for number, (whole, inside) in screen.single().items():
-        hypothesis, group = screen.groups[number].hypothesis, screen.groups[number]
-        if inside <= ALMOST * whole or not hypothesis.one.law.physical:
+    for number, share in screen.single().items():
+        hypothesis = screen.groups[number].hypothesis
+        if share is None or share <= ALMOST or not hypothesis.one.law.physical:
             continue
-        information = inside * float(group.scale[0]) ** 2
+        information = share * screen.unit
         needed = np.log1p(SCALES**2 * information) - 2.0 * (hypothesis.prior - np.log(len(SCALES)))
         charged = needed / information * (1.0 + 1.0 / (SCALES**2 * information))
         found.setdefault(hypothesis.one.law.name, []).append(unit * float(np.sqrt(charged.min())))

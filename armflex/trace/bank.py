@@ -71,12 +71,19 @@ class Bank:
         candidates: One per group of columns.
         fit, context: Where the columns are made.
         reporter: Hears how many of them are.
+        quiet: Standard deviation of the readings by which columns are whitened, over that stated.
     """
 
     candidates: tuple[Candidate, ...]
     fit: Fit = field(repr=False)
     context: Context = field(repr=False)
     reporter: Reporter = field(default=SILENT, repr=False)
+    quiet: float = 1.0
+
+    @cached_property
+    def scale(self) -> Array:
+        """(M, d) one over the standard deviation of each reading, weighted."""
+        return self.fit.scale / self.quiet
 
     @cached_property
     def sizes(self) -> np.ndarray:
@@ -90,7 +97,23 @@ class Bank:
 
     def group(self, index: int) -> Array:
         """Return the (n, k) columns of one candidate."""
-        return candidate_regressors(self.candidates[index], self.fit, self.context)
+        return self.made(self.candidates[index])
+
+    def made(self, candidate: Candidate) -> Array:
+        """Return the (n, k) columns of any candidate."""
+        view, law, location, inner = self.fit.view, candidate.law, candidate.location, candidate.inner
+        direction = None if view.indirect else law.direction(self.context.here(location, view.arm), inner)
+        if direction is not None:  # one number a row
+            shapes = law.shapes(location, inner, view, self.context)[list(location.terms)]
+            return (shapes[:, :, None] * self._answer(location.site, direction)).reshape(len(shapes), -1).T
+        features = law.features(location, inner, view, self.context)
+        columns = view.per(law, location) @ features.transpose(0, 2, 1)
+        columns = columns + view.effect_quotient(law, location, inner, features) if view.indirect else columns
+        return (columns * self.scale[:, :, None]).reshape(view.residual.size, -1)
+
+    def _answer(self, site: str, direction: Array) -> Array:
+        """Return the (M, d) whitened and weighted change of the readings with a twist at a site in a (6,) direction."""
+        return self.fit.view.to_twist(site) @ direction * self.scale
 
     def some(self, places: np.ndarray) -> tuple[Part, ...]:
         """Return the columns at (k,) places in order, part by part, numbered as they come in them."""
@@ -190,7 +213,7 @@ class Bank:
         kind = np.float32 if BANK_HELD < self._count <= 2 * BANK_HELD else float
         places = np.concatenate([np.arange(*self.starts[i : i + 2].tolist()) for i in groups.tolist()])
         if direction:
-            answer = _answer(self.fit, first.location.site, np.frombuffer(direction))
+            answer = self._answer(first.location.site, np.frombuffer(direction))
             unique = {id(found): found for found in brought}
             ends = np.cumsum([0, *(len(found) for found in unique.values())]).tolist()
             start = dict(zip(unique, ends, strict=False))
@@ -201,12 +224,12 @@ class Bank:
                 shapes = np.concatenate(list(unique.values()), dtype=kind)
                 known |= {} if of_load else {key: shapes}
             return Part(groups, places, shapes, np.concatenate(of), answer)
-        answer = view.per(first.law, first.location) * self.fit.scale[:, :, None]
+        answer = view.per(first.law, first.location) * self.scale[:, :, None]
         regressors = np.concatenate(brought, axis=1) @ answer.transpose(0, 2, 1)
         if view.indirect:
             pairs = zip(map(self.candidates.__getitem__, groups), brought, strict=True)
             columns = [view.effect_quotient(one.law, one.location, one.inner, features) for one, features in pairs]
-            regressors = regressors + (np.concatenate(columns, axis=2) * self.fit.scale[:, :, None]).transpose(0, 2, 1)
+            regressors = regressors + (np.concatenate(columns, axis=2) * self.scale[:, :, None]).transpose(0, 2, 1)
         regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1).astype(kind, copy=False)
         return Part(groups, places, regressors, np.arange(len(places)), None)
 
@@ -217,21 +240,3 @@ def products_of(parts: Iterable[Part], others: Array, count: int) -> Array:
     for part in parts:
         found[part.places] = part.products(others)
     return found
-
-
-def candidate_regressors(candidate: Candidate, fit: Fit, context: Context) -> Array:
-    """Return the (n, k) whitened and weighted columns of a candidate at a fit."""
-    view, law, location, inner = fit.view, candidate.law, candidate.location, candidate.inner
-    direction = None if view.indirect else law.direction(context.here(location, view.arm), inner)
-    if direction is not None:  # one number a row
-        shapes = law.shapes(location, inner, view, context)[list(location.terms)]
-        return (shapes[:, :, None] * _answer(fit, location.site, direction)).reshape(len(shapes), -1).T
-    features = law.features(location, inner, view, context)
-    columns = view.per(law, location) @ features.transpose(0, 2, 1)
-    columns = columns + view.effect_quotient(law, location, inner, features) if view.indirect else columns
-    return (columns * fit.scale[:, :, None]).reshape(view.residual.size, -1)
-
-
-def _answer(fit: Fit, site: str, direction: Array) -> Array:
-    """Return the (M, d) whitened and weighted change of the readings with a twist at a site in a (6,) direction."""
-    return fit.view.to_twist(site) @ direction * fit.scale

@@ -48,13 +48,12 @@ class Credible:
         return bool(self.others) and self.others[0][1] > max(self.probability, self.nothing)
 
 
-def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dict[int, int]]:
-    """Return the evidence of what competes for any place in a model, its own hypotheses there, and their numbers.
+def competing(screen: Screen, model: Model) -> Dense:
+    """Return the evidence of what competes for any place in a model of a screen.
 
-    The last is of every hypothesis of the screen that competes, its number among those that do. What fitted parameters
-    take over does not: no reading could show it, and no prediction lacks it.
+    What fitted parameters take over does not: no reading could show it, and no prediction lacks it.
     """
-    aliased = {number for number, (whole, inside) in screen.single().items() if inside <= ALMOST * whole}
+    aliased = {number for number, share in screen.single().items() if share is None or share <= ALMOST}
     own, mine = {screen.groups[one.number].hypothesis.members for one in model}, {one.number for one in model}
     screen.extend(_elsewhere(screen, model))
     found, charges = dict[int, float](), dict[int, float]()
@@ -71,9 +70,8 @@ def competing(screen: Screen, model: Model) -> tuple[Dense, tuple[int, ...], dic
     beside = screen.beside(model)
     for one, amplitudes in zip(model, beside.amplitudes, strict=True):
         charges[one.number] = screen.charge(one.number, amplitudes)
-    numbers = {number: i for i, number in enumerate(charges)}
     priors = np.array([screen.prior(number) - charge for number, charge in charges.items()])
-    return screen.dense(tuple(charges), priors), tuple(numbers[one.number] for one in model), numbers
+    return screen.dense(tuple(charges), priors)
 
 
 def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:

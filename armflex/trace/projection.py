@@ -95,12 +95,8 @@ class Projection:
     @cached_property
     def freedom(self) -> float:
         """Number of readings less what is fitted to them (the trace of the hat matrix), 1 at least."""
-        return self.free_of(self.count, self.half, slice(None))
-
-    def free_of(self, count: int, half: Array, some: np.ndarray | slice) -> float:
-        """Return the same of `count` readings alone, at some places, `half` being R'A' of those."""
-        alone = 0.0 if self.apart is None else float((self.apart.each[:, some].data ** 2).sum())
-        return max(count - alone - float((half**2).sum()), 1.0)
+        alone = 0.0 if self.apart is None else float((self.apart.each.data**2).sum())
+        return max(self.count - alone - float((self.half**2).sum()), 1.0)
 
     @cached_property
     def half(self) -> Array:
@@ -117,8 +113,14 @@ class Projection:
         return chance + self.regressors @ (rng.standard_normal((len(std), count)) * std[:, None])
 
     def left_of(self, change: Array) -> Array:
-        """Return the (n,) M x of a change x of the readings: what the fitted parameters do not take over."""
+        """Return (n, ...) M x of changes x of the readings: what the fitted parameters do not take over."""
         return self.cleared(change) - self.half.T @ (self.half @ change)
+
+    def of_rows(self, some: np.ndarray) -> Projection:
+        """Return the same of (n,) some of the readings alone: those of a parameter apart are all in or all out."""
+        apart = self.apart and replace(self.apart, each=self.apart.each[:, some])
+        count, data = round(self.count * float(np.mean(some))), self.data[some]
+        return replace(self, apart=apart, data=data, count=count).with_fitted(self.regressors[some], self.precision)
 
     def absorbed(self, change: Array) -> Array:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""

@@ -84,7 +84,7 @@ class _Search:
     def __init__(self, screen: Screen, beside: Beside, hypothesis: Hypothesis, tau: float) -> None:
         self.screen, self.beside, self.hypothesis, self.tau = screen, beside, hypothesis, tau
         self.law, self.start = hypothesis.one.law, hypothesis.one.inner
-        self.known, self.known_seen = screen.columns_of(beside)
+        self.known_left = screen.columns_of(beside.places)[1]
 
     def columns(self, inner: Values) -> Array:
         return self.screen.made([replace(one, inner=inner) for one in self.hypothesis.members])
@@ -92,9 +92,8 @@ class _Search:
     def reduced(self, columns: Array) -> tuple[Array, Array]:
         """Return information and score of (n, k) columns beside the model."""
         projection, beside = self.screen.projection, self.beside
-        seen = (projection.half @ columns).T
-        across = (columns.T @ self.known - seen @ self.known_seen.T) @ beside.inverse.T
-        information = columns.T @ projection.cleared(columns) - seen @ seen.T - across @ across.T
+        across = columns.T @ self.known_left @ beside.inverse.T
+        information = columns.T @ projection.left_of(columns) - across @ across.T
         return information, columns.T @ projection.residual - across @ beside.pull
 
     def held(self, columns: Array) -> Array:

@@ -14,8 +14,7 @@ from armflex.conventions import RESOLUTION, Array
 from armflex.estimate.fit import Fit
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import sensible, size_prior
-from armflex.linear_gaussian import LinearGaussian
-from armflex.trace.bank import Bank, candidate_regressors, products_of
+from armflex.trace.bank import Bank, products_of
 from armflex.trace.columns import Columns
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
@@ -69,47 +68,41 @@ class Screen(Evidence):
     """The evidence of all hypotheses at a fit: those of the catalogue's grid in one block, further ones in another.
 
     Attributes:
-        fit, context: Where columns are made.
+        bank: Makes columns, which are whitened by the scatter of the readings, `quiet` times that stated.
+        fit, context: Where they are made.
         projection: Of what is fitted anyway.
-        quiet: Standard deviation of the readings by which they are whitened, over that stated.
+        unit: Square of a whitened column that moves the target by `UNIT_MOTION`.
         refined: Of every law and place, the sets of others beside which values inside it were refined.
     """
 
-    def __init__(self, known: Sequence[Hypothesis], columns: Bank, projection: Projection, quiet: float = 1.0) -> None:
-        self.bank, self.projection, self.quiet = columns, projection, quiet
-        self.fit, self.context = columns.fit, columns.context
+    def __init__(self, known: Sequence[Hypothesis], bank: Bank, projection: Projection) -> None:
+        self.bank, self.projection, self.quiet = bank, projection, bank.quiet
+        self.fit, self.context = bank.fit, bank.context
         self.objective, self.freedom = projection.objective, projection.freedom
-        self.constant = -projection.freedom * float(np.log(quiet))
-        self._unit = unit_of(columns.fit) / quiet**2
-        marks = projection.drawn(MARKS)
-        others = np.column_stack([projection.shared, projection.residual, projection.cleared(marks)])
-        products, last = columns.products(others / quiet), -1 - MARKS
-        self._seen, scores = products[:, :last] @ projection.fitted.root, products[:, last]
-        scale, self._squares = np.empty(len(scores)), np.empty(len(scores))
-        some, apart = [], None if projection.apart is None else projection.apart.each
-        for groups, stated, through in columns.squares(apart):
-            whole = stated / quiet**2
-            places = columns.starts[groups][:, None] + np.arange(whole.shape[1])
-            seen = self._seen[places]
-            inside = whole - seen @ seen.transpose(0, 2, 1) - through / quiet**2
-            self._squares[places] = np.einsum("gkk->gk", whole)
-            scale[places] = self._scaled(self._squares[places])
-            some.append((groups, places, inside))
-        starts = columns.starts.tolist()
+        self.constant = -projection.freedom * float(np.log(bank.quiet))
+        self.unit = unit_of(bank.fit) / bank.quiet**2
+        marks = projection.left_of(projection.drawn(MARKS))
+        products = bank.products(np.column_stack([projection.half.T, projection.residual, marks]))
+        seen, scores, marked = np.split(products, [-1 - MARKS, -MARKS], axis=1)
+        scale, some = np.empty(len(products)), list[tuple[np.ndarray, np.ndarray, Array]]()
+        apart = None if projection.apart is None else projection.apart.each
+        for groups, whole, through in bank.squares(apart):
+            places = bank.starts[groups][:, None] + np.arange(whole.shape[1])
+            own = scale[places] = self._scaled(np.einsum("gkk->gk", whole))
+            inside = whole - seen[places] @ seen[places].transpose(0, 2, 1) - through
+            some.append((groups, places, inside * own[:, :, None] * own[:, None, :]))
+        starts = bank.starts.tolist()
         self.groups = [Group(one, a, scale[a:b]) for one, a, b in zip(known, starts, starts[1:], strict=False)]
-        self._single = next(((groups, inside[:, 0, 0]) for groups, _, inside in some if inside.shape[1] == 1), None)
-        if self._single is not None:
-            single, left = self._single
-            alone = columns.starts[single]
-            marked = products[alone, -MARKS:] - self._seen[alone] @ (projection.half @ marks)
-            visible = left > ALMOST * self._squares[alone]
-            marked[visible] /= np.sqrt(left[visible, None])
-            self.groups = _named(self.groups, single[visible], marked[visible])
-        batches = tuple(Batch.of([self.groups[i] for i in own.tolist()], own, *rest) for own, *rest in some)
-        self._held, self._scanned = Columns(columns, projection, quiet), np.zeros(0, dtype=int)
+        batches = tuple(Batch(*own, np.array([known[i].positive for i in own[0].tolist()])) for own in some)
+        if (alone := _alone(batches)) is not None:
+            left, at = alone.inside[:, 0, 0], alone.places[:, 0]
+            visible = left > ALMOST * self.unit
+            marked = marked[at] * scale[at, None] / np.sqrt(np.where(visible, left, 1.0))[:, None]
+            self.groups = _named(self.groups, alone.numbers[visible], marked[visible])
+        self._held, self._scanned = Columns(bank, projection, scale), np.zeros(0, dtype=int)
         further = Block((), np.empty(0), np.empty((0, len(SCALES))), self._held.with_further)
-        rows = self._held.rows(columns.products, self._seen)
-        self._catalogue, self._narrow = Block(batches, scores, prior_of(self.groups), rows), None
+        rows = self._held.with_bank(bank.products, scale)
+        self._catalogue, self._narrow = Block(batches, scores[:, 0] * scale, prior_of(self.groups), rows), None
         self.blocks = [self._catalogue, further]
         self._charges: dict[tuple, float] = {}
         self._sized: dict[int, Array] = {}
@@ -120,28 +113,28 @@ class Screen(Evidence):
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
         self._known.clear()
         self.bank.forget()
-        rows = self._held.rows(self.bank.products, self._seen)
+        rows = self._held.with_bank(self.bank.products, self._held.scale)
         self._catalogue, self._narrow = replace(self._catalogue, gram=rows), None
         self.blocks = [self._catalogue, replace(self.blocks[1])]  # as if never scanned
 
     def _scaled(self, squares: Array) -> Array:
         moves = np.isfinite(squares) & (squares > MOTIONLESS)
-        return np.where(moves, np.sqrt(self._unit / np.where(moves, squares, 1.0)), 0.0)
+        return np.where(moves, np.sqrt(self.unit / np.where(moves, squares, 1.0)), 0.0)
 
     def scale_of(self, columns: Array, unit: Array | None) -> Array:
         """Return the (k,) scale of a hypothesis's (n, k) columns; `unit` where members are alike as they are."""
         if unit is None:
             return self._scaled((columns**2).sum(axis=0))
-        return unit * np.sqrt(self._unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), MOTIONLESS))
+        return unit * np.sqrt(self.unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), MOTIONLESS))
 
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""
-        made = self._moving(more)
-        if not made:
+        groups, columns = self._made(more)
+        if not groups:
             return
         held, first = self._held, self._held.first + len(self._held.further)
-        own = held.add(np.hstack([columns for _, columns in made]))
-        groups, block = self._block(made, held.columns[own], held.cleared[own], held.seen[own])
+        own = held.add(columns)
+        block = self._block(groups, held.columns[own], held.left[own])
         self.groups += [replace(one, first=first + one.first) for one in groups]
         self.blocks[1] = self.blocks[1].joined(block, held.with_further)
 
@@ -150,79 +143,72 @@ class Screen(Evidence):
         best: list[tuple[float, Hypothesis]] = []
         besides = [self.beside(model) for model in models]
         for piece in batched(more, SOUGHT_AT_ONCE):
-            made = self._moving(piece)
-            if not made:
+            groups, columns = self._made(piece)
+            if not groups:
                 continue
-            columns = np.hstack([own for _, own in made])
-            cleared, seen = self.projection.cleared(columns), (self.projection.half @ columns).T
-            _, block = self._block(made, columns.T, cleared.T, seen)
+            block = self._block(groups, columns, self.projection.left_of(columns.T).T)
             odds = np.max([one.odds_in(block) for one in besides], axis=(0, 2))
-            best += zip(odds.tolist(), (one for one, _ in made), strict=True)
+            best += zip(odds.tolist(), (one.hypothesis for one in groups), strict=True)
             best = sorted(best, key=lambda pair: -pair[0])[:most]
         return [one for _, one in best]
 
-    def _block(
-        self, made: Sequence[tuple[Hypothesis, Array]], columns: Array, cleared: Array, seen: Array
-    ) -> tuple[list[Group], Block]:
-        """Return hypotheses as a block of their own, from (K, n) columns, these cleared, and their (K, r) products."""
-        groups, first = list[Group](), 0
-        for one, own in made:
-            groups.append(Group(one, first, self.scale_of(own, one.unit)))
-            first += own.shape[1]
+    def _made(self, some: Iterable[Hypothesis]) -> tuple[list[Group], Array]:
+        """Return those of some hypotheses that move what is read, and their (K, n) scaled columns."""
+        groups, columns, first = list[Group](), list[Array](), 0
+        for one in some:
+            own = self.made(one.members)
+            if np.isfinite(own).all() and own.any():
+                groups.append(Group(one, first, self.scale_of(own, one.unit)))
+                columns.append((own * groups[-1].scale).T)
+                first += own.shape[1]
+        return groups, np.concatenate([np.empty((0, len(self.projection.residual))), *columns])
 
-        def inside(at: np.ndarray) -> Array:
-            return columns[at] @ cleared[at].transpose(0, 2, 1) - seen[at] @ seen[at].transpose(0, 2, 1)
-
-        def gram(places: np.ndarray) -> Array:
-            at = self._held.at(places)
-            return columns @ self._held.cleared[at].T - seen @ self._held.seen[at].T
-
+    def _block(self, groups: Sequence[Group], columns: Array, left: Array) -> Block:
+        """Return hypotheses as a block of their own, from (K, n) columns and what the projection leaves of them."""
+        batches = batches_of(groups, lambda at: columns[at] @ left[at].transpose(0, 2, 1))
         scores = columns @ self.projection.residual
-        return groups, Block(batches_of(groups, inside), scores, prior_of(groups), gram)
+        return Block(batches, scores, prior_of(groups), lambda at: columns @ self._held.left[self._held.at(at)].T)
 
-    def columns_of(self, beside: Beside) -> tuple[Array, Array]:
-        """Return the (n, k) scaled and cleared columns of a model, and their (k, r) products with the `half`."""
-        at = self._held.at(beside.places)
-        return (self._held.cleared[at] * beside.scale[:, None]).T, self._held.seen[at] * beside.scale[:, None]
-
-    def _moving(self, some: Iterable[Hypothesis]) -> list[tuple[Hypothesis, Array]]:
-        made = [(one, self.made(one.members)) for one in some]
-        return [(one, columns) for one, columns in made if np.isfinite(columns).all() and columns.any()]
+    def columns_of(self, places: np.ndarray) -> tuple[Array, Array]:
+        """Return the (n, k) scaled columns at some places, and what the projection leaves of them."""
+        at = self._held.at(places)
+        return self._held.columns[at].T, self._held.left[at].T
 
     def made(self, members: Sequence[Candidate]) -> Array:
-        """Return the (n, k) columns of some candidates, by the scatter of the readings."""
-        return np.hstack([candidate_regressors(one, self.fit, self.context) for one in members]) / self.quiet
+        """Return the (n, k) columns of some candidates."""
+        return np.hstack([self.bank.made(one) for one in members])
 
-    def single(self) -> dict[int, tuple[float, float]]:
-        """Return of every hypothesis of the catalogue with one column its square, and what the projection leaves of it.
+    def single(self) -> dict[int, float | None]:
+        """Return which share of its square the projection leaves of every hypothesis of the catalogue with one column.
 
-        Both are zero where a column is only rounding beside that of the place where its law does most: an axis through
-        the target moves it by 1e-17, not by nothing.
+        None where that moves nothing that is read, nor is more than rounding beside that of the place where its law
+        does most: an axis through the target moves it by 1e-17, not by nothing.
         """
-        if self._single is None:
+        if (alone := _alone(self._catalogue.batches)) is None:
             return {}
-        (first, left), most = self._single, dict[tuple, float]()
-        whole = self._squares[self.bank.starts[first]]
-        some = [self.groups[i].hypothesis.one for i in first.tolist()]
-        kinds = [(one.law.name, one.location.turns, one.location.terms) for one in some]  # of a unit
-        for kind, square in zip(kinds, whole.tolist(), strict=True):
-            most[kind] = max(square, most.get(kind, 0.0))
-        moves = whole > RESOLUTION**2 * np.array([most[kind] for kind in kinds])
-        pairs = zip(np.where(moves, whole, 0.0).tolist(), np.where(moves, left, 0.0).tolist(), strict=True)
-        return dict(zip(first.tolist(), pairs, strict=True))
+        kinds, most = list[tuple[tuple, float]](), dict[tuple, float]()
+        for group in (self.groups[i] for i in alone.numbers.tolist()):
+            one, scale = group.hypothesis.one, float(group.scale[0])
+            kind, size = (one.law.name, one.location.turns, one.location.terms), 1.0 / scale if scale > 0.0 else 0.0
+            kinds.append((kind, size))  # of a unit
+            most[kind] = max(size, most.get(kind, 0.0))
+        shares = (alone.inside[:, 0, 0] / self.unit).tolist()
+        moves = [
+            share if size > RESOLUTION * most[kind] else None for share, (kind, size) in zip(shares, kinds, strict=True)
+        ]
+        return dict(zip(alone.numbers.tolist(), moves, strict=True))
 
     def columns(self, places: np.ndarray) -> Array:
-        """Return the (n, k) columns at some places."""
-        at = self._held.at(places)
-        return self._held.columns[at].T
+        """Return the (n, k) scaled columns at some places."""
+        return self.columns_of(places)[0]
 
     def explained(self, beside: Beside) -> Array:
         """Return (n,) what a model explains of the readings."""
         return self.columns(beside.places) @ beside.values
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
-        at = self._held.at(places)
-        return self._held.products(at)[:, at], self._held.scores[at]
+        columns, left = self.columns_of(places)
+        return columns.T @ left, columns.T @ self.projection.residual
 
     def narrow(self, some: bool) -> None:
         self.blocks[0] = self._catalogue
@@ -232,18 +218,15 @@ class Screen(Evidence):
         if self._narrow is None or not np.array_equal(numbers, self._scanned):
             batches, kept = self._catalogue.narrowed(numbers)
             parts = self.bank.some(kept)
-            gram = self._held.rows(lambda own: products_of(parts, own, len(kept)), self._seen[kept])
+            gram = self._held.with_bank(lambda own: products_of(parts, own, len(kept)), self._held.scale[kept])
             self._scanned = numbers
             self._narrow = Block(batches, self._catalogue.scores[kept], self._catalogue.priors, gram)
         self.blocks[0] = self._narrow
 
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""
-        projection, held = self.projection, self._held
-        cleared, half = projection.cleared(residuals), projection.half @ residuals
-        found = self.bank.products(cleared) / self.quiet - self._seen @ half
-        own = held.columns[held.further] @ cleared - held.seen[held.further] @ half
-        return np.vstack([found, own])
+        left, held = self.projection.left_of(residuals), self._held
+        return np.vstack([self.bank.products(left) * held.scale[:, None], held.columns[held.further] @ left])
 
     def with_readings(self, scores: Array, objective: float) -> Self:
         """Return the same hypotheses with other readings: (K,) scores of all columns, and J0."""
@@ -257,25 +240,14 @@ class Screen(Evidence):
         """Return (K, ...) scores of all columns block by block."""
         return np.split(scores, [self._held.first])
 
-    def dense(self, numbers: Sequence[int], priors: Array, mask: np.ndarray | None = None) -> Dense:
-        """Return the evidence of some hypotheses alone, with (k, T) log priors, from (n,) some readings or all."""
-        projection, held = self.projection, self._held
-        kept = np.arange(len(projection.data)) if mask is None else np.flatnonzero(mask)
-        known = [self.groups[i] for i in numbers]
+    def dense(self, numbers: Sequence[int], priors: Array) -> Dense:
+        """Return the evidence of some hypotheses alone, with (k, T) log priors."""
+        known, first, groups = [self.groups[i] for i in numbers], 0, list[Group]()
+        for one in known:
+            groups.append(replace(one, first=first))
+            first += len(one.scale)
         places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in known)])
-        starts = np.cumsum([0, *(len(one.scale) for one in known)]).tolist()
-        groups = [Group(one.hypothesis, first, one.scale) for one, first in zip(known, starts, strict=False)]
-        own, shared = projection.regressors[kept], projection.shared[kept]
-        root = LinearGaussian(own.T @ shared + np.diag(projection.precision)).root
-        data, read = projection.data[kept], projection.cleared(projection.data)[kept]
-        some = np.ix_(self._held.at(places), kept)
-        columns = held.columns[some]
-        cleared = columns if projection.apart is None else held.cleared[some]
-        seen, taken = columns @ shared @ root, data @ shared @ root
-        gram, scores = columns @ cleared.T - seen @ seen.T, columns @ read - seen @ taken
-        objective = float(data @ read - taken @ taken)
-        count = projection.count if mask is None else round(projection.count * float(np.mean(mask)))
-        return Dense(groups, gram, scores, objective, projection.free_of(count, shared @ root, kept), priors)
+        return Dense(groups, self.columns(places), self.projection, priors, tuple(numbers))
 
     def charge(self, number: int, amplitudes: Array) -> float:
         sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())
@@ -328,16 +300,41 @@ def _named(groups: list[Group], single: np.ndarray, marked: Array) -> list[Group
     return found
 
 
+def _alone(batches: Iterable[Batch]) -> Batch | None:
+    """Return the hypotheses with one column."""
+    return next((one for one in batches if one.places.shape[1] == 1), None)
+
+
 class Dense(Evidence):
-    """The evidence of a few hypotheses from some of the rows: all (K, K) products of their columns are known."""
+    """The evidence of a few hypotheses alone: all (K, K) products of their columns are known.
+
+    Attributes:
+        columns: (n, K) scaled columns.
+        projection: Of what is fitted anyway.
+        numbers: What the hypotheses are numbered in the screen that they are from.
+    """
 
     def __init__(
-        self, groups: list[Group], whole: Array, scores: Array, objective: float, freedom: float, priors: Array
+        self, groups: list[Group], columns: Array, projection: Projection, priors: Array, numbers: tuple[int, ...] = ()
     ) -> None:
-        self.groups, self._gram, self._scores = groups, whole, scores
-        self.objective, self.freedom = objective, freedom
+        self.groups, self.columns, self.projection, self.numbers = groups, columns, projection, numbers
+        self.objective, self.freedom = projection.objective, projection.freedom
+        whole = self._gram = columns.T @ projection.left_of(columns)
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
+        scores = self._scores = columns.T @ projection.residual
         self.blocks = [Block(batches, scores, priors, lambda places: whole[:, places])]
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]
+
+    def of_rows(self, some: np.ndarray) -> Dense:
+        """Return the same from (n,) some of the readings; see `Projection.of_rows`."""
+        return Dense(self.groups, self.columns[some], self.projection.of_rows(some), self.priors, self.numbers)
+
+    def here(self, model: Model) -> Model:
+        """Return a model of the screen as one of these hypotheses."""
+        return tuple(replace(one, number=self.numbers.index(one.number)) for one in model)
+
+    def there(self, model: Model) -> Model:
+        """Return a model of these hypotheses as one of the screen."""
+        return tuple(replace(one, number=self.numbers[one.number]) for one in model)

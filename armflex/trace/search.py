@@ -75,7 +75,7 @@ class Standing:
         """
         screen, beside, left = self.screen, self.screen.beside(self.model), self.screen.projection
         if self.model:
-            columns = np.hstack([left.regressors, screen.columns(beside.places) * beside.scale])
+            columns = np.hstack([left.regressors, screen.columns(beside.places)])
             left = left.with_fitted(columns, np.concatenate([left.precision, beside.held]))
         left = replace(left, residual=left.residual * screen.quiet)
         return localise(screen.fit, screen.context, left, groups)
@@ -113,8 +113,8 @@ def standing(state: State, last: Standing | None = None) -> Standing:
 
 def _screened(state: State, known: Sequence[Hypothesis] = (), common: Sequence[Hypothesis] = ()) -> Standing:
     """Return a state with the linear problem of these hypotheses and its own: without any, what a trial is worth."""
-    columns = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter)
-    screen = Screen(known, columns, state.bare, state.quiet)
+    bank = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter, state.quiet)
+    screen = Screen(known, bank, state.bare)
     screen.extend(common)
     return Standing(state, screen, own_model(screen, state.hypotheses))
 
@@ -280,12 +280,13 @@ def refitted(here: Standing, model: Model) -> State | None:
     """Return the state fitted with a model, None where the arm with it does not come to rest."""
     screen, state = here.screen, here.state
     beside, known = screen.beside(model), [screen.groups[one.number].hypothesis for one in model]
-    tau = beside.scale / np.sqrt(beside.held) / (beside.noise * screen.quiet)
+    scale = np.concatenate([np.zeros(0), *(screen.groups[one.number].scale for one in model)])
+    tau = scale / np.sqrt(beside.held) / (beside.noise * screen.quiet)
     names = ", ".join(one.one.name + " everywhere" * one.family for one in known)
     state.reporter.stage(f"refitting with {names or 'nothing'}")
     std, explained = np.where(tau > 0.0, tau, 1e-12), screen.explained(beside)
     try:
-        return sorted_out(with_hypotheses(replace(state, heed=True), known, beside.values, std, explained))
+        return sorted_out(with_hypotheses(replace(state, heed=True), known, beside.values * scale, std, explained))
     except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
         return None
 

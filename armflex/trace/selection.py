@@ -107,20 +107,12 @@ class Group:
 
 
 class Batch(NamedTuple):
-    """Groups of one size: numbers, (g, k) columns and scales, (g, k, k) scaled parts of G, and which have a sign."""
+    """Groups of one size: numbers, (g, k) columns, (g, k, k) parts of G, and which have a sign."""
 
     numbers: np.ndarray
     places: np.ndarray
-    scale: Array
     inside: Array
     signed: np.ndarray
-
-    @staticmethod
-    def of(groups: Sequence[Group], numbers: np.ndarray, places: np.ndarray, inside: Array) -> Batch:
-        """Return groups with the places of their columns and their parts of G."""
-        scale = np.array([one.scale for one in groups])
-        signed = np.array([one.hypothesis.positive for one in groups])
-        return Batch(numbers, places, scale, inside * scale[:, :, None] * scale[:, None, :], signed)
 
 
 def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -> tuple[Batch, ...]:
@@ -130,7 +122,7 @@ def batches_of(groups: Sequence[Group], inside: Callable[[np.ndarray], Array]) -
         numbers = np.flatnonzero(sizes == size)
         some = [groups[i] for i in numbers.tolist()]
         places = np.array([one.places for one in some])
-        found.append(Batch.of(some, numbers, places, inside(places)))
+        found.append(Batch(numbers, places, inside(places), np.array([one.hypothesis.positive for one in some])))
     return tuple(found)
 
 
@@ -255,7 +247,7 @@ class Beside:
 
     Attributes:
         model: What is in it.
-        places, scale: (k,) numbers of its columns and their scales.
+        places: (k,) numbers of its columns.
         held: (k,) prior precisions of their scaled amplitudes.
         root: (k, k) Cholesky factor of Q.
         pull: (k,) root^-1 s_S.
@@ -266,14 +258,13 @@ class Beside:
         self._evidence, self.model = ref(evidence), model  # which holds this: memory is free as soon as it is dropped
         some = [evidence.groups[one.number] for one in model]
         self.places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in some)])
-        self.scale = np.concatenate([np.zeros(0), *(one.scale for one in some)])
         self._ends = np.cumsum([0, *(len(one.places) for one in some)]).tolist()
         self.held = np.repeat([SCALES[one.scale] ** -2.0 for one in model], np.diff(self._ends))
         own, scores = evidence.among(self.places)
-        own = own * self.scale * self.scale[:, None] + np.diag(self.held)
+        own = own + np.diag(self.held)
         self.root = np.asarray(np.linalg.cholesky(0.5 * (own + own.T)), float)
         self.inverse = dtrtri(self.root, lower=1)[0] if len(self.root) else self.root
-        self.pull = self.inverse @ (scores * self.scale)
+        self.pull = self.inverse @ scores
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
         self._reduced = WeakKeyDictionary[Block, tuple[list[Array], Array]]()
         self._odds = WeakKeyDictionary[Block, Array]()
@@ -297,13 +288,15 @@ class Beside:
 
     @cached_property
     def values(self) -> Array:
-        """(k,) most probable amplitudes of all hypotheses in the model [the laws' units]."""
-        return self.inverse.T @ self.pull * self.scale
+        """(k,) most probable scaled amplitudes of all hypotheses in the model."""
+        return self.inverse.T @ self.pull
 
     @property
     def amplitudes(self) -> tuple[Array, ...]:
-        """The same for each hypothesis."""
-        return tuple(self.values[a:b] for a, b in pairwise(self._ends))
+        """The same for each hypothesis [the law's unit]."""
+        groups = self.evidence.groups
+        ends = zip(self.model, pairwise(self._ends), strict=True)
+        return tuple(self.values[a:b] * groups[one.number].scale for one, (a, b) in ends)
 
     @cached_property
     def log_posterior(self) -> float:
@@ -333,8 +326,8 @@ class Beside:
         freedom, (insides, scores) = self.evidence.freedom, self.reduced(block)
         found = np.full(block.priors.shape, -np.inf)
         here, tight = float(log_likelihood(self.left, freedom)), SCALES[:, None] ** -2.0
-        for (numbers, places, scale, _, signed), inside in zip(block.batches, insides, strict=True):
-            score = scores[places] * scale
+        for (numbers, places, _, signed), inside in zip(block.batches, insides, strict=True):
+            score = scores[places]
             if places.shape[1] == 1:
                 values, turned = np.maximum(inside[:, 0], 0.0), score
             else:
@@ -355,17 +348,17 @@ class Beside:
         if block not in self._reduced:
             across, found = self.across(block), list[Array]()
             squares = np.einsum("km,km->k", across, across)
-            for _, places, scale, inside, _ in block.batches:
+            for _, places, inside, _ in block.batches:
                 if places.shape[1] == 1:
-                    found.append(inside - (squares[places] * scale**2)[:, :, None])
+                    found.append(inside - squares[places][:, :, None])
                 else:
-                    own = across[places] * scale[:, :, None]
+                    own = across[places]
                     found.append(inside - own @ own.transpose(0, 2, 1))
             self._reduced[block] = found, block.scores - across @ self.pull
         return self._reduced[block]
 
     def across(self, block: Block) -> Array:
-        """Return (K, k) products of a block's columns with the scaled ones of the model, by the root's inverse.
+        """Return (K, k) products of a block's columns with those of the model, by the root's inverse.
 
         Squares of it are what the model takes of their information. Columns of what the last model begins with, too,
         stand as they are: a climb adds at the end, and takes out one hypothesis after the other from there.
@@ -378,7 +371,7 @@ class Beside:
         if first < size:
             inverse = self.inverse[first:, first:]  # of a triangle's end the inverse is the end of its inverse
             before = found[:, :first] @ (inverse @ self.root[first:, :first]).T
-            found[:, first:size] = block.gram(self.places[first:]) @ (inverse * self.scale[first:]).T
+            found[:, first:size] = block.gram(self.places[first:]) @ inverse.T
             found[:, first:size] -= before
         block.last[:] = own, found
         return found[:, :size]
@@ -395,10 +388,10 @@ class Beside:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
         block, own = self.evidence.block_of(number)
         insides, scores = self.reduced(block)
-        for (numbers, places, scales, *_), inside in zip(block.batches, insides, strict=True):
+        for (numbers, places, *_), inside in zip(block.batches, insides, strict=True):
             for row in np.flatnonzero(numbers == own):
                 whole = inside[row] + np.eye(places.shape[1]) * SCALES[scale] ** -2.0
-                return np.linalg.solve(whole, scores[places[row]] * scales[row]) * scales[row]
+                return np.linalg.solve(whole, scores[places[row]]) * self.evidence.groups[number].scale
         raise KeyError(number)
 
 

@@ -13,7 +13,6 @@ from armflex.errors import ArmflexError
 from armflex.estimate.fit import ROUGH, Fit, fit
 from armflex.estimate.held_out import errors_of, frames_of, held_out, known_of_others, pose_folds
 from armflex.estimate.view import look
-from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
@@ -34,36 +33,29 @@ class Folds:
     """The linear problem of a state in parts: every fifth of the poses predicted from the others.
 
     Attributes:
-        numbers: Hypotheses that compete, by their numbers in its screen.
         learned: (n,) readings of all poses but those of a fold, for every fold.
-        parts, fitted: Evidence from those, and what they say of the parameters that are fitted anyway.
+        parts: Evidence of what competes from those.
         readings, judged: What errors are over, and (M,) the rows that have any of it.
     """
 
-    def __init__(self, here: Standing, numbers: Sequence[int], priors: Array) -> None:
-        state, projection = here.state, here.screen.projection
+    def __init__(self, here: Standing, evidence: Dense) -> None:
+        state = here.state
         folds = np.repeat(pose_folds(state.groups), state.fit.view.residual.shape[1])
-        self.here, self.numbers, self.fitted = here, numbers, list[LinearGaussian]()
+        self.here, self.whole = here, evidence
         self.learned = [folds != number for number in range(int(folds.max()) + 1)]
-        self.parts = [here.screen.dense(numbers, priors, mask) for mask in self.learned]
-        for learned in self.learned:
-            own = projection.regressors[learned].T @ projection.shared[learned]
-            self.fitted.append(LinearGaussian(own + np.diag(projection.precision)))
+        self.parts = [evidence.of_rows(learned) for learned in self.learned]
         self.readings = state.fit.view.readings.where(state.judged)
         self.judged = self.readings.foremost_count > 0
 
     def errors(self, models: Sequence[Model]) -> Array:
         """Return the (M, n) errors of what is read foremost, predicted from the other folds with a model for each."""
-        screen, fit = self.here.screen, self.here.state.fit
-        projection, left = screen.projection, np.empty(len(screen.projection.data))
-        for part, learned, fitted, model in zip(self.parts, self.learned, self.fitted, models, strict=True):
-            own = [screen.groups[self.numbers[one.number]] for one in model]
-            places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in own)])
-            amplitudes = part.beside(model).values
-            data = projection.data - screen.columns(places) @ amplitudes
-            values = fitted.solve(projection.shared[learned].T @ data[learned])
+        projection, left = self.whole.projection, np.empty(len(self.whole.projection.data))
+        for part, learned, model in zip(self.parts, self.learned, models, strict=True):
+            beside = part.beside(model)
+            data = projection.data - self.whole.columns[:, beside.places] @ beside.values
+            values = part.projection.fitted.solve(part.projection.shared.T @ data[learned])
             left[~learned] = (data - projection.regressors @ values)[~learned]
-        return errors_of(fit, screen.quiet * left)
+        return errors_of(self.here.state.fit, self.here.screen.quiet * left)
 
     def squares(self, models: Sequence[Model]) -> Array:
         """Return the (M,) squared errors of every row [m^2], predicted from the other folds with a model for each."""
@@ -91,13 +83,9 @@ class Validated:
     errors: Array
 
 
-def validated(here: Standing, numbers: Sequence[int], own: Model, priors: Array, null: float) -> Validated:
-    """Return how a state predicts poses that were held out.
-
-    `own` is its model among the hypotheses that compete, which have `numbers` in its screen and (k, T) log `priors`;
-    `null` is what chance gives.
-    """
-    folds = Folds(here, numbers, priors)
+def validated(here: Standing, evidence: Dense, null: float) -> Validated:
+    """Return how a state predicts poses that were held out, of all that competes; `null` is what chance gives."""
+    folds, own = Folds(here, evidence), evidence.here(here.model)
     anew, count = [climbed(part) for part in folds.parts], len(folds.parts)
     whole, chosen, state = folds.squares([own] * count), folds.errors(anew), here.state
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
@@ -105,7 +93,7 @@ def validated(here: Standing, numbers: Sequence[int], own: Model, priors: Array,
     before, exact = (held_out(one, poses, judged=state.judged).squares for one in (state.calibrated, state.fit))
     proofs = []
     for i, one in enumerate(own):
-        name = folds.parts[0].groups[one.number].hypothesis.name
+        name = evidence.groups[one.number].hypothesis.name
         led = [any(part.groups[c.number].hypothesis.name == name for c in model)
                for part, model in zip(folds.parts, anew, strict=True)]  # fmt: skip
         less, sessions = folds.squares([without(own, i)] * count), sessions_held_out(state, state.units[i])
@@ -152,15 +140,15 @@ def chance(here: Standing, seed: int = 0) -> float:
     residual = projection.residual - projection.left_of(screen.explained(beside))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (int(state.groups.max()) + 1, SIGN_FLIPS))
     flipped = residual[:, None] * np.repeat(signs[state.groups], len(residual) // len(state.rows), axis=0)
-    every, seen, best = screen.scores_of(flipped), projection.half @ flipped, -np.inf
-    pulls = beside.inverse @ (every[beside.places] * beside.scale[:, None])
-    objective = (flipped * projection.cleared(flipped)).sum(axis=0) - (seen**2).sum(axis=0) - (pulls**2).sum(axis=0)
+    every, best = screen.scores_of(flipped), -np.inf
+    pulls = beside.inverse @ every[beside.places]
+    objective = (flipped * projection.left_of(flipped)).sum(axis=0) - (pulls**2).sum(axis=0)
     here_value = log_likelihood(objective, screen.freedom)
     for block, scores in zip(screen.blocks, screen.parted(every), strict=True):
         left = scores - beside.across(block) @ pulls
-        for (numbers, at, scale, *_), inside in zip(block.batches, beside.reduced(block)[0], strict=True):
+        for (numbers, at, *_), inside in zip(block.batches, beside.reduced(block)[0], strict=True):
             values, axes = np.linalg.eigh(inside)
-            squares = np.einsum("gki,gkf->gif", axes, left[at] * scale[:, :, None]) ** 2
+            squares = np.einsum("gki,gkf->gif", axes, left[at]) ** 2
             peaks = squares.max(axis=2)
             for tight in (SCALES**-2.0).tolist():  # one after the other, which takes less memory
                 held = np.maximum(values, 0.0) + tight

@@ -71,12 +71,13 @@ def shown() -> tuple[dict[str, Shown], Records]:
         state = begin(armflex.calibrate(arm, clean, as_stated=True, anyway=True))
     fit, context = state.fit, state.context
     known = [one for one in hypotheses(context) if one.one.law.name in CATALOGUE]
-    made = Bank(tuple(one.one for one in known), fit, context)
-    screen = Screen(known, made, state.bare, state.quiet)
+    made = Bank(tuple(one.one for one in known), fit, context, quiet=state.quiet)
+    screen = Screen(known, made, state.bare)
     whole, inside = np.zeros((2, len(made.candidates)))
     for groups, squares, _ in made.squares():
-        whole[groups] = squares.sum(axis=(1, 2)) / state.quiet**2  # all amplitudes alike
-    for groups, _, scale, rest, _ in screen.blocks[0].batches:
+        whole[groups] = squares.sum(axis=(1, 2))  # all amplitudes alike
+    for groups, _, rest, _ in screen.blocks[0].batches:
+        scale = np.array([screen.groups[i].scale for i in groups.tolist()])
         amplitude = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
         inside[groups] = np.einsum("gk,gkl,gl->g", amplitude, rest, amplitude)
     share = np.sqrt(np.clip(inside, 0.0, None) / np.where(whole > 0.0, whole, 1.0))
@@ -92,14 +93,14 @@ def shown() -> tuple[dict[str, Shown], Records]:
 def _at_work(index: int, made, screen, fit, context, names: np.ndarray) -> Shown:
     projection = screen.projection
     candidate = made.candidates[index]
-    motion = made.group(index).sum(axis=1) / screen.quiet
+    motion = made.group(index).sum(axis=1)
     scale = fit.view.sigma / np.sqrt(fit.weights)
     left = motion - projection.regressors @ projection.absorbed(motion)
     raw, rest = (each.reshape(scale.shape)[:, :3] * scale[:, :3] for each in (motion, left))
     size = 1.0 / np.sqrt((raw**2).sum(axis=1).mean())
     scores, gains = screen.scores_of(left[:, None])[:, 0], np.zeros(len(made.candidates))
-    for groups, places, scale, inside, _ in screen.blocks[0].batches:
-        score = (scores[places] * scale)[:, None, :]
+    for groups, places, inside, _ in screen.blocks[0].batches:
+        score = scores[places][:, None, :]
         gains[groups] = (score @ np.linalg.pinv(inside, 1e-9, hermitian=True) @ score.transpose(0, 2, 1))[:, 0, 0]
     shares = gains / float(left @ left)
     best = {}

@@ -138,7 +138,7 @@ def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
 def screened(state: State, every: int = 1) -> Screen:
     """Return every so manieth hypothesis of a state in its linear problem."""
     known = hypotheses(state.context)[::every]
-    return Screen(known, Bank(tuple(one.one for one in known), state.fit, state.context), state.bare, state.quiet)
+    return Screen(known, Bank(tuple(one.one for one in known), state.fit, state.context, quiet=state.quiet), state.bare)
 
 
 def test_a_column_that_moves_nothing_has_no_scale(before):
@@ -160,7 +160,7 @@ def test_the_evidence_on_a_screen_is_that_of_gaussian_readings(before):
         whole, priors = none, 0.0
         for one, amplitudes in zip(model, screen.beside(model).amplitudes, strict=True):
             group = screen.groups[one.number]
-            columns = rest.T @ screen.columns(group.places) * group.scale * SCALES[one.scale]
+            columns = rest.T @ screen.columns(group.places) * SCALES[one.scale]
             whole = whole + columns @ columns.T
             sized = screen.priors[one.number] + screen.sized(one.number)
             priors += float(sized[one.scale]) - screen.charge(one.number, amplitudes)

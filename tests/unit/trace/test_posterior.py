@@ -15,6 +15,7 @@ from armflex.laws.effects.gravity_tilt import GRAVITY_TILT
 from armflex.laws.effects.location import Location
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import sampled
+from armflex.trace.projection import Projection, projected
 from armflex.trace.screen import Dense
 from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals
 
@@ -29,8 +30,12 @@ def problem(columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None
         candidate = Candidate(law, Location(f"J{i}", "rz", (), (term,)), ())
         prior = np.log(0.1) if priors is None else float(priors[i])
         groups.append(Group(Hypothesis((candidate,), prior), i, np.ones(1)))
-    objective, scores = float(readings @ readings), columns.T @ readings
-    return Dense(groups, columns.T @ columns, scores, objective, len(readings), prior_of(groups))
+    return Dense(groups, columns, of_readings(readings), prior_of(groups))
+
+
+def of_readings(readings: np.ndarray) -> Projection:
+    """Return readings to which nothing else is fitted."""
+    return projected(np.empty((len(readings), 0)), np.empty(0), readings, len(readings))
 
 
 def drawn(seed: int, count: int = 2) -> tuple[np.ndarray, np.ndarray]:
@@ -150,8 +155,7 @@ def test_a_law_about_one_axis_and_about_all_at_a_place_is_one_name() -> None:
     twins = np.hstack([columns, columns + 1e-9 * rng.normal(size=(ROWS, 1))])
     readings = 3.0 * columns[:, 0] + rng.normal(size=ROWS)
     groups = [Group(one, i, np.ones(1)) for i, one in enumerate((about_x, about_both))]
-    squares, scores = twins.T @ twins, twins.T @ readings
-    evidence = Dense(groups, squares, scores, float(readings @ readings), ROWS, prior_of(groups))
+    evidence = Dense(groups, twins, of_readings(readings), prior_of(groups))
     found, _ = sampled(evidence, climbed(evidence))
     assert found[0].probability > 0.99 and not found[0].others
 

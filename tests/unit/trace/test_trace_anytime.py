@@ -193,9 +193,7 @@ def test_an_effect_that_makes_held_out_poses_worse_is_withdrawn(tmp_path: Path, 
     believed = refitted(here, (Chosen(most, len(SCALES) - 1),))
     assert believed is not None
     after = standing(believed)
-    evidence, own, numbers = competing(after.screen, after.model)
-    model = tuple(dataclasses.replace(one, number=i) for one, i in zip(after.model, own, strict=True))
-    compared = validated(after, tuple(numbers), model, evidence.priors, 0.0).compared
+    compared = validated(after, competing(after.screen, after.model), 0.0).compared
     calibrated, with_it = compared.before, compared.worst
     assert with_it > calibrated and compared.worse and not dataclasses.replace(compared, apart=1.0).worse
     concluded = conclude(after, here.places)
@@ -217,7 +215,7 @@ def test_a_free_shape_that_has_the_column_of_a_law_is_that_law(tmp_path: Path) -
     arm = load_arm(truth.arm)
     rows = read_measurements(truth.train, arm)
     screen = standing(begin(calibrate(arm, rows, np.flatnonzero(rows.measured)[::3], as_stated=True))).screen
-    seen = {i: left for i, (whole, left) in screen.single().items() if left > ALMOST * whole}
+    seen = [i for i, share in screen.single().items() if share is not None and share > ALMOST]
     free = [i for i in seen if not screen.groups[i].hypothesis.one.law.physical]
     laws = [i for i in seen if screen.groups[i].hypothesis.one.law.physical]
     places = [screen.groups[i].places[0] for i in (*free, *laws)]
