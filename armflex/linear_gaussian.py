@@ -143,11 +143,15 @@ class LinearGaussian:
         return whole
 
     @property
-    def root(self) -> Array:
-        """(P, r) R with R R' the covariance, in the parameters' units."""
+    def shared(self) -> Array:
+        """(P, r) R with R R' the covariance, in the parameters' units; those that are `alone` have `scale` beside."""
         size, axes, _ = self._axes
-        own = np.diag(self.scale)[:, self.alone]
-        return np.hstack([self.scale[:, None] * axes / np.sqrt(size), own])
+        return self.scale[:, None] * axes / np.sqrt(size)
+
+    @property
+    def root(self) -> Array:
+        """(P, r) the whole R."""
+        return np.hstack([self.shared, np.diag(self.scale)[:, self.alone]])
 
     @cached_property
     def covariance(self) -> Array:

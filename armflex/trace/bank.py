@@ -150,7 +150,7 @@ class Bank:
         """
         found: dict[int, list[tuple[np.ndarray, Array, Array]]] = {}
         for part in self.parts:
-            sizes, seen = self.sizes[part.groups], np.zeros((len(part.of), 1)) if rows is None else part.products(rows)
+            sizes, seen = self.sizes[part.groups], np.empty((len(part.of), 0)) if rows is None else part.products(rows)
             starts = np.cumsum(sizes) - sizes
             for size in np.unique(sizes).tolist():
                 some = sizes == size

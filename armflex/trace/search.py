@@ -74,10 +74,9 @@ class Standing:
         By what was stated, as the fit has it.
         """
         screen, beside, left = self.screen, self.screen.beside(self.model), self.screen.projection
-        if self.model:
-            columns = np.hstack([left.regressors, screen.columns(beside.places)])
-            left = left.with_fitted(columns, np.concatenate([left.precision, beside.held]))
-        left = replace(left, residual=left.residual * screen.quiet)
+        columns = np.hstack([left.regressors, screen.columns(beside.places)])
+        precision = np.concatenate([left.precision, beside.held])
+        left = replace(left, regressors=columns, precision=precision, data=left.data * screen.quiet)
         return localise(screen.fit, screen.context, left, groups)
 
     @cached_property

@@ -29,7 +29,7 @@ from armflex.parameters import numbers_of
 from armflex.progress import SILENT, Reporter
 from armflex.rows.rows import POSE
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.projection import Projection, projected
+from armflex.trace.projection import Projection
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +166,8 @@ class State:
         values = np.zeros_like(fitted.values)
         values[some] = fitted.values[some]
         data = fitted.residual + fitted.regressors @ values
-        regressors, precision = fitted.regressors[:, rest], fitted.precision[rest]
-        regressors /= self.quiet
-        return projected(regressors, precision, data / self.quiet, fitted.view.count)
+        regressors = fitted.regressors[:, rest] / self.quiet
+        return Projection(regressors, fitted.precision[rest], data / self.quiet, fitted.view.count)
 
 
 def begin(calibration: Calibration, reporter: Reporter = SILENT) -> State:

@@ -53,7 +53,7 @@ class Folds:
         for part, learned, model in zip(self.parts, self.learned, models, strict=True):
             beside = part.beside(model)
             data = projection.data - self.whole.columns[:, beside.places] @ beside.values
-            values = part.projection.fitted.solve(part.projection.shared.T @ data[learned])
+            values = part.projection.absorbed(data[learned])
             left[~learned] = (data - projection.regressors @ values)[~learned]
         return errors_of(self.here.state.fit, self.here.screen.quiet * left)
 

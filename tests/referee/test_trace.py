@@ -21,7 +21,7 @@ from armflex.laws.effects.candidate import Candidate, candidates_of
 from armflex.laws.effects.catalogue import EVERY
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import hypotheses
-from armflex.trace.projection import Projection, project, projected
+from armflex.trace.projection import Projection, project
 from armflex.trace.screen import Screen
 from armflex.trace.selection import SCALES, Chosen, log_likelihood
 from armflex.trace.state import State, begin
@@ -135,6 +135,17 @@ def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
     np.testing.assert_allclose(projection.absorbed(change), values, rtol=1e-5, atol=1e-6 * np.abs(values).max())
 
 
+def test_some_of_the_rows_are_a_problem_of_their_own(restationed):
+    """Also where a parameter that is eliminated first is of rows in either part."""
+    whole = restationed.bare
+    part = whole.of_rows(np.repeat(np.arange(len(restationed.rows)) % 2 == 0, 3))
+    assert min(whole.each.shape[0], part.each.shape[0]) > 64
+    with np.errstate(divide="ignore"):
+        _, objective = least_squares(part.regressors, 1.0 / np.sqrt(part.precision), part.data)
+    assert part.objective == pytest.approx(objective, rel=1e-9)
+    assert part.data @ part.left_of(part.data) == pytest.approx(objective, rel=1e-6)
+
+
 def screened(state: State, every: int = 1) -> Screen:
     """Return every so manieth hypothesis of a state in its linear problem."""
     known = hypotheses(state.context)[::every]
@@ -226,7 +237,7 @@ def test_held_out_sessions_against_refits(before):
 def noisy(projection: Projection, seed: int) -> Projection:
     """Return the same problem with nothing but noise in it."""
     noise = np.random.default_rng(seed).normal(size=len(projection.residual))
-    return projected(projection.regressors, projection.precision, noise, projection.count)
+    return Projection(projection.regressors, projection.precision, noise, projection.count)
 
 
 @pytest.mark.parametrize(("site", "axis", "std"), [("J3", "ry", 1e-3), ("link:J5", "dx", 1e-3), ("base", "dz", 8e-4)])
@@ -236,7 +247,7 @@ def test_a_random_twist_is_found_where_it_is(before, site, axis, std):
     moved = fit.view.to_twist(site)[:, :, TWIST_NAMES.index(axis)] * twists[:, None]
     data = (moved / fit.view.sigma * np.sqrt(fit.weights)).ravel()
     noise = np.random.default_rng(3).normal(size=len(data))
-    projection = projected(known.regressors, known.precision, data + noise, known.count)
+    projection = Projection(known.regressors, known.precision, data + noise, known.count)
     places = localise(fit, before.context, projection, groups)
     true = next(place for place in places if (place.site, place.axis) == (site, axis))
     assert true.ratio > 100.0 and true.ratio > places[0].ratio - 3.0  # a lift is a lift anywhere along the column

@@ -11,7 +11,7 @@ from support.campaigns import draw
 from support.stage import few
 
 from armflex import calibrate, load_arm, read_measurements, trace
-from armflex.trace.projection import Projection, project, projected
+from armflex.trace.projection import Projection, project
 from armflex.trace.state import State, begin
 from armflex.trace.unrecorded import localise, noticed_from
 
@@ -65,7 +65,7 @@ def noisy(state: State, positions: float, orientations: float) -> Projection:
     fit, known = state.fit, project(state.fit)
     noise = np.random.default_rng(5).normal(size=fit.view.sigma.shape) * np.repeat([positions, orientations], 3)
     noise = np.where(np.isfinite(fit.view.sigma), noise, 0.0).ravel()
-    return projected(known.regressors, known.precision, noise, known.count)
+    return Projection(known.regressors, known.precision, noise, known.count)
 
 
 @pytest.mark.parametrize(("positions", "orientations"), [(1.0, 1.0), (2.0, 1.0), (0.5, 1.0), (1.0, 3.0)])

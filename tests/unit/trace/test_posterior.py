@@ -15,7 +15,7 @@ from armflex.laws.effects.gravity_tilt import GRAVITY_TILT
 from armflex.laws.effects.location import Location
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import sampled
-from armflex.trace.projection import Projection, projected
+from armflex.trace.projection import Projection
 from armflex.trace.screen import Dense
 from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals
 
@@ -35,7 +35,7 @@ def problem(columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None
 
 def of_readings(readings: np.ndarray) -> Projection:
     """Return readings to which nothing else is fitted."""
-    return projected(np.empty((len(readings), 0)), np.empty(0), readings, len(readings))
+    return Projection(np.empty((len(readings), 0)), np.empty(0), readings, len(readings))
 
 
 def drawn(seed: int, count: int = 2) -> tuple[np.ndarray, np.ndarray]:
