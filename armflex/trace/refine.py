@@ -19,13 +19,25 @@ from armflex.laws.effects.effect import Inner, Values
 from armflex.laws.effects.slip_step import moments
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.screen import Screen
-from armflex.trace.selection import BETTER, MOST_ROUNDS, MOST_TRIED, SCALES, Beside, Rival, log_likelihood
+from armflex.trace.selection import (
+    BETTER,
+    MOST_ROUNDS,
+    MOST_TRIED,
+    SCALES,
+    Beside,
+    Chosen,
+    Model,
+    Rival,
+    log_likelihood,
+    rivals,
+    without,
+)
 
 MOMENTS = 12
 """Tolerance: every moment is tried within this part of all of them to either side of the grid's best."""
 
 
-def refine(beside: Beside, rivals: Sequence[Rival]) -> None:
+def refine(beside: Beside, some: Sequence[Rival]) -> None:
     """Add refined ones of some hypotheses of a screen beside a model; beside the same others none is refined twice."""
     screen = beside.evidence
     assert isinstance(screen, Screen)
@@ -40,7 +52,7 @@ def refine(beside: Beside, rivals: Sequence[Rival]) -> None:
         tried = [one for start in starts if (one := _Search(screen, beside, start, tau).best()) is not None]
         return [max(tried, key=lambda one: one[1])[0]] if tried else []
 
-    for place, rival in enumerate(rivals):
+    for place, rival in enumerate(some):
         hypothesis = screen.groups[rival.chosen.number].hypothesis
         before = screen.refined.setdefault(hypothesis.spot, set())
         if others not in before and (not before or place < MOST_TRIED):
@@ -66,6 +78,36 @@ def refine(beside: Beside, rivals: Sequence[Rival]) -> None:
             there = replace(grid, members=(replace(grid.one, inner=inner),))
             found += best([grid, there], SCALES[len(SCALES) // 2])
     screen.extend(found)
+
+
+def anchored_anew(beside: Beside) -> list[Model]:
+    """Return models with one hypothesis more, or another, for which what is sought in space has its place anew.
+
+    Beside a hose that is held by a wrong anchor what is missing explains little, since the anchor imitates it. What is
+    most probable with the slopes of the anchor as further columns is added, and the hose refined beside it.
+    """
+    screen, found = beside.evidence, list[tuple[float, Model]]()
+    assert isinstance(screen, Screen)
+    for i, one in enumerate(beside.model):
+        spot = screen.groups[one.number].hypothesis.spot
+        if not screen.groups[one.number].hypothesis.one.law.spatial:
+            continue
+        others = without(beside.model, i)
+        for rest in (others, *(without(others, j) for j in range(len(others)))):
+            best = rivals(screen.beside(rest), refine, lambda each: each.spot == spot)[:1]
+            for chosen in [each.chosen for each in best]:
+                whole, own = screen.beside((*rest, chosen)), screen.groups[chosen.number].hypothesis
+                slopes = _Search(screen, whole, own, 1.0).slopes(own.one.inner, whole.amplitudes[-1], own.one.fitted)
+                moving = screen.hold([(replace(own, prior=-np.inf), slope[:, None]) for slope in slopes.T])
+                near = [int(np.abs(np.log(SCALES * screen.groups[k].scale)).argmin()) for k in moving]
+                freed = screen.beside((*whole.model, *map(Chosen, moving, near)))
+                for rival in rivals(freed)[:2]:
+                    if rival.chosen not in others:
+                        found.append((whole.log_posterior + rival.odds, (*rest, rival.chosen)))
+    models = list[Model]()
+    for _, rest in sorted(found, key=lambda each: -each[0])[:MOST_TRIED]:
+        models += [(*rest, each.chosen) for each in rivals(screen.beside(rest), refine)[:1]]
+    return models
 
 
 @dataclass(frozen=True)
@@ -154,25 +196,26 @@ class _Search:
         alone = 0.3 if inner.positive else max(abs(value), 1.0) * 0.3
         return 0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone
 
+    def _moved(self, inner: Values, free: Sequence[int], steps: np.ndarray) -> Values:
+        """Return values inside the law moved by (f,) cells of their grids."""
+        for i, step in zip(free, steps.tolist(), strict=True):
+            inner = _with(inner, i, self.law.inner[i].moved(inner[i], self._cell(self.law.inner[i], inner[i]) * step))
+        return inner
+
+    def slopes(self, inner: Values, amplitudes: Array, free: Sequence[int]) -> Array:
+        """Return the (n, f) changes of what the hypothesis explains with values inside it, by a cell of their grids."""
+        steps = QUOTIENT_STEP * np.eye(len(free))
+        pairs = [[self.columns(self._moved(inner, free, sign * step)) for sign in (1.0, -1.0)] for step in steps]
+        return np.stack([(more - less) @ amplitudes for more, less in pairs], axis=1) / (2.0 * QUOTIENT_STEP)
+
     def _climbed(self, here: _At, free: Sequence[int]) -> tuple[_At, float]:
         """Return the best values near some, and the log of how much less their posterior is than a cell of the grid."""
         inners, count = [self.law.inner[i] for i in free], len(here.amplitudes)
-        cells = [self._cell(one, here.inner[i]) for one, i in zip(inners, free, strict=True)]
-
-        def moved(inner: Values, steps: np.ndarray) -> Values:
-            for one, i, cell, step in zip(inners, free, cells, steps.tolist(), strict=True):
-                inner = _with(inner, i, one.moved(inner[i], cell * step))
-            return inner
-
-        def sloped(here: _At) -> Array:
-            steps = [(moved(here.inner, step), moved(here.inner, -step)) for step in QUOTIENT_STEP * np.eye(len(free))]
-            slopes = [(self.columns(more) - self.columns(less)) @ here.amplitudes for more, less in steps]
-            return np.stack(slopes, axis=1) / (2.0 * QUOTIENT_STEP)
-
+        cells = [self._cell(self.law.inner[i], here.inner[i]) for i in free]
         damping, slopes = 1e-2, np.zeros((len(here.columns), 0))
         prior = np.array([float(one.spread is not None) for one in inners])  # of steps: a cell is its deviation
         for _ in range(MOST_ROUNDS):
-            slopes = sloped(here)
+            slopes = self.slopes(here.inner, here.amplitudes, free)
             if not np.isfinite(slopes).all():
                 return here, 0.0
             information, score = self.reduced(np.hstack([here.columns, slopes]))
@@ -186,7 +229,7 @@ class _Search:
                 values = np.linalg.solve(information + np.diag(held + damping * damped + 1e-300), score)
                 if 0.5 * (float(score @ values) - own) < BETTER:
                     break
-                trial = self.at(moved(here.inner, np.clip(values[count:], -2.0, 2.0)))
+                trial = self.at(self._moved(here.inner, free, np.clip(values[count:], -2.0, 2.0)))
                 if trial is None or trial.value <= here.value:
                     trial, damping = None, max(5.0 * damping, 1e-3)
             if trial is None:

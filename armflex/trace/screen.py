@@ -128,21 +128,26 @@ class Screen(Evidence):
 
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""
-        groups, columns = self._made(more)
+        self.hold((one, self.made(one.members)) for one in more)
+
+    def hold(self, more: Iterable[tuple[Hypothesis, Array]]) -> range:
+        """Add hypotheses with their (n, k) columns, and return the numbers of those that move what is read."""
+        groups, columns = self._moving(more)
         if not groups:
-            return
+            return range(0)
         held, first = self._held, self._held.first + len(self._held.further)
         own = held.add(columns)
         block = self._block(groups, held.columns[own], held.left[own])
         self.groups += [replace(one, first=first + one.first) for one in groups]
         self.blocks[1] = self.blocks[1].joined(block, held.with_further)
+        return range(len(self.groups) - len(groups), len(self.groups))
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
         """Return the hypotheses that are most probable beside any of some models, of many that are made in pieces."""
         best: list[tuple[float, Hypothesis]] = []
         besides = [self.beside(model) for model in models]
         for piece in batched(more, SOUGHT_AT_ONCE):
-            groups, columns = self._made(piece)
+            groups, columns = self._moving((one, self.made(one.members)) for one in piece)
             if not groups:
                 continue
             block = self._block(groups, columns, self.projection.left_of(columns.T).T)
@@ -151,11 +156,10 @@ class Screen(Evidence):
             best = sorted(best, key=lambda pair: -pair[0])[:most]
         return [one for _, one in best]
 
-    def _made(self, some: Iterable[Hypothesis]) -> tuple[list[Group], Array]:
-        """Return those of some hypotheses that move what is read, and their (K, n) scaled columns."""
+    def _moving(self, some: Iterable[tuple[Hypothesis, Array]]) -> tuple[list[Group], Array]:
+        """Return those of some hypotheses that move what is read, and their (K, n) columns, scaled."""
         groups, columns, first = list[Group](), list[Array](), 0
-        for one in some:
-            own = self.made(one.members)
+        for one, own in some:
             if np.isfinite(own).all() and own.any():
                 groups.append(Group(one, first, self.scale_of(own, one.unit)))
                 columns.append((own * groups[-1].scale).T)

@@ -26,7 +26,7 @@ from armflex.parameters import DOUBT
 from armflex.rows.rows import POSE
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
-from armflex.trace.refine import refine
+from armflex.trace.refine import anchored_anew, refine
 from armflex.trace.screen import Screen
 from armflex.trace.selection import (
     BETTER,
@@ -34,6 +34,7 @@ from armflex.trace.selection import (
     MOST_EFFECTS,
     MOST_ROUNDS,
     MOST_TRIED,
+    WITHIN,
     Chosen,
     Model,
     climbed,
@@ -179,6 +180,18 @@ def _more_probable(here: Standing) -> Standing | None:
     if spots(here.screen, model) == spots(here.screen, here.model):
         return None
     return _fitted(here, model) or _fitted(here, _modelled(here, 1))
+
+
+def _anchored_anew(here: Standing) -> Standing | None:
+    """Propose a model with one effect more, or another, for which a hose or a magnet in it has its place anew."""
+    if is_full(here):
+        return None
+    worth, known = here.screen.log_posterior, spots(here.screen, here.model)
+    near = [one for one in anchored_anew(here.screen.beside(here.model)) if worth(one) > here.value - WITHIN]
+    model = max((climbed(here.screen, one, refine) for one in near), key=worth, default=here.model)
+    if spots(here.screen, model) == known or worth(model) <= here.value + BETTER:
+        return None
+    return _fitted(here, model)
 
 
 def _modelled(here: Standing, more: int) -> Model:
@@ -338,7 +351,7 @@ def _without_far_off(here: Standing) -> Standing | None:
     return None if np.array_equal(left.rows, here.state.rows) else standing(left, here)
 
 
-PROPOSALS = (_more_probable, _with_shapes, _with_products, _set_aside, _withdrawn, _without_far_off)
+PROPOSALS = (_more_probable, _anchored_anew, _with_shapes, _with_products, _set_aside, _withdrawn, _without_far_off)
 """What may replace a state, in the order in which it is asked for."""
 
 
