@@ -94,7 +94,7 @@ def anchored_anew(beside: Beside) -> list[Model]:
             continue
         others = without(beside.model, i)
         for rest in (others, *(without(others, j) for j in range(len(others)))):
-            best = rivals(screen.beside(rest), refine, lambda each: each.spot == spot)[:1]
+            best = rivals(screen.beside(rest), refine, lambda each, spot=spot: each.spot == spot)[:1]
             for chosen in [each.chosen for each in best]:
                 whole, own = screen.beside((*rest, chosen)), screen.groups[chosen.number].hypothesis
                 slopes = _Search(screen, whole, own, 1.0).slopes(own.one.inner, whole.amplitudes[-1], own.one.fitted)
