@@ -88,26 +88,28 @@ def anchored_anew(beside: Beside) -> list[Model]:
     """
     screen, found = beside.evidence, list[tuple[float, Model]]()
     assert isinstance(screen, Screen)
-    for i, one in enumerate(beside.model):
-        spot = screen.groups[one.number].hypothesis.spot
-        if not screen.groups[one.number].hypothesis.one.law.spatial:
-            continue
+    for i, hypothesis in enumerate(screen.groups[one.number].hypothesis for one in beside.model):
         others = without(beside.model, i)
-        for rest in (others, *(without(others, j) for j in range(len(others)))):
-            best = rivals(screen.beside(rest), refine, lambda each, spot=spot: each.spot == spot)[:1]
-            for chosen in [each.chosen for each in best]:
-                whole, own = screen.beside((*rest, chosen)), screen.groups[chosen.number].hypothesis
-                slopes = _Search(screen, whole, own, 1.0).slopes(own.one.inner, whole.amplitudes[-1], own.one.fitted)
-                moving = screen.hold([(replace(own, prior=-np.inf), slope[:, None]) for slope in slopes.T])
-                near = [int(np.abs(np.log(SCALES * screen.groups[k].scale)).argmin()) for k in moving]
-                freed = screen.beside((*whole.model, *map(Chosen, moving, near)))
-                for rival in rivals(freed)[:2]:
+        some = (others, *(without(others, j) for j in range(len(others)))) if hypothesis.one.law.spatial else ()
+        for rest in some:
+            best = rivals(screen.beside(rest), refine, lambda each, spot=hypothesis.spot: each.spot == spot)[:1]
+            for whole in [screen.beside((*rest, each.chosen)) for each in best]:
+                for rival in rivals(_freed(screen, whole))[:2]:
                     if rival.chosen not in others:
                         found.append((whole.log_posterior + rival.odds, (*rest, rival.chosen)))
     models = list[Model]()
     for _, rest in sorted(found, key=lambda each: -each[0])[:MOST_TRIED]:
         models += [(*rest, each.chosen) for each in rivals(screen.beside(rest), refine)[:1]]
     return models
+
+
+def _freed(screen: Screen, beside: Beside) -> Beside:
+    """Return the problem beside a model and the slopes of its last hypothesis, each within a cell of its grid."""
+    last = screen.groups[beside.model[-1].number].hypothesis
+    slopes = _Search(screen, beside, last, 1.0).slopes(last.one.inner, beside.amplitudes[-1], last.one.fitted)
+    numbers = screen.hold((replace(last, prior=-np.inf), slope[:, None]) for slope in slopes.T)
+    near = [int(np.abs(SCALES - 1.0 / max(float(screen.groups[i].scale[0]), 1e-12)).argmin()) for i in numbers]
+    return screen.beside((*beside.model, *map(Chosen, numbers, near)))
 
 
 @dataclass(frozen=True)
