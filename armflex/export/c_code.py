@@ -25,7 +25,7 @@ from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
 from armflex.laws.terms import Factor, Neurons, Of, Term
-from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Chain, link_frame
+from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree, link_frame
 from armflex.version import __version__
 
 TEMPLATE = Path(__file__).with_name("arm.c")
@@ -244,7 +244,7 @@ def _amount(arm: Arm, other: Arm) -> str:
     return f"it moves the tip by up to {most * 1e3:.3g} mm{', covariates at 0' if covariates else ''}"
 
 
-def _elements(arm: Arm, chain: Chain, places: dict[int, int]) -> list[str]:
+def _elements(arm: Arm, chain: Tree, places: dict[int, int]) -> list[str]:
     """Return the elements of a chain beyond its root, and the tip, as rows of C."""
     rows = []
     for k in range(1, len(chain.elements)):

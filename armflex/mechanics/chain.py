@@ -1,9 +1,10 @@
-"""The arm as a chain of elements from base to tip, in arrays: what the compiled engine reads."""
+"""The arm in arrays, which the compiled engine reads: a chain of elements, or a tree of them with ties."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -15,49 +16,51 @@ FLEXURE, TURNS, SLIDES, RIGID, ROTATED = 0, 1, 2, 3, 4
 """Kinds of elements; `ROTATED` is added where one is rotated against the one before."""
 
 
-@dataclass(frozen=True, eq=False)
-class Chain:
+class Tree(NamedTuple):
     """An arm with a payload; side branches hang on the elements that carry them.
 
     Element k is Pinocchio's joint k: a joint, a flexure, or nothing that moves. Element 0 is the root, which stands.
+    The first of T ties close m rows, the others are springs; a chain has neither.
 
     Attributes:
-        elements: (m + 1, 20) of each element: rotation (9) row by row and origin (3) [m] in the one before, axis (3),
+        elements: (k + 1, 20) of each element: rotation (9) row by row and origin (3) [m] in the one before, axis (3),
             mass [kg] and centre (3) [m] of what is fixed to it. The last row is the tip's frame, with gravity [m/s^2]
-            for an axis and, for a mass, the number of the element that it is fixed to. Column 19 is of flexures by
-            number: the mass outboard [kg].
-        kinds: (4, m) kind; number of the joint in q or of the flexure; numbers of the flexures from base to tip;
-            element of each flexure by number. The last two are filled up with -1.
-        flexures: How many there are.
+            for an axis and, for a mass, the number of the element that it is fixed to. Column 19 is of a chain's
+            flexures by number: the mass outboard [kg].
+        kinds: (4, k) kind; number of the joint in q or of the flexure; numbers of the flexures from base to tip;
+            element of each flexure by number. The last two are filled up with -1. Passive joints are numbered after the
+            drives, cylinders among them.
+        parents: (k,) the element before each, which has a lower number.
+        carried: (T, k) 1 where an element moves the second end alone, -1 the first alone.
+        ties: (T, 45) points on both ends (6), axes of a pin on both ends (18) and axes of both links (18), and at 24:
+            offset of a length; factor and offset of a gear; stiffness, length and preload; thrust, length and exponent.
+        joins: (T, 6) kind, elements of both ends (of a gear the joints), rows from and to, number of the length in q.
+        rows, ways: (m, 6) what each row closes of its closure's slots, and that in axes of its first element.
+        flexures: (n,) element of each, or minus 1 and minus the number of its closure.
     """
 
     elements: Array
     kinds: np.ndarray
-    flexures: int
-
-    @property
-    def numbers(self) -> tuple[Array, np.ndarray]:
-        """Elements and kinds."""
-        return self.elements, self.kinds
+    parents: np.ndarray
+    carried: Array
+    ties: Array
+    joins: np.ndarray
+    rows: Array
+    ways: Array
+    flexures: np.ndarray
 
     @property
     def order(self) -> np.ndarray:
-        """(n,) numbers of the flexures from base to tip."""
-        return self.kinds[2, : self.flexures]
-
-    def ending_with(self, frames: Frames, name: str) -> Chain:
-        """Return the same arm whose motion is asked at another of its frames; where it rests is asked of `self`."""
-        elements, place = self.elements.copy(), frames.names.index(name)
-        elements[-1, :12], elements[-1, 15] = frames.numbers[place], frames.places[0, place]
-        return replace(self, elements=elements)
+        """(n,) numbers of a chain's flexures from base to tip."""
+        return self.kinds[2, : len(self.flexures)]
 
     def flexures_inboard(self, element: int) -> int:
-        """Return how many flexures move an element."""
-        return int((self.kinds[3, : self.flexures] <= element).sum())
+        """Return how many flexures of a chain move an element."""
+        return int((self.flexures <= element).sum())
 
 
-def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Chain:
-    """Return the chain of a model with flexures at some of Pinocchio's joints; its other free-flyers do not move."""
+def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
+    """Return a model without ties, with flexures at some of Pinocchio's joints; its other free-flyers do not move."""
     model, numbers = flex.model, {joint: i for i, joint in enumerate(flexure_joints)}
     joints = {int(place): i for i, place in enumerate([*flex.v_index, *flex.free_v])}
     elements, kinds = np.zeros((model.njoints + 1, 20)), np.full((4, model.njoints), -1, dtype=np.int64)
@@ -78,12 +81,14 @@ def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Chain:
     for number, k in enumerate(flexure_joints):
         kinds[3, number], elements[number, 19] = k, sum(body.mass for body in model.inertias.tolist()[k:])
     kinds[2, : len(numbers)] = np.argsort(np.asarray(flexure_joints, dtype=int))
-    return Chain(elements, kinds, len(numbers))
+    parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
+    ties, rows = (np.zeros((0, model.njoints)), np.zeros((0, 45)), np.zeros((0, 6), dtype=np.int64)), np.zeros((0, 6))
+    return Tree(elements, kinds, parents, *ties, rows, rows, np.array(flexure_joints, dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frames that are fixed to elements of a chain.
+    """Frames that are fixed to elements of an arm.
 
     Attributes:
         names: Of the frames.

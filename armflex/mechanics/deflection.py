@@ -36,9 +36,9 @@ from armflex.mechanics.many_rows import (
     by_payload,
     chunks,
     displaced_from,
-    flexed,
     kernel_pays,
     loop_kernel_pays,
+    responded,
     rigid_tips,
     rotations,
     tips_of,
@@ -672,7 +672,7 @@ class DeflectionBatch(_Result[Array]):
                 at = (self.q[some], self.twists[some])
                 at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
-                found[some] = flexed(loaded.chain, loaded.flexure_frames, "loads", *at, pushed)[:, :-1]
+                found[some] = responded(loaded.chain, "loads", loaded.flexure_frames, *at, pushed)[:, :-1]
         return found
 
     @cached_property
@@ -680,7 +680,7 @@ class DeflectionBatch(_Result[Array]):
         """(N, n_flexures, 6) first-order share of each flexure in the displacement [m, rad]."""
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
-            poses = flexed(loaded.chain, loaded.flexure_frames, "poses", self.q[rows], self.twists[rows])
+            poses = responded(loaded.chain, "poses", loaded.flexure_frames, self.q[rows], self.twists[rows])
             # To go on along a twist is to move by it: exp6's derivative leaves it as it is.
             turns, origins, tip = poses[:, :-1, :3, :3], poses[:, :-1, :3, 3], poses[:, -1:, :3, 3]
             shift, turn = ((turns @ part[..., None])[..., 0] for part in np.split(self.twists[rows], 2, axis=2))
@@ -698,7 +698,8 @@ class DeflectionBatch(_Result[Array]):
             pushes = Pushes(loaded, self.case.some(rows).wrenches, sited=True)
             at = (self.q[rows], self.twists[rows])
             links = loaded.sites.some([loaded.sites.names.index(f"link:{joint.name}") for joint in moving])
-            loads = flexed(loaded.sited_chain, links, "loads", *at, (pushes.links, pushes.wrenches(*at), NO_CHANGES))
+            pushed = pushes.links, pushes.wrenches(*at), NO_CHANGES
+            loads = responded(loaded.sited_chain, "loads", links, *at, pushed)
             found[rows] = np.einsum("nja,ja->nj", loads, axes)
         for i in self._others:
             found[i] = self.row(i).drive_loads

@@ -18,7 +18,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Manipulator
 from armflex.mechanics.certificate import StabilityBound, bound_stability
-from armflex.mechanics.chain import Chain, Frames, chain_of, frames_of, link_frame
+from armflex.mechanics.chain import Frames, Tree, chain_of, frames_of, link_frame
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
@@ -376,7 +376,7 @@ class LoadedArm:
         return _carriers(self.flex)
 
     @cached_property
-    def chain(self) -> Chain:
+    def chain(self) -> Tree:
         """The arm as arrays, for compiled code."""
         return chain_of(self.flex, self.flexure_joints)
 
@@ -388,7 +388,7 @@ class LoadedArm:
         return replace(found, flexure_v=found.flexure_v[:-6])
 
     @cached_property
-    def sited_chain(self) -> Chain:
+    def sited_chain(self) -> Tree:
         """The same as `chain`, with an element more for what is at the tool."""
         return chain_of(self.with_tool, _carriers(self.with_tool))
 
@@ -430,8 +430,8 @@ class LoadedArm:
     def flexure_frames(self) -> Frames:
         """The frames that the flexures move, in their order, and the tip last, in `chain`."""
         chain = self.chain
-        elements = np.append(chain.kinds[3, : chain.flexures], chain.kinds.shape[1] - 1)
-        same = np.tile(np.append(np.eye(3).ravel(), np.zeros(3)), (chain.flexures, 1))
+        elements = np.append(chain.flexures, chain.kinds.shape[1] - 1)
+        same = np.tile(np.append(np.eye(3).ravel(), np.zeros(3)), (len(chain.flexures), 1))
         return Frames((), np.array([elements, elements]), np.concatenate([same, chain.elements[-1:, :12]]))
 
     @cached_property
@@ -441,7 +441,7 @@ class LoadedArm:
         return frames_of([link_frame(flex.model, flex.frame(link)) for link in flex.links])
 
     @cached_property
-    def nominal(self) -> Chain | None:
+    def nominal(self) -> Tree | None:
         """The rigid arm as the controller knows it, as arrays; None where corrections leave it where `chain` is."""
         if not self.arm.corrections.move:
             return None

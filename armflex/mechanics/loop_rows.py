@@ -10,18 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
-from armflex.mechanics.chain import FLEXURE, Frames, chain_of
+from armflex.mechanics.chain import FLEXURE, Tree, chain_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.many_rows import NOT_PUSHED, Pushes, displaced_from, loop_kernel
+from armflex.mechanics.many_rows import NO_CHANGES, NOT_PUSHED, ManyRows, Pushes, displaced_from, loop_kernel
 from armflex.mechanics.mechanism import Closing, Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
 from armflex.mechanics.spring import CoilSpring
@@ -31,7 +30,7 @@ from armflex.rows.wrench import Wrench, same_objects
 
 
 class Rested(NamedTuple):
-    """Arrays of N rows; see `loop_kernel.rest_rows`. `fine` is (N,) of those that were answered and proven to stay."""
+    """Arrays of N rows; see `tree_kernel.rest_rows`. `fine` is (N,) of those that were answered and proven to stay."""
 
     closed: Array
     tips: Array
@@ -45,8 +44,8 @@ class Rested(NamedTuple):
     fine: np.ndarray
 
 
-def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
-    """Return a mechanism as `loop_kernel.Tree`; flexures at closures have no element."""
+def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
+    """Return a mechanism in arrays; flexures at closures have no element."""
     compiled, model = loop_kernel(), flex.model
     carriers = {joint.idx_v: joint.id for joint in list(model.joints)[1:] if joint.nv == 6}
     starts = flex.flexure_v[::6].tolist()
@@ -82,11 +81,10 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Any:
     for t, spring in enumerate(ties.springs, closed):
         joins[t, 0] = compiled.COIL if isinstance(spring.law, CoilSpring) else compiled.GAS
         numbers[t, 24:27] = spring.law.numbers
-    parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
-    return compiled.Tree(chain.elements, kinds, parents, carried, numbers, joins, rows, ways, flexures)
+    return Tree(chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures)
 
 
-def trees(loaded: LoadedArm) -> tuple[Any, Any, Any]:
+def trees(loaded: LoadedArm) -> tuple[Tree, Tree | None, Tree]:
     """Return the mechanism, as the controller knows it where that is another, and with its tool as an element."""
     mechanics, corrections, flex = loaded.mechanics, loaded.arm.corrections, loaded.with_tool
     if mechanics.trees is None:
@@ -205,13 +203,13 @@ class LoopSolver:
         into.twists[i], into.loads[i] = motion[flex.flexure_v].reshape(-1, 6), -torque[flex.flexure_v].reshape(-1, 6)
         into.forces[i], into.idle[i] = -mechanics.ties.rows @ torque[mechanics.model.nv :], idle @ idle.T
 
-    def _room(self, tree: Any, count: int) -> Rested:
+    def _room(self, tree: Tree, count: int) -> Rested:
         p, n, m = len(self._mechanics.flex.free_v), len(tree.flexures), len(self._idle)
         shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
         return Rested(*(np.empty((count, *shape)) for shape in shapes), fine=np.empty(count, dtype=bool))
 
     def _follow(
-        self, tree: Any, closing: Closing, known: tuple, plain: bool, ask: Callable[[Rested, int], bool], into: Rested
+        self, tree: Tree, closing: Closing, known: tuple, plain: bool, ask: Callable[[Rested, int], bool], into: Rested
     ) -> Rested:
         """Go through the rows, each from where the one before it closed; `ask` about those that are not answered."""
         q, at, asked = known[4], 0, -1
@@ -238,65 +236,11 @@ class LoopSolver:
         return into
 
 
-@dataclass(frozen=True, eq=False)
-class LoopRows:
-    """Some rows of one payload of an arm with loops, where compiled code has them: see `few_rows.FewRows`.
-
-    Attributes:
-        loaded: The arm with the payload.
-        tree, links: See `loop_kernel.Tree` and `Pushes`; the tool is an element of its own.
-        rows: (M,) their numbers.
-        wrenches, tangents: (1 or M, L, 9) and (1 or M, n, 6, 6) of links and laws.
-        flexed, forces, idle: (M, p) passive joints, (M, m) in the closures, (M, m, m) what nothing answers to.
-    """
-
-    loaded: LoadedArm
-    tree: Any
-    links: np.ndarray
-    rows: np.ndarray
-    wrenches: Array
-    tangents: Array
-    flexed: Array
-    forces: Array
-    idle: Array
-
-    def among(self, number: np.ndarray) -> LoopRows:
-        """See `FewRows`."""
-        own = np.flatnonzero(number[self.rows] >= 0)
-        arrays = self.wrenches, self.tangents, self.flexed, self.forces, self.idle
-        some = (one[own] if len(one) > 1 or not len(self.rows) else one for one in arrays)
-        return LoopRows(self.loaded, self.tree, self.links, number[self.rows[own]], *some)
-
-    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
-        """See `FewRows`."""
-        return self.asked("laws", end, q, twists)
-
-    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array | None = None) -> Array:
-        """See `FewRows`; "laws" are (M, 6, n, 6)."""
-        loaded, count, linkage = self.loaded, len(self.rows), self.loaded.arm.robot.linkage
-        links, tip, elements = loaded.link_frames, loaded.tip_frame, self.tree.elements[:-1]
-        at = tip if end is None else links.some([links.names.index(end)])
-        if what == "gravity":  # on the centres of all masses
-            turns = np.tile(np.eye(3).ravel(), (len(elements), 1))
-            places = np.tile(np.arange(len(elements)), (2, 1))
-            links = Frames((), places, np.concatenate([turns, elements[:, 16:19]], axis=1))
-        frames = {"tip": tip, "links": links, "motions": links, "gravity": links}.get(what, loaded.sites)
-        f, sites = len(frames.numbers), len(frames.numbers) + len(linkage.closures) + len(linkage.pins)
-        shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "joints": (6, q.shape[1])}
-        shapes |= {"sites": (6, sites, 6), "motions": (f, 6, 6), "poses": (f, 4, 4), "loads": (sites, 6)}
-        kind = {"tip": "poses", "links": "poses", "gravity": "motions"}.get(what, what)
-        found = {name: np.empty((count if name == kind else 0, *shape)) for name, shape in shapes.items()}
-        there = np.append(float(at.places[0, 0]), at.numbers[0]), frames.places, frames.numbers
-        state = (self.flexed, np.ascontiguousarray(twists), self.forces, self.idle)
-        given = (self.tree, self.tangents, self.links, self.wrenches, np.ascontiguousarray(q), *state)
-        loop_kernel().respond_rows(*given, *there, *found.values())
-        return found[kind] if what != "gravity" else np.einsum("nfba,f->nba", found[kind][..., :3], elements[:, 15])
-
-
-def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, tangents: Array) -> LoopRows:
+def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, tangents: Array) -> ManyRows:
     """Return rows that rest as compiled code found, or as `LoopSolver.fill` has them."""
     pushes, state = Pushes(loaded, case.wrenches, sited=True), (rested.flexed, rested.forces, rested.idle)
-    return LoopRows(loaded, trees(loaded)[2], pushes.links, rows, pushes.wrenches(case.q), tangents, *state)
+    pushed = pushes.links, pushes.wrenches(case.q), NO_CHANGES
+    return ManyRows(loaded, trees(loaded)[2], rows, pushed, tangents, state)
 
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:

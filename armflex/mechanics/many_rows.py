@@ -12,6 +12,7 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cache, cached_property
 from types import ModuleType
 from typing import NamedTuple
@@ -22,7 +23,7 @@ from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
 from armflex.mechanics.certificate import SHARE, StabilityBound
-from armflex.mechanics.chain import RIGID, SLIDES, TURNS, Chain, Frames
+from armflex.mechanics.chain import RIGID, SLIDES, TURNS, Frames, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.parallel import in_pieces
@@ -42,6 +43,9 @@ SETTLED = 3e-14
 
 NO_CHANGES = np.zeros((0, 0, 6, 6))
 NO_FACTORS = np.zeros(0)
+NOT_ASKED = {name: NO_CHANGES for name in ("laws", "joints", "sites", "motions", "poses", "loads")}
+NOT_ASKED |= {"joints": np.zeros((0, 6, 0)), "loads": np.zeros((0, 0, 6))}
+NO_FRAMES = Frames((), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)))
 
 COMPILING = "compiling, once: armflex makes its engine for this machine, about a minute"
 
@@ -156,7 +160,7 @@ def _imported() -> ModuleType:
 def _imported_loops() -> ModuleType:
     _imported()
 
-    from armflex.mechanics import loop_kernel as compiled
+    from armflex.mechanics import tree_kernel as compiled
 
     return compiled
 
@@ -250,8 +254,8 @@ class Pushes:
         return found
 
     def _poses(self, q: Array, twists: Array | None) -> Array:
-        at = np.zeros((len(q), self._chain.flexures, 6)) if twists is None else twists
-        return flexed(self._chain, self._frames, "poses", q, at)
+        at = np.zeros((len(q), len(self._chain.flexures), 6)) if twists is None else twists
+        return responded(self._chain, "poses", self._frames, q, at)
 
     def at(self, q: Array, twists: Array) -> Pushed:
         """Return links, wrenches and their changes where the arm is."""
@@ -264,36 +268,100 @@ def turned(before: Array, after: Array) -> Array:
     return (np.linalg.norm(after[..., 3:] - before[..., 3:], axis=-1) / size).max(axis=-1, initial=0.0)
 
 
-def flexed(
-    chain: Chain,
-    frames: Frames,
+def responded(
+    tree: Tree,
     what: str,
+    frames: Frames,
     q: Array,
     twists: Array,
     pushed: Pushed = NOT_PUSHED,
+    tangents: Array = NO_CHANGES,
+    state: tuple[Array, ...] | None = None,
     by_load: Array | None = None,
+    end: Frames | None = None,
+    behind: int = 0,
+    distance: Array = NO_FACTORS,
 ) -> Array:
-    """Return one thing about the frames of an arm that is flexed in N rows.
+    """Return one thing about an arm that is flexed in N rows; see `tree_kernel.respond_rows`.
 
     Args:
-        chain: The arm.
+        tree: The arm.
+        what: "poses" (N, f, 4, 4); "loads" (N, s, 6) on all that a twist at a frame moves, its axes; or a motion of the
+            tip: "laws" (N, 6, n, 6), "joints" (N, 6, nq), "sites" (N, 6, s, 6) by twists at the frames, "motions"
+            (N, f, 6, 6) by wrenches at their origins.
         frames: f of its frames.
-        what: "poses" (N, f, 4, 4); "loads" (N, f, 6) on all that a twist at a frame moves, its axes; or the tip's
-            response "joints" (N, 6, nq) to joints, "sites" (N, 6, f, 6) to twists at the frames, "motions"
-            (N, f, 6, 6) to wrenches at their origins, "gravity" (N, 6, 3).
         q, twists: (N, nq) and (N, n, 6) of joints and flexures.
         pushed: What pulls at its links.
-        by_load: (N, 6, n, 6) response to changes of the flexures' loads; only responses need it.
+        tangents: (1 or N, n, 6, 6) of its laws.
+        state: (N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to; None of a chain.
+        by_load: (N, 6, n, 6) motion of the tip per load on a flexure, where it is known and loops do not matter.
+        end: The one frame that is meant by the tip, where it is another.
+        behind: How many closures and pins there are behind the frames in s.
+        distance: (N,) to be filled, see `tree_kernel.respond_rows`.
     """
-    count, f = len(q), len(frames.numbers)
-    each: dict[str, tuple[int, ...]]
-    each = {"poses": (f, 4, 4), "joints": (6, q.shape[1]), "sites": (6, f, 6), "loads": (f, 6), "motions": (f, 6, 6)}
-    each["gravity"] = (6, 3)
-    arrays = {name: np.empty((count if name == what else 0, *shape)) for name, shape in each.items()}
-    loads = np.zeros((0, 6, 0, 6)) if by_load is None else by_load
-    at = (np.ascontiguousarray(q), np.ascontiguousarray(twists), loads, frames.places, frames.numbers)
-    kernel().responses(*chain.numbers, *pushed, *at, *arrays.values())
-    return arrays[what]
+    count, f, s, at = len(q), len(frames.numbers), len(frames.numbers) + behind, tree.elements[-1]
+    shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "joints": (6, q.shape[1]), "sites": (6, s, 6)}
+    shapes |= {"motions": (f, 6, 6), "poses": (f, 4, 4), "loads": (s, 6)}
+    found = NOT_ASKED | {what: np.empty((count, *shapes[what]))}
+    if end is not None:
+        at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
+    loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
+    rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
+    given = *pushed, *rests, NO_CHANGES if by_load is None else by_load
+    engine = kernel() if state is None else loop_kernel()
+    engine.respond_rows(tree, tangents, *given, at, frames.places, frames.numbers, *found.values(), distance)
+    return found[what]
+
+
+@dataclass(frozen=True, eq=False)
+class ManyRows:
+    """Some rows of one payload, where compiled code has them: see `few_rows.FewRows`.
+
+    Attributes:
+        loaded: The arm with the payload.
+        tree: Of it; the tool is an element of its own.
+        rows: (M,) their numbers.
+        pushed: What pulls at its links.
+        tangents: (1 or M, n, 6, 6) of its laws.
+        state: See `responded`.
+    """
+
+    loaded: LoadedArm
+    tree: Tree
+    rows: np.ndarray
+    pushed: Pushed
+    tangents: Array
+    state: tuple[Array, ...] | None = None
+
+    def among(self, number: np.ndarray) -> ManyRows:
+        """See `FewRows`."""
+        own = np.flatnonzero(number[self.rows] >= 0)
+        links, *arrays = *self.pushed, self.tangents, *(self.state or ())
+        wrenches, changes, tangents, *state = (
+            one[own] if len(one) > 1 or not len(self.rows) else one for one in arrays
+        )
+        pushed = links, wrenches, changes
+        return ManyRows(self.loaded, self.tree, number[self.rows[own]], pushed, tangents, tuple(state) or None)
+
+    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
+        """See `FewRows`."""
+        return self.asked("laws", end, q, twists)
+
+    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array | None = None) -> Array:
+        """See `FewRows`; "laws" are (M, 6, n, 6)."""
+        loaded, linkage, elements = self.loaded, self.loaded.arm.robot.linkage, self.tree.elements[:-1]
+        links, kind = loaded.link_frames, {"tip": "poses", "links": "poses", "gravity": "motions"}.get(what, what)
+        at = None if end is None else links.some([links.names.index(end)])
+        if what == "gravity":  # on the centres of all masses
+            turns = np.tile(np.eye(3).ravel(), (len(elements), 1))
+            places = np.tile(np.arange(len(elements)), (2, 1))
+            links = Frames((), places, np.concatenate([turns, elements[:, 16:19]], axis=1))
+        frames = {"tip": loaded.tip_frame, "links": links, "motions": links, "gravity": links}.get(what, loaded.sites)
+        known = None if linkage else by_load
+        behind = len(linkage.closures) + len(linkage.pins)
+        given = self.pushed, self.tangents, self.state, known, at, behind
+        found = responded(self.tree, kind, frames, q, twists, *given)
+        return found if what != "gravity" else np.einsum("nfba,f->nba", found[..., :3], elements[:, 15])
 
 
 class RowSolver:
@@ -319,7 +387,7 @@ class RowSolver:
     def rooms(self, count: int) -> Array:
         """Return memory in which the kernel keeps what it knows of so many rows from one call to the next."""
         lanes = kernel().LANES
-        return kernel().room_for(self._chain.flexures, len(self.pushes.links), lanes, -(-count // lanes))
+        return kernel().room_for(len(self._chain.flexures), len(self.pushes.links), lanes, -(-count // lanes))
 
     def solve(
         self, row: Row, laws: RowLaws, into: Solution, rooms: Array | None = None, ready: bool = False
@@ -368,7 +436,7 @@ class RowSolver:
         self, q: Array, laws: RowLaws, pushed: Array, rooms: Array, ready: bool, exact: bool, into: Solution
     ) -> np.ndarray:
         fine = np.empty(len(q), dtype=bool)
-        known = (*self._chain.numbers, self.pushes.links, pushed, laws.numbers, rooms, ready, q, exact)
+        known = (*self._chain[:2], self.pushes.links, pushed, laws.numbers, rooms, ready, q, exact)
         kernel().solve_many(*known, into.displacement, into.wrenches, into.twists, fine)
         return fine
 
@@ -394,27 +462,21 @@ class RowSolver:
             proven[rest] = self.linearise(row, laws, found, rest)[1] <= SHARE
         return proven
 
-    def linearise(
-        self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray, stable: bool = False
-    ) -> tuple[Array, Array]:
+    def linearise(self, row: Row, laws: RowLaws, found: Solution, some: np.ndarray) -> tuple[Array, Array]:
         """Return how the tip responds to changes of the laws in some rows, and how far its tangents are from rigid.
 
         Args:
             row, laws, found: As of `solve`.
             some: (M,) numbers of the rows.
-            stable: Whether that is known of them.
 
         Returns:
-            (M, 6, n, 6), not a number where the second does not prove that the arm is stable and it is unknown, and
-            (M,) Frobenius norms of the tangents less the unit matrix: below 1 is a proof.
+            (M, 6, n, 6), and (M,) norms of the tangents less the unit matrix: below 1 is a proof that it is stable.
         """
-        q, twists = np.ascontiguousarray(row.q[some]), np.ascontiguousarray(found.twists[some])
+        q, twists, distance = row.q[some], found.twists[some], np.empty(len(some))
         tangents = laws.tangents(found.wrenches)
         tangents = tangents if len(tangents) == 1 else tangents[some]
-        by_law, distance = np.empty((len(some), 6, *twists.shape[1:])), np.empty(len(some))
-        numbers = (*self._chain.numbers, *self.pushes.some(some).at(q, twists), q, twists, tangents)
-        kernel().sensitivities(*numbers, np.full(len(some), stable), by_law, distance)
-        return by_law, distance
+        pushed = self.pushes.some(some).at(q, twists)
+        return responded(self._chain, "laws", NO_FRAMES, q, twists, pushed, tangents, distance=distance), distance
 
 
 def by_payload(
@@ -449,13 +511,13 @@ def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
     return tips_of(loaded.nominal or loaded.chain, q)
 
 
-def tips_of(chain: Chain, q: Array) -> Array:
+def tips_of(chain: Tree, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions."""
     if _loaded:
         found = np.empty((len(q), 4, 4))
-        kernel().rigid_tips(*chain.numbers, np.ascontiguousarray(q), found)
+        kernel().rigid_tips(chain, np.ascontiguousarray(q), found)
         return found
-    found, (elements, kinds) = np.tile(np.eye(4), (len(q), 1, 1)), chain.numbers
+    found, (elements, kinds) = np.tile(np.eye(4), (len(q), 1, 1)), chain[:2]
     turn, origin = found[:, :3, :3], found[:, :3, 3]
     for k in range(1, len(elements)):
         origin += turn @ elements[k, 9:12]

@@ -19,7 +19,16 @@ from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import LoopSolver
-from armflex.mechanics.many_rows import COMPILED, ROUNDS, SETTLED, RowSolver, kernel_of_one_row, turned
+from armflex.mechanics.many_rows import (
+    COMPILED,
+    NO_FRAMES,
+    ROUNDS,
+    SETTLED,
+    RowSolver,
+    kernel_of_one_row,
+    responded,
+    turned,
+)
 from armflex.mechanics.pinocchio_model import LoadCase, build_model
 from armflex.rows.wrench import Wrench, check_rows
 
@@ -132,7 +141,7 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
     arm, stack, n, compiled = loaded.arm, loaded.arm.stack, len(loaded.arm.sites), kernel_of_one_row()
     bounds, shape = np.array(arm.bounds), (len(arm.joint_names),)
     solver, middle = RowSolver(loaded, exact, wrenches), bounds.mean(axis=0)
-    laws, pushes, bound, chain = RowLaws(stack), solver.pushes, solver.bound, loaded.chain.numbers
+    laws, pushes, bound, chain = RowLaws(stack), solver.pushes, solver.bound, loaded.chain
     room, settled = compiled.room_for(n, len(pushes.links), lanes=1)[0], not pushes.posed
     known = laws.numbers
     own = (known.compliance, known.offset, known.weights, known.neurons, known.bent, known.shapes)
@@ -196,8 +205,8 @@ def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
         for i, law in laws.curved:
             compliance[i] += law.tangent(loads[i].copy(), row)
         at, distance = (here[None], twists[None]), empty(1)
-        given = (*chain, *pushes.at(*at), *at, laws.tangents(loads[None]))
-        compiled.sensitivities(*given, np.zeros(1, dtype=bool), empty((1, 6, n, 6)), distance)
+        tangents = laws.tangents(loads[None])
+        responded(chain, "laws", NO_FRAMES, *at, pushes.at(*at), tangents, distance=distance)
         return bool(distance[0] <= SHARE)
 
     solve(numbers, counts, exact, middle, empty(size), empty(6))  # compiled now, not in the loop

@@ -8,7 +8,7 @@ tangent, G the geometric stiffness and M = I + C G J_exp the equilibrium's tange
     tip per body twist   A = J - B C G        (joints and every site, loads redistributing)
     tip per load change  B C                  (change of the flexures' wrenches)
 
-Only B and C are kept of each row, some kilobytes; see `kernel` for how everything else follows from them.
+Only B and C are kept of each row, some kilobytes; see `tree_kernel` for how everything else follows from them.
 """
 
 from __future__ import annotations
@@ -21,20 +21,18 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws import Row
-from armflex.mechanics.chain import Chain
 from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small, find_equilibrium
 from armflex.mechanics.few_rows import FewRows, linearised, tangents_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
-from armflex.mechanics.loop_rows import LoopRows, responding, solver_of
+from armflex.mechanics.loop_rows import responding, solver_of
 from armflex.mechanics.many_rows import (
-    Pushed,
+    NOT_PUSHED,
+    ManyRows,
     Pushes,
     RowSolver,
     Solution,
     by_payload,
-    flexed,
-    kernel,
     kernel_pays,
     loop_kernel_pays,
 )
@@ -51,45 +49,6 @@ FEW, PLACES = 200, 40
 
 A campaign of more rows is fitted for long, and a model of more places takes long to derive.
 """
-
-RESPONSES = ("joints", "sites", "motions", "gravity")
-"""What depends on how loads redistribute."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """Some rows of one payload: what the kernel is asked about them. See `Response` and `Pushes.at`."""
-
-    loaded: LoadedArm
-    rows: np.ndarray
-    pushed: Pushed
-    tangents: Array
-
-    def among(self, number: np.ndarray) -> _Part:
-        """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
-        own = np.flatnonzero(number[self.rows] >= 0)
-        links, *loads, tangents = (*self.pushed, self.tangents)
-        some = [values[own] if len(values) > 1 else values for values in (*loads, tangents)]
-        return _Part(self.loaded, number[self.rows[own]], (links, some[0], some[1]), some[2])
-
-    def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
-        """Return the (M, 6, n, 6) motion of an end per change of a law where the arm rests; see `FewRows.by_law`."""
-        found, proven = np.empty((len(q), 6, *twists.shape[1:])), np.ones(len(q), dtype=bool)
-        chain, at = self._chain(end), (np.ascontiguousarray(q), np.ascontiguousarray(twists))
-        kernel().sensitivities(*chain.numbers, *self.pushed, *at, self.tangents, proven, found, np.empty(len(q)))
-        return found
-
-    def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array) -> Array:
-        """Return one of the things that the kernel says about frames; see `FewRows.asked` and `flexed`."""
-        loaded = self.loaded
-        frames = {"tip": "tip_frame", "links": "link_frames", "motions": "link_frames"}.get(what, "sites")
-        kind = "poses" if what in ("tip", "links") else what
-        given = by_load if what in RESPONSES else None
-        return flexed(self._chain(end), getattr(loaded, frames), kind, q, twists, self.pushed, given)
-
-    def _chain(self, end: str | None) -> Chain:
-        chain = self.loaded.sited_chain
-        return chain if end is None else chain.ending_with(self.loaded.link_frames, end)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +72,7 @@ class Response:
     laws: Array
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
-    _parts: tuple[_Part | FewRows | LoopRows, ...]
+    _parts: tuple[FewRows | ManyRows, ...]
     case: LoadCase
     end: str | None = None
 
@@ -273,7 +232,7 @@ def respond(
     else:
         solve = _solved_loops if loop_kernel_pays(len(q)) else _solved_alone
 
-    def solved(asked: tuple[LoadedArm, np.ndarray]) -> _Part | FewRows | LoopRows:
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> FewRows | ManyRows:
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
@@ -301,7 +260,7 @@ def respond(
 
 def _solved(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[_Part, Solution]:
+) -> tuple[ManyRows, Solution]:
     """Return some rows of one payload solved, the tip's response to their laws put into its rows of `into`."""
     arm, q, n = loaded.arm, np.ascontiguousarray(case.q), len(loaded.arm.sites)
     row = loaded.row(q, case.covariates)
@@ -317,17 +276,17 @@ def _solved(
         _rest(loaded, case, left, found, "newton", allow_large)
         if laws.curved:
             laws.expand(found.wrenches)
-        into[rows[left]] = solver.linearise(row, laws, found, left, stable=True)[0]
+        into[rows[left]] = solver.linearise(row, laws, found, left)[0]
     small = (np.linalg.norm(found.twists[:, :, 3:], axis=2) <= MAX_ROTATION).all(axis=1)
     for i in () if allow_large else np.flatnonzero(~small):
         check_small(found.twists[i].ravel(), arm.stack.names)
-    pushed = Pushes(loaded, case.wrenches, sited=True).at(q, found.twists)
-    return _Part(loaded, rows, pushed, laws.tangents(found.wrenches)), found
+    pushed = Pushes(loaded, case.wrenches, sited=True).at(q, found.twists) if len(solver.pushes.links) else NOT_PUSHED
+    return ManyRows(loaded, loaded.sited_chain, rows, pushed, laws.tangents(found.wrenches)), found
 
 
 def _solved_alone(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows | LoopRows, Solution]:
+) -> tuple[FewRows | ManyRows, Solution]:
     """Return the same of few rows, each by Pinocchio."""
     found = Solution.empty(len(rows), len(loaded.arm.sites))
     each = _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
@@ -339,7 +298,7 @@ def _solved_alone(
 
 def _solved_loops(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows | LoopRows, Solution]:
+) -> tuple[FewRows | ManyRows, Solution]:
     """Return the same of an arm with loops, by compiled code where it knows the loads."""
     if Pushes(loaded, case.wrenches).posed:
         return _solved_alone(loaded, rows, case, into, allow_large)

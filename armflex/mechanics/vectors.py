@@ -10,11 +10,18 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
+import numba
 from llvmlite import ir
 from numba import extending, types
 from numba.extending import models, overload, register_model
 
-from armflex.mechanics.kernel import LOOSE, inner
+LOOSE = {"contract", "reassoc", "nsz", "arcp"}
+inner = numba.njit(nogil=True, forceinline=True, error_model="numpy", fastmath=LOOSE)
+called = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE)
+bare = numba.njit(nogil=True, error_model="numpy", fastmath=LOOSE, _nrt=False)  # pyright: ignore[reportCallIssue]
+"""For what makes no array: it need not count who holds one, which at every view costs as much as a few products."""
+in_order = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})
+"""For sums whose order matters."""
 
 intrinsic: Any = extending.intrinsic  # whose first argument is numba's own
 

@@ -1,9 +1,10 @@
-"""The compiled engine of arms with loops: where they close and rest, row after row, and a proof that they stay.
+"""The compiled engine of arms that rest: how a tip responds to what may be otherwise, and where loops close and rest.
 
-It is `Mechanism` in numbers. Everything is written in the base's axes about its origin. The coordinates z are positions
-of passive joints and y of laws R y, R R' = C; each moves all that its element carries by a spatial twist s. A closure
-gaps by `W (V2 - V1)` of the twists of its ends, its forces f put the wrench W'f on its first end and minus that on the
-second. With A = W s, F the load on all that an element carries and G the change of -s F with z, every step solves
+It is `Mechanism` in numbers; a chain is one without closures, and `kernel` finds where it rests. All is written in the
+base's axes about its origin. The coordinates z are positions of passive joints and y of laws R y, R S' = C; each moves
+all that its element carries by a spatial twist s. A closure gaps by `W (V2 - V1)` of the twists of its ends, its forces
+f put the wrench W'f on its first end and minus that on the second. With A = W s, F the load on all that an element
+carries and G the change of -s F with z, every step solves
 
     | 1_y + G   A' | | dz |   | s F - y |
     |   A      -D  | | df | = |  -gap   |      D: a unit for what nothing answers to
@@ -29,18 +30,20 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.mechanics.certificate import SHARE
-from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS
+from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree
 from armflex.mechanics.equilibrium import CONVERGED, SLOWEST, SMALL, STEPS
-from armflex.mechanics.kernel import _compose, _exponential, _right_jacobian, _times, bare, called, inner
 from armflex.mechanics.laws import LawStack
 from armflex.mechanics.mechanism import ALIGNED, ASSEMBLED, CLOSED, LONGEST, MOST, ROUNDED
 from armflex.mechanics.spring import SHORTEST
 from armflex.mechanics.vectors import (
     WIDE,
     add_columns,
+    bare,
+    called,
     columns,
     cross,
     dot,
+    inner,
     minus,
     pack,
     plus,
@@ -72,31 +75,6 @@ SQUARED = 1e-8
 
 TIP = 8
 """Columns of a frame's six motions."""
-
-
-class Tree(NamedTuple):
-    """Numbers of a mechanism with its payload: T ties, first m rows of closures and then springs.
-
-    Attributes:
-        elements, kinds: As of `Chain`, passive joints numbered after the drives, cylinders among them.
-        parents: (k,) the element before each, which has a lower number.
-        carried: (T, k) 1 where an element moves the second end alone, -1 the first alone.
-        ties: (T, 45) points on both ends (6), axes of a pin on both ends (18) and axes of both links (18), and at 24:
-            offset of a length; factor and offset of a gear; stiffness, length and preload; thrust, length and exponent.
-        joins: (T, 6) kind, elements of both ends (of a gear the joints), rows from and to, number of the length in q.
-        rows, ways: (m, 6) what each row closes of its closure's slots, and that in axes of its first element.
-        flexures: (n,) element of each, or minus 1 and minus the number of its closure.
-    """
-
-    elements: Array
-    kinds: np.ndarray
-    parents: np.ndarray
-    carried: Array
-    ties: Array
-    joins: np.ndarray
-    rows: Array
-    ways: Array
-    flexures: np.ndarray
 
 
 class Here(NamedTuple):
@@ -622,7 +600,7 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
                 _open(tree, here, driven, screws, here.roots, by)
         _weigh(tree, here, links, wrenches)
         if count == 1:
-            distance = _distance(tree, here, room, links, wrenches, screws, driven)
+            distance = _distance(tree, here, room, links, wrenches, here.turn[:0], screws, driven)
             if not distance <= SHARE:
                 return np.inf
         if count < 2 and not _system(here, room, idle, scale, by):
@@ -671,7 +649,7 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
 
 
 @bare
-def _distance(tree, here, room, links, wrenches, real, driven):
+def _distance(tree, here, room, links, wrenches, changes, real, driven):
     """Fill `stiff`, and return the norm of Z' G Z; `matrix` is that without G still."""
     total, laws, stiff, rank = len(real), room.laws, room.stiff, here.rank[0]
     p, square = total - rank, 0.0
@@ -679,7 +657,7 @@ def _distance(tree, here, room, links, wrenches, real, driven):
     for c in range(rank):
         laws[p + c, c] = 1.0
     _solve(room.matrix, room.order, laws)
-    _stiffen(tree, here, room, links, wrenches, real, driven)
+    _stiffen(tree, here, room, links, wrenches, changes, real, driven)
     half, whole = room.small, room.small[total]
     for b in range(0, laws.shape[1], WIDE):
         for z in range(total):
@@ -704,9 +682,9 @@ def _sum(shares, rows, start, wide, count):
 
 
 @bare
-def _stiffen(tree, here, room, links, wrenches, real, driven):
+def _stiffen(tree, here, room, links, wrenches, changes, real, driven):
     """Fill `stiff`: what motions of coordinates change of the loads, a row for each of (Z, 6) motions that are met."""
-    _spread(tree, here, driven, links, wrenches, room.unit, room.unit[:0], room.motion, room.field)
+    _spread(tree, here, driven, links, wrenches, changes, room.unit, room.unit[:0], room.motion, room.field)
     wide = room.unit.shape[1]
     for z in range(len(real)):
         field = room.field[here.carriers[driven + z]]
@@ -731,11 +709,11 @@ def _system(here, room, idle, scale, by):
 
 
 @bare
-def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
+def _spread(tree, here, driven, links, wrenches, changes, rows, forces, motion, field):
     """Fill (k, 6 W) motions of elements, and work per twist that is inserted at one and moves all that it carries.
 
     That is of the changes of all loads with (Z, W) virtual motions of coordinates, and with (m, W) virtual forces of
-    gaps; those of no rows are none.
+    gaps; those of no rows are none. A wrench that changes by K with its link's motion d adds K' d as a wrench there.
     """
     count, wide = len(tree.parents), rows.shape[1]
     motion[:] = 0.0
@@ -768,6 +746,13 @@ def _spread(tree, here, driven, links, wrenches, rows, forces, motion, field):
                 add_columns(field[k], b + 3 * wide, wide, turning)
             else:
                 add_columns(field[k], b + 3 * wide, wide, cross(point, change))
+        for b in range(0, wide if 0 <= j < len(changes) else 0, WIDE):
+            about = columns(motion[k], b + 3 * wide, wide)
+            way = plus(columns(motion[k], b, wide), cross(about, point))
+            push = plus(turned_back(changes[j, :3, :3], way), turned_back(changes[j, 3:, :3], about))
+            twist = plus(turned_back(changes[j, :3, 3:], way), turned_back(changes[j, 3:, 3:], about))
+            add_columns(field[k], b, wide, times(-1.0, push))
+            add_columns(field[k], b + 3 * wide, wide, times(-1.0, plus(twist, cross(point, push))))
     for t in range(len(tree.joins)):
         if tree.joins[t, 0] != GEAR:
             _, e1, e2, _, _, _ = _tie(tree, t)
@@ -838,9 +823,90 @@ def _tied(tree, here, t, forces, motion, one, two, wide):
                 put_pack(two, at, pack(two, at) + share)
 
 
+@called
+def _compose(turn, origin, frame, into, at):
+    """Fill the product of a pose and a frame's: its rotation row by row, and its origin."""
+    for i in range(3):
+        at[i] = origin[i] + turn[i, 0] * frame[9] + turn[i, 1] * frame[10] + turn[i, 2] * frame[11]
+        for j in range(3):
+            into[i, j] = turn[i, 0] * frame[j] + turn[i, 1] * frame[3 + j] + turn[i, 2] * frame[6 + j]
+
+
+@called
+def _exponential(twist, frame):
+    """Fill the frame that exp6 of a twist is: its rotation row by row, and its origin."""
+    x, y, z = twist[3], twist[4], twist[5]
+    s = x * x + y * y + z * z
+    if s < 0.02:
+        second = 0.5 - s * (1 / 24 - s * (1 / 720 - s / 40320))
+        third = 1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880))
+    else:
+        angle = math.sqrt(s)
+        second, third = 2.0 * math.sin(0.5 * angle) ** 2 / s, (angle - math.sin(angle)) / (s * angle)
+    first = 1.0 - third * s
+    vx, vy, vz = twist[0], twist[1], twist[2]
+    ox, oy, oz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
+    frame[9] = vx + second * ox + third * (y * oz - z * oy)
+    frame[10] = vy + second * oy + third * (z * ox - x * oz)
+    frame[11] = vz + second * oz + third * (x * oy - y * ox)
+    u, v, w = second * x, second * y, second * z
+    xx, yy, zz, xy, xz, yz = u * x, v * y, w * z, u * y, u * z, v * z
+    x, y, z = first * x, first * y, first * z
+    frame[0], frame[1], frame[2] = 1.0 - yy - zz, xy - z, xz + y
+    frame[3], frame[4], frame[5] = xy + z, 1.0 - xx - zz, yz - x
+    frame[6], frame[7], frame[8] = xz - y, yz + x, 1.0 - xx - yy
+
+
 @bare
-def _tip(tree, here, turn, origin):
-    end = tree.elements[len(tree.parents)]
+def _right_jacobian(twist, found):
+    """Fill the (6, 6) body motion per change of a twist (v, w): sum over k of (-ad)^k / (k + 1)!.
+
+    With V and W the cross products with v and w, s = w w and d = v w, it has 1 + a W + b W^2 on its diagonal and
+    a V + b (w v' + v w' - 2 d) + 2 d (a' W + b' W^2) above it; a and b are series in s, a' and b' their derivatives.
+    """
+    x, y, z, u, v, w = twist[0], twist[1], twist[2], twist[3], twist[4], twist[5]
+    s, d = u * u + v * v + w * w, x * u + y * v + z * w
+    one = two = three = four = slope = 0.0
+    power = term = 1.0
+    for j in range(14):
+        term /= 2 * j + 2
+        one, three = one - term * power, three + term * slope
+        term /= 2 * j + 3
+        two, four = two + term * power, four - term * slope
+        slope, power = (j + 1) * power, -s * power
+    across, square = 2.0 * d * three, 2.0 * d * four
+    same, far = 1.0 - s * two, -2.0 * d * two - s * square
+    for i in range(3):
+        for j in range(3):
+            a, b = twist[3 + i], twist[3 + j]
+            found[3 + i, j], found[i, j] = 0.0, two * a * b
+            found[i, 3 + j] = two * (a * twist[j] + twist[i] * b) + square * a * b
+        found[i, i] += same
+        found[i, 3 + i] += far
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # a cross product takes axis j to minus k's share of i
+        turns, moves = one * twist[3 + k], one * twist[k] + across * twist[3 + k]
+        found[i, j] -= turns
+        found[j, i] += turns
+        found[i, 3 + j] -= moves
+        found[j, 3 + i] += moves
+    for i in range(3):
+        for j in range(3):
+            found[3 + i, 3 + j] = found[i, j]
+
+
+@called
+def _times(left, right, product):
+    """Fill the product of the first six columns of a matrix with a (6, 6) one."""
+    for a in range(6):
+        for b in range(6):
+            value = 0.0
+            for c in range(6):
+                value += left[a, c] * right[c, b]
+            product[a, b] = value
+
+
+@bare
+def _tip(here, end, turn, origin):
     _compose(here.turn[int(end[15])], here.origin[int(end[15])], end, turn, origin)
 
 
@@ -893,7 +959,7 @@ def rest_rows(
             if len(room.unit) != p + here.rank[0]:
                 room = _room(tree, p, here.rank[0])
         _place(tree, q[row], free, False, here)
-        _tip(tree, here, turn, at)
+        _tip(here, tree.elements[len(tree.parents)], turn, at)
         tips[row] = np.eye(4)
         tips[row, :3, :3], tips[row, :3, 3] = turn, at
         if not settled:
@@ -911,7 +977,7 @@ def rest_rows(
         if not distance[row] <= SHARE:
             return row
         twists[row], loads[row], forces[row], idles[row] = here.twists, here.load, here.forces, idle
-        _tip(tree, here, moved, end)
+        _tip(here, tree.elements[len(tree.parents)], moved, end)
         displacement[row, :3] = end - at
         for i in range(3):
             put(change[i], 0, turned(turn, three(moved[i], 0)))
@@ -922,8 +988,8 @@ def rest_rows(
 @kept
 @called
 def respond_rows(
-    tree, tangents, links, wrenches, q, flexed, twists, forces, idle, end, places, numbers,
-    laws, joints, sites, motions, poses, loads,
+    tree, tangents, links, wrenches, changes, q, flexed, twists, forces, idle, by_load, end, places, numbers,
+    laws, joints, sites, motions, poses, loads, distance,
 ):  # fmt: skip
     """Fill how the origin of a frame moves, base axes, where the mechanism rests in N rows, into arrays that have rows.
 
@@ -933,12 +999,15 @@ def respond_rows(
     Args:
         tree, links, wrenches: As of `rest_rows`.
         tangents: (1 or N, n, 6, 6) of the laws.
+        changes: (1 or N, L, 6, 6) change of each link's wrench with its motion, base axes; of no rows for none.
         q, flexed, twists, forces, idle: (N, ...) as `rest_rows` found them.
-        end: (13,) the element that the frame is fixed to, and rotation and origin in its axes.
+        by_load: (N, 6, n, 6) of no passive joints and closures, where it is known: motion of the frame per load.
+        end: (16,) the frame, as the last row of `Tree.elements` has the tip.
         places, numbers: See `Frames`; `sites` and `loads` have closures and pins behind them.
         laws, joints, sites: (N, 6, n, 6), (N, 6, nq) and (N, 6, s, 6) per twist of a law, drive, and twist at a site.
         motions: (N, f, 6, 6) per wrench at a frame.
         poses, loads: (N, f, 4, 4) of the frames and (N, s, 6) at the sites.
+        distance: (N,) norm of G by coordinate of laws, of no passive joints: below 1 is a proof that the arm stays.
     """
     driven, p, n, count, f = q.shape[1], flexed.shape[1], len(tree.flexures), len(tree.parents), places.shape[1]
     here = _memory(tree, driven, p)
@@ -948,19 +1017,24 @@ def respond_rows(
     right, ends = np.zeros((0, TIP)), np.empty((2, 6 * TIP))
     motion, field = np.empty((count, 6 * TIP)), np.empty((count, 6 * TIP))
     virtual, answer = motion.reshape((count, 6, TIP)).transpose((0, 2, 1)), field.reshape((count, 6, TIP))
-    k, scale, real = int(end[0]), 0.0, here.screws
+    k, scale, real, none = int(end[15]), 0.0, here.screws, here.turn[:0]
     while k > 0:
         carried[k] = 1.0
         k = tree.parents[k]
     carried[0] = 1.0
+    if len(by_load):  # every motion of a flexure is a coordinate
+        right, here.rank[0] = np.zeros((6 * n, TIP)), 6 * n
+        for z in range(6 * n):
+            here.roots[z, z % 6], here.owner[z], here.carriers[first + z] = 1.0, z // 6, tree.flexures[z // 6]
     for row in range(len(q)):
-        if row < len(tangents):
+        if row < len(tangents) and not len(by_load):
             largest, _ = _root(tree, tangents[row], here, roots, first)
             scale = 1.0 / math.sqrt(max(largest, 1e-9))
             if row == 0 or len(room.unit) != p + here.rank[0]:
                 room, real = _room(tree, p, here.rank[0]), np.empty((p + here.rank[0], 6))
                 right = np.zeros((len(room.order), TIP))
-        pushed, total = wrenches[min(row, len(wrenches) - 1)], len(real)
+        pushed, total = wrenches[min(row, len(wrenches) - 1)], p + here.rank[0]
+        changed = changes[min(row, len(changes) - 1)] if len(changes) else none
         here.twists[:], here.forces[:] = twists[row], forces[row]
         _place(tree, q[row], flexed[row], True, here)
         _join(tree, q[row], flexed[row], here)
@@ -979,34 +1053,40 @@ def respond_rows(
                     loads[row, f + t] += here.forces[r] * tree.rows[r]
         if len(laws) + len(joints) + len(sites) + len(motions) == 0:
             continue
-        screws = here.screws[driven : driven + total]
-        real[:] = screws
-        for i in range(n):
-            _right_jacobian(here.twists[i], derived[i])
-        for c in range(here.rank[0]):
-            k = here.carriers[first + c]
-            if k > 0:
-                for a in range(6):
-                    start[a] = _six(derived[here.owner[c], a], roots[c])
-                _screw(here, k, start, real[p + c])
-        _open(tree, here, driven, screws, here.roots, here.by)
-        _open(tree, here, driven, real, roots, by)
-        _stiffen(tree, here, room, links, pushed, real, driven)
-        _system(here, room, idle[row], scale, by)
-        _compose(here.turn[int(end[0])], here.origin[int(end[0])], end[1:], turn, at)
-        right[:] = 0.0
+        _tip(here, end, turn, at)
         start[:] = 0.0
         for b in range(3):  # the frame's own motion, as a load that asks for it
             start[TIP * b + b] = start[TIP * (3 + b) + 3 + b] = still[b] = 1.0
             start[3 * TIP + b], start[4 * TIP + b], start[5 * TIP + b] = cross(three(at, 0), three(still, 0))
             still[b] = 0.0
-        for z in range(total):
-            for b in range(0, TIP if carried[here.carriers[driven + z]] > 0.0 else 0, WIDE):
-                put_pack(right[z], b, _sum(real[z], start, b, TIP, 6))
-        _solve(room.matrix, room.order, right)
+        if len(by_load):
+            for z in range(total):
+                right[z, :6] = by_load[row, :, z // 6, z % 6]
+        else:
+            screws = here.screws[driven : driven + total]
+            real[:] = screws
+            for i in range(n):
+                _right_jacobian(here.twists[i], derived[i])
+            for c in range(here.rank[0]):
+                k = here.carriers[first + c]
+                if k > 0:
+                    for a in range(6):
+                        own[0, a] = _six(derived[here.owner[c], a], roots[c])
+                    _screw(here, k, own[0], real[p + c])
+            _open(tree, here, driven, screws, here.roots, here.by)
+            _open(tree, here, driven, real, roots, by)
+            _stiffen(tree, here, room, links, pushed, changed, real, driven)
+            _system(here, room, idle[row], scale, by)
+            if len(distance):
+                distance[row] = math.sqrt(np.sum(room.stiff * room.stiff))
+            right[:] = 0.0
+            for z in range(total):
+                for b in range(0, TIP if carried[here.carriers[driven + z]] > 0.0 else 0, WIDE):
+                    put_pack(right[z], b, _sum(real[z], start, b, TIP, 6))
+            _solve(room.matrix, room.order, right)
         force = right[total:]
         force *= scale
-        _spread(tree, here, driven, links, pushed, right[:total], force, motion, field)
+        _spread(tree, here, driven, links, pushed, changed, right[:total], force, motion, field)
         for k in range(count):
             for b in range(0, 6 * TIP, WIDE):
                 put_pack(field[k], b, carried[k] * pack(start, b) - pack(field[k], b))
@@ -1088,24 +1168,46 @@ def _slots(tree, t, force, found):
                 found[b, c] += force[r, b] * tree.rows[r, c]
 
 
+@kept
+@called
+def rigid_tips(tree, q, poses):
+    """Fill the (N, 4, 4) poses of a chain's tip where nothing gives, at (N, nq) joint positions."""
+    here, free = _memory(tree, q.shape[1], 0), np.empty(0)
+    for row in range(len(q)):
+        _place(tree, q[row], free, False, here)
+        poses[row, 3], poses[row, 3, 3] = 0.0, 1.0
+        _tip(here, tree.elements[len(tree.parents)], poses[row, :3, :3], poses[row, :3, 3])
+
+
+def _nothing() -> tuple:
+    """Return what has no elements: a tree, laws, links and wrenches, and arrays of no rows by their dimensions."""
+    one, none = np.zeros(1, dtype=np.int64), np.zeros((0, 6))
+    ties = np.zeros((0, 1)), np.zeros((0, 45)), np.zeros((0, 6), dtype=np.int64)
+    tree = Tree(np.zeros((2, 20)), np.full((4, 1), RIGID), one, *ties, none, none, one[:0])
+    pushed = np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9))
+    return tree, LawStack((), ()).numbers, pushed, np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
+
+
+def compile_responses() -> None:
+    """Compile how arms respond, where that is not yet kept, by asking about no rows."""
+    tree, laws, pushed, plain, loads, answers = _nothing()
+    frames = np.zeros(16), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12))
+    found = answers, loads, answers, answers, answers, loads, np.zeros(0)
+    with kept_code.compiled_once(respond_rows, rigid_tips):
+        given = laws.compliance, *pushed, answers, plain, plain, loads, plain, loads, answers
+        respond_rows(tree, *given, *frames, *found)
+        rigid_tips(tree, plain, np.zeros((0, 4, 4)))
+
+
 def compile_everything() -> None:
-    """Compile what is not yet kept, by asking about no rows."""
-    none = np.zeros((0, 6))
-    tree = Tree(
-        np.zeros((2, 20)), np.full((4, 1), RIGID), np.zeros(1, dtype=np.int64), np.zeros((0, 1)), np.zeros((0, 45)),
-        np.zeros((0, 6), dtype=np.int64), none, none, np.zeros(0, dtype=np.int64),
-    )  # fmt: skip
-    laws, plain = LawStack((), ()).numbers, np.zeros((0, 0))
-    loads, pushed = np.zeros((0, 0, 6)), (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)))
-    arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, none, np.zeros(0), loads
-    frames = np.zeros(13), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12))
-    answers = np.zeros((0, 6, 0, 6)), np.zeros((0, 6, 0)), np.zeros((0, 6, 0, 6)), np.zeros((0, 0, 6, 6))
-    answers += np.zeros((0, 0, 4, 4)), loads
-    with kept_code.compiled_once(rest_rows, respond_rows):
+    """Compile what is not yet kept."""
+    compile_responses()
+    tree, laws, pushed, plain, loads, _ = _nothing()
+    arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, np.zeros((0, 6)), np.zeros(0), loads
+    with kept_code.compiled_once(rest_rows):
         rest_rows(tree, laws.compliance, laws.offset, *pushed, plain, True, 0, np.zeros(0), plain, *arrays)
-        respond_rows(tree, laws.compliance, *pushed, plain, plain, loads, plain, loads, *frames, *answers)
 
 
 def is_kept() -> bool:
     """Return whether nothing has to be compiled."""
-    return kept_code.is_kept(rest_rows, respond_rows)
+    return kept_code.is_kept(rest_rows, respond_rows, rigid_tips)
