@@ -110,6 +110,11 @@ def frames_of(fit: Fit, name: str) -> np.ndarray:
     return np.array([i for i, one in enumerate(fit.parameters) if own(one.group)], dtype=int)
 
 
+def folds_of(fit: Fit, names: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return (M,) the session or campaign of every row as a number, and for each of them what `frames_of` it."""
+    return numbered(names), [frames_of(fit, name) for name in dict.fromkeys(names)]
+
+
 @dataclass(frozen=True)
 class OfCampaign:
     """RMS of the 3-D error in one of several campaigns that were fitted together.
@@ -140,10 +145,10 @@ def by_campaign(before: View, fit: Fit, judged: np.ndarray, residual: Array | No
     """
     residual = fit.view.residual if residual is None else residual
     campaigns = [fit.view.driven.campaign[row] for row in fit.view.rows] if fit.view.driven.campaign else []
-    names, folds, found = list(dict.fromkeys(campaigns)), numbered(campaigns), []
+    names, (folds, frames), found = list(dict.fromkeys(campaigns)), folds_of(fit, campaigns), []
     if len(names) < 2:
         return ()
-    alone = held_out(fit, folds, [frames_of(fit, name) for name in names], judged)
+    alone = held_out(fit, folds, frames, judged)
     for number, name in enumerate(names):
         own = np.flatnonzero(folds == number)
         readings = fit.view.readings.where(judged).some(own)

@@ -35,9 +35,9 @@ from armflex.trace.probabilities import CREDIBLE, Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, without
-from armflex.trace.state import State, lost_of, refit, sorted_out, with_hypotheses
+from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
-from armflex.trace.validate import Validated, chance, sessions_held_out, validated, weakest
+from armflex.trace.validate import Validated, chance, sessions_held_out, validated
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,12 +92,13 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             seen = validated(here, evidence, null)
             if not seen.compared.worse:
                 return Weighed(here, found, seen, null), tuple(withdrawn)
-            last, why = weakest(model, evidence), "held-out poses are predicted worse with it"
+            last = max(range(len(model)), key=lambda i: evidence.log_posterior(without(model, i)))
+            why = "held-out poses are predicted worse with it"
             after = refitted(here, without(here.model, last))
         gone = [last]
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
-            gone, none = list(range(len(model))), np.zeros(0)
-            after = with_hypotheses(here.state, (), none, none, np.zeros(len(here.screen.projection.data)))
+            gone, after = list(range(len(model))), refitted(here, ())
+            assert after is not None
         for unit in (here.state.units[i] for i in gone):
             one = here.state.fitted[unit[0]]
             if seen is not None:

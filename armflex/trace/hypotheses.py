@@ -92,17 +92,15 @@ class Hypothesis:
         places = tuple(one.location for one in self.members)
         return (self.one.law.name, self.family, places)
 
-    @cached_property
-    def name(self) -> tuple:
-        """Law and place, whatever is inside the law and whichever of its terms act."""
-        return (self.one.law.name, self.family, tuple(replace(one.location, terms=()) for one in self.members))
-
     def alike(self, other: Hypothesis) -> bool:
-        """Whether it is of the same law and place as another, about the same axis or one of them about all."""
-        own, others = ([one.location for one in each.members] for each in (self, other))
-        axes = [(a.axis, b.axis) for a, b in zip(own, others, strict=False)]
-        own, others = ([replace(one, axis=None, terms=()) for one in some] for some in (own, others))
-        return self.name[:2] == other.name[:2] and own == others and all(None in (a, b) or a == b for a, b in axes)
+        """Whether it is of the same law and place as another, about the same axis or one of them about all.
+
+        That is whatever is inside the law and whichever of its terms act.
+        """
+        (*own, places), (*others, elsewhere) = self.spot, other.spot
+        axes = [{a.axis, b.axis} - {None} for a, b in zip(places, elsewhere, strict=False)]
+        places, elsewhere = ([replace(one, axis=None, terms=()) for one in some] for some in (places, elsewhere))
+        return own == others and places == elsewhere and all(len(one) < 2 for one in axes)
 
     @cached_property
     def positive(self) -> bool:

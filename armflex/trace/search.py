@@ -15,7 +15,10 @@ from functools import cached_property
 
 import numpy as np
 
+from armflex.conventions import Array
 from armflex.errors import ArmflexError
+from armflex.estimate.block import EffectBlock, amplitude_prior
+from armflex.estimate.fit import moved
 from armflex.estimate.pose_block import PoseBlock
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.effect import Effect
@@ -34,6 +37,7 @@ from armflex.trace.selection import (
     MOST_EFFECTS,
     MOST_ROUNDS,
     MOST_TRIED,
+    SCALES,
     WITHIN,
     Chosen,
     Model,
@@ -41,7 +45,7 @@ from armflex.trace.selection import (
     rivals,
     without,
 )
-from armflex.trace.state import State, sorted_out, with_hypotheses, with_random
+from armflex.trace.state import State, refit, sorted_out, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
 MOST_SHAPED = 10
@@ -289,18 +293,45 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
 
 
 def refitted(here: Standing, model: Model) -> State | None:
-    """Return the state fitted with a model, None where the arm with it does not come to rest."""
-    screen, state = here.screen, here.state
-    beside, known = screen.beside(model), [screen.groups[one.number].hypothesis for one in model]
-    scale = np.concatenate([np.zeros(0), *(screen.groups[one.number].scale for one in model)])
-    tau = scale / np.sqrt(beside.held) / (beside.noise * screen.quiet)
+    """Return the state fitted with a model and nothing else, None where the arm with it does not come to rest."""
+    screen, state, beside = here.screen, here.state, here.screen.beside(model)
+    groups = [screen.groups[one.number] for one in model]
+    known = tuple(one.hypothesis for one in groups)
     names = ", ".join(one.one.name + " everywhere" * one.family for one in known)
     state.reporter.stage(f"refitting with {names or 'nothing'}")
-    std, explained = np.where(tau > 0.0, tau, 1e-12), screen.explained(beside)
-    try:
-        return sorted_out(with_hypotheses(replace(state, heed=True), known, beside.values * scale, std, explained))
-    except ArmflexError:  # an arm that buckles or a fit that does not settle is no answer
-        return None
+    present = {one.spot: [state.fitted[i].acting for i in own]
+               for one, own in zip(state.known, state.units, strict=True)}  # fmt: skip
+    blocks, starts = list[EffectBlock](), list[tuple[Array, Array]]()
+    for chosen, group, amplitudes in zip(model, groups, beside.amplitudes, strict=True):
+        tau = group.scale * SCALES[chosen.scale] / (beside.noise * screen.quiet)
+        one, std, first = group.hypothesis, np.where(tau > 0.0, tau, 1e-12), 0
+        for member in one.members:
+            count, now = len(member.location.terms), present.get(one.spot)
+            effect = member.effect(amplitudes[first : first + count])
+            derived = tuple(name for name in member.location.covariates if name in state.measurements.derived)
+            effect = replace(effect, derived=derived).seen_in(state.context, state.rows)
+            free = () if one.family else member.fitted
+            prior = amplitude_prior(effect, free, state.fit.view, state.context)
+            prior[:count] = np.minimum(prior[:count], std[first : first + count])
+            number = len(state.declared.arm.effects) + len(blocks)
+            blocks.append(EffectBlock(effect, free, state.context, number, prior))
+            start, promised = blocks[-1].start, np.zeros(len(prior))
+            promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
+            starts.append((start, promised))
+            first += count
+    projection, rest = screen.projection, sum(len(block.parameters) for block in state.blocks)
+    absorbed = projection.absorbed(projection.data - screen.explained(beside))
+    random = absorbed[rest:] if state.random is not None else np.zeros(0)
+    if not known:  # of several minima that of the calibration
+        absorbed = state.first.values
+    after = replace(state, known=known, heed=True)
+    for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead
+        declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
+        effects = [start - (1.0 - share) * promised for start, promised in starts]
+        with suppress(ArmflexError):  # an arm that buckles or a fit that does not settle is no answer
+            begun = np.concatenate([declared, *effects, random])
+            return sorted_out(refit(after, tuple(blocks), state.random, begun))
+    return None
 
 
 def _with_products(here: Standing) -> Standing | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -11,10 +10,9 @@ import numpy as np
 
 from armflex.arm import Setup
 from armflex.conventions import Array
-from armflex.errors import ArmflexError
-from armflex.estimate.block import Block, EffectBlock, amplitude_prior
+from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.calibrate import Calibration
-from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit, moved
+from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit
 from armflex.estimate.held_out import judged_by
 from armflex.estimate.outliers import lost_readings
 from armflex.estimate.pose_block import PoseBlock
@@ -40,14 +38,13 @@ class State:
         calibration: Before anything was added, lost beams and all.
         first: The same without lost beams.
         measurements: The campaign.
-        asked: Rows that were to be used.
-        rows: Those of them in use: all but lost beams, and rows without what an added effect depends on.
+        rows: Rows in use: all of those asked for but lost beams, and rows without what an added effect depends on.
         lost: (A, G) which readings of those asked for, by instrument, are left out of their rows as lost beams.
+        fit: Everything together.
+        context: The campaign as the catalogue sees it, at this fit.
         known: Hypotheses that were added, with values inside their laws as they were chosen.
         effects: What they add: one effect for each member of each hypothesis, in order.
         random: Random twist per pose, None where there is none.
-        fit: All of them together.
-        context: The campaign as the catalogue sees it, at this fit.
         heed: Whether rows that are far off in company stay in use; see `lost_readings`.
         reporter: Hears what is being done.
     """
@@ -55,16 +52,20 @@ class State:
     calibration: Calibration
     first: Fit
     measurements: Measurements
-    asked: np.ndarray
     rows: np.ndarray
     lost: np.ndarray
-    known: tuple[Hypothesis, ...]
-    effects: tuple[EffectBlock, ...]
-    random: PoseBlock | None
     fit: Fit
     context: Context
+    known: tuple[Hypothesis, ...] = ()
+    effects: tuple[EffectBlock, ...] = ()
+    random: PoseBlock | None = None
     heed: bool = True
     reporter: Reporter = SILENT
+
+    @property
+    def asked(self) -> np.ndarray:
+        """(A,) rows that were to be used."""
+        return self.calibration.fit.view.rows
 
     @property
     def declared(self) -> Setup:
@@ -172,21 +173,9 @@ class State:
 
 def begin(calibration: Calibration, reporter: Reporter = SILENT) -> State:
     """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
-    fitted, measurements = calibration.fit, calibration.measurements
-    state = State(
-        calibration=calibration,
-        first=fitted,
-        measurements=measurements,
-        asked=fitted.view.rows,
-        rows=fitted.view.rows,
-        lost=np.zeros((len(fitted.view.rows), len(measurements.readings.groups)), bool),
-        known=(),
-        effects=(),
-        random=None,
-        fit=fitted,
-        context=context_at(fitted, measurements),
-        reporter=reporter,
-    )
+    fitted, whole, rows = calibration.fit, calibration.measurements, calibration.fit.view.rows
+    none, context = np.zeros((len(rows), len(whole.readings.groups)), bool), context_at(fitted, whole)
+    state = State(calibration, fitted, whole, rows, none, fitted, context, reporter=reporter)
     state = sorted_out(state, THOROUGH)
     return replace(state, first=state.fit)
 
@@ -239,60 +228,6 @@ def context_at(fitted: Fit, measurements: Measurements) -> Context:
         for site in wrenches:
             wrenches[site][rows] = line.load_at(site)
     return survey(measurements, arm, known, wrenches, view.line.links[:, :, :3, 3])
-
-
-def with_hypotheses(
-    state: State,
-    known: Sequence[Hypothesis],
-    amplitudes: Array,
-    std: Array,
-    explained: Array,
-) -> State:
-    """Return the state with these hypotheses in place of those that it has, and everything refitted.
-
-    Args:
-        state: The arm so far.
-        known: What is to be added to the declared arm.
-        amplitudes, std: (K,) where the amplitudes of all members begin, and their prior deviations [the laws' units].
-        explained: (n,) what they explain of the readings of `state.bare`, whitened and weighted.
-
-    Raises:
-        ArmflexError: The arm with them does not come to rest, or no fit is found.
-    """
-    present = {one.spot: [state.fitted[i].acting for i in own]
-               for one, own in zip(state.known, state.units, strict=True)}  # fmt: skip
-    blocks, starts, first = list[EffectBlock](), list[tuple[Array, Array]](), 0
-    for one, member in [(each, member) for each in known for member in each.members]:
-        count = len(member.location.terms)
-        own, now = slice(first, first + count), present.get(one.spot)
-        effect = member.effect(amplitudes[own])
-        derived = tuple(name for name in member.location.covariates if name in state.measurements.derived)
-        effect = replace(effect, derived=derived).seen_in(state.context, state.rows)
-        free = () if one.family else member.fitted
-        prior = amplitude_prior(effect, free, state.fit.view, state.context)
-        prior[:count] = np.minimum(prior[:count], std[own])
-        number = len(state.declared.arm.effects) + len(blocks)
-        blocks.append(EffectBlock(effect, free, state.context, number, prior))
-        start, promised = blocks[-1].start, np.zeros(len(prior))
-        promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
-        starts.append((start, promised))
-        first += count
-    projection, rest = state.bare, sum(len(block.parameters) for block in state.blocks)
-    absorbed = projection.absorbed(projection.data - explained)
-    random = absorbed[rest:] if state.random is not None else np.zeros(0)
-    if not known:  # of several minima that of the calibration
-        absorbed = state.first.values
-    after = replace(state, known=tuple(known))
-    last: ArmflexError | None = None
-    for share in (1.0, 0.5, 0.0):  # an arm may buckle where straight lines lead
-        declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
-        effects = [start - (1.0 - share) * promised for start, promised in starts]
-        try:
-            return refit(after, tuple(blocks), state.random, np.concatenate([declared, *effects, random]))
-        except ArmflexError as error:
-            last = error
-    assert last is not None
-    raise last
 
 
 def with_random(state: State, random: PoseBlock | None) -> State:

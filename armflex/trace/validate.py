@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from armflex.conventions import Array
 from armflex.errors import ArmflexError
 from armflex.estimate.fit import ROUGH, Fit, fit
-from armflex.estimate.held_out import errors_of, frames_of, held_out, known_of_others, pose_folds
+from armflex.estimate.held_out import errors_of, folds_of, held_out, known_of_others, pose_folds
 from armflex.estimate.view import look
 from armflex.parameters import DOUBT
 from armflex.trace.findings import Compared, Proof
@@ -22,11 +22,6 @@ from armflex.trace.state import State
 
 SIGN_FLIPS = 100
 """Tolerance: random signs of the residual that chance is read from."""
-
-
-def from_zero(values: Array, covariance: Array) -> float:
-    """Return how far (k,) values are from zero, over how far they are by chance: beyond 1 they are not zero."""
-    return float(values @ np.linalg.pinv(covariance, hermitian=True) @ values / chdtri(len(values), DOUBT))
 
 
 class Folds:
@@ -93,13 +88,11 @@ def validated(here: Standing, evidence: Dense, null: float) -> Validated:
     before, exact = (held_out(one, poses, judged=state.judged).squares for one in (state.calibrated, state.fit))
     proofs = []
     for i, one in enumerate(own):
-        name = evidence.groups[one.number].hypothesis.name
-        led = [any(part.groups[c.number].hypothesis.name == name for c in model)
-               for part, model in zip(folds.parts, anew, strict=True)]  # fmt: skip
+        named = evidence.groups[one.number].hypothesis.alike
+        share = float(np.mean([any(named(evidence.groups[c.number].hypothesis) for c in model) for model in anew]))
         less, sessions = folds.squares([without(own, i)] * count), sessions_held_out(state, state.units[i])
         first, last = sessions or (None, None)
-        rise, share = folds.apart(less, whole), sum(led) / count
-        proofs.append(Proof(folds.rms(less), folds.rms(whole), first, last, -rise, null, share))
+        proofs.append(Proof(folds.rms(less), folds.rms(whole), first, last, folds.apart(whole, less), null, share))
     ways = [folds.readings.row_squares(chosen), whole]
     if folds.rms(exact) > folds.rms(before) >= max(map(folds.rms, ways)):
         exact = refitted_out(state, poses)
@@ -163,19 +156,6 @@ def chance(here: Standing, seed: int = 0) -> float:
     return best
 
 
-def weakest(own: Model, evidence: Dense) -> int:
-    """Return the place of the hypothesis of a model that is least probable beside the others."""
-    whole = evidence.log_posterior(own)
-    return int(np.argmin([whole - evidence.log_posterior(without(own, i)) for i in range(len(own))]))
-
-
-def session_folds(fit: Fit, sessions: Sequence[str]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Return (M,) the session of every row as a number, and for each session its frame's parameters."""
-    names = list(dict.fromkeys(sessions))
-    folds = np.array([names.index(session) for session in sessions])
-    return folds, [frames_of(fit, name) for name in names]
-
-
 def sessions_held_out(state: State, new: Sequence[int]) -> tuple[float, float] | None:
     """Return the RMS of the 3-D error with whole sessions held out, before and after some effects came in [m].
 
@@ -185,11 +165,11 @@ def sessions_held_out(state: State, new: Sequence[int]) -> tuple[float, float] |
     before, after, judged = state.calibrated, state.fit, state.judged
     if len(set(state.sessions)) < 2 or not new:
         return None
-    folds, frames = session_folds(after, state.sessions)
+    folds, frames = folds_of(after, state.sessions)
     able = _showing(after, np.concatenate([after.places(state.effects[i]) for i in new]), folds)
     if not (able & (before.view.readings.where(judged).foremost_count > 0)).any():
         return None
-    first = held_out(before, *session_folds(before, state.sessions), judged=judged)
+    first = held_out(before, *folds_of(before, state.sessions), judged=judged)
     return first.rms_of(able), held_out(after, folds, frames, judged).rms_of(able)
 
 
@@ -198,6 +178,7 @@ def _showing(fit: Fit, some: np.ndarray, folds: np.ndarray) -> np.ndarray:
     values, able = fit.values[some], np.zeros(len(folds), bool)
     for number, left in enumerate(known_of_others(fit, folds)):
         determined = np.isfinite(left.std[some])  # what nothing determines without them shows nothing
-        known = left.covariance[np.ix_(some[determined], some[determined])]
-        able[folds == number] = determined.any() and from_zero(values[determined], known) > 1.0
+        known, own = left.covariance[np.ix_(some[determined], some[determined])], values[determined]
+        far = own @ np.linalg.pinv(known, hermitian=True) @ own if len(own) else 0.0
+        able[folds == number] = far > chdtri(max(len(own), 1), DOUBT)  # than by chance
     return able

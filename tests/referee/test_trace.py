@@ -15,7 +15,7 @@ import armflex
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.calibrate import calibrate
 from armflex.estimate.fit import Fit
-from armflex.estimate.held_out import held_out, pose_folds
+from armflex.estimate.held_out import folds_of, held_out, pose_folds
 from armflex.laws.effects import CATALOGUE
 from armflex.laws.effects.candidate import Candidate, candidates_of
 from armflex.laws.effects.catalogue import EVERY
@@ -26,7 +26,6 @@ from armflex.trace.screen import Screen
 from armflex.trace.selection import SCALES, Chosen, log_likelihood
 from armflex.trace.state import State, begin
 from armflex.trace.unrecorded import localise, noticed_from
-from armflex.trace.validate import session_folds
 
 EXACT = [
     ("hysteresis", 100, "boom"),
@@ -228,7 +227,7 @@ def test_held_out_poses_against_refits(before):
 
 
 def test_held_out_sessions_against_refits(before):
-    folds, frames = session_folds(before.fit, before.sessions)
+    folds, frames = folds_of(before.fit, before.sessions)
     assert len(frames) == 5 and all(len(frame) == 6 for frame in frames)
     expected = errors_of(before.fit, folds, frames)
     np.testing.assert_allclose(held_out(before.fit, folds, frames).squares, expected, rtol=1e-4)

@@ -12,6 +12,7 @@ from armflex import Arm, Measurements, predict, trace
 from armflex.conventions import Array
 from armflex.estimate.block import amplitude_prior
 from armflex.estimate.fit import moved
+from armflex.estimate.held_out import folds_of
 from armflex.estimate.view import LARGEST_MOTION
 from armflex.laws import Row
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw, Location
@@ -26,7 +27,6 @@ from armflex.laws.joint.linear import SOFTEST
 from armflex.parameters import ParameterKind, of_motions
 from armflex.trace.selection import SCALES
 from armflex.trace.state import State
-from armflex.trace.validate import session_folds
 
 HOOK = (0.5, 0.2, 2.5, 0.3, 1.0)
 """m: where a hose is anchored, its length, and how far along the link it is hooked on."""
@@ -306,6 +306,6 @@ def test_a_factor_moves_in_a_straight_line_and_never_below_nothing(before):
 def test_a_session_whose_name_begins_with_another_has_its_own_frame():
     setup = SimpleNamespace(instrument=SimpleNamespace(campaigns=()))
     fit = SimpleNamespace(parameters=of_motions(ParameterKind.SESSION, ("a", "a b")), setup=setup)
-    folds, frames = session_folds(fit, ["a b", "a", "a b"])
+    folds, frames = folds_of(fit, ["a b", "a", "a b"])
     assert folds.tolist() == [0, 1, 0]
     assert [frame.tolist() for frame in frames] == [list(range(6, 12)), list(range(6))]
