@@ -52,6 +52,9 @@ FINE_SHARE = 3e-5
 ROWS_LOOKED_AT = 120
 """Tolerance: rows looked at; no convention hides in more."""
 
+GLANCED_AT, JUDGED = 30, 5
+"""Tolerance: rows of each instrument by which hypotheses are ranked, and how many of the likeliest are then judged."""
+
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
@@ -147,6 +150,10 @@ class Case:
             after = replace(after, q=np.where(place, after.q, old.q), payload=payload, readings=readings)
         return replace(self, arm=arm, rows=after)
 
+    def only(self, some: np.ndarray) -> Case:
+        """Return the case in (m,) of its rows."""
+        return replace(self, rows=self.rows.some(some), some=self.some[some])
+
     def rests_as(self, other: Case) -> bool:
         """Return whether the arm rests in its rows as that of another case does."""
         parts = ("robot", "flexures", "payloads", "effects", "corrections")
@@ -155,7 +162,7 @@ class Case:
 
 
 def misfit(
-    case: Case, known: View | None = None, instrument: Instrument | None = None, patient: bool = False
+    case: Case, known: View | None = None, instrument: Instrument | None = None, rounds: int | None = None
 ) -> Misfit:
     """Return how badly rows fit an arm.
 
@@ -163,8 +170,8 @@ def misfit(
         case: Arm and rows.
         known: The same rows of an arm that rests in them as this one does, if any.
         instrument: Where it stands, near enough; it is placed where not given.
-        patient: Whether Gauss and Newton's steps go on while something is gained; else they do where only sensors
-            read, which begin from further off.
+        rounds: Gauss and Newton's steps at most, which go on while something is gained; one where not given, but
+            `ROUNDS` where only sensors read, which begin from further off.
 
     Raises:
         ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
@@ -176,8 +183,8 @@ def misfit(
     blocks = [one for one in declared_blocks(setup, campaign) if not case.keep or one.kind in FRAMES]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
-    patient, first, found = patient or not campaign.positioned[rows].any(), None, None
-    for _ in range(ROUNDS):
+    rounds, first, found = rounds or (1 if campaign.positioned[rows].any() else ROUNDS), None, None
+    for _ in range(rounds):
         now = realise(setup, blocks, values)
         near = line if first is None else solved(now, campaign, rows, allow_large=True)
         view = look(now, campaign, rows, line=near)
@@ -188,7 +195,7 @@ def misfit(
         places, floor = [place for _, place in view.readings.placed], np.maximum(view.sigma, least)
         before, found = found, _settled(jacobian, precision, values, view.residual, floor, places)
         values = moved_by(blocks, values, found[0])
-        if not patient or (before is not None and before[1] - found[1] < 1.0):
+        if before is not None and before[1] - found[1] < 1.0:
             break
     free = any(one.kind not in FRAMES for one in blocks) or any(one.learn is not None for one in arm.flexures)
     assert first is not None and found is not None
@@ -300,12 +307,12 @@ def check_conventions(
     if not len(rows):
         return ()
     if len(rows) > ROWS_LOOKED_AT:
-        rows = rows[np.unique(np.linspace(0, len(rows) - 1, ROWS_LOOKED_AT).astype(int))]
+        rows = rows[_spread(len(rows), ROWS_LOOKED_AT)]
     case, found = Case(arm, measurements.some(rows), keep, measurements, rows), None
     with suppress(ArmflexError):
         found = misfit(case)
         if not found.plausible:
-            found = misfit(case, found.view, patient=True)  # nor is an arm accused that one step does not fit
+            found = misfit(case, found.view, rounds=ROUNDS)  # nor is an arm accused that one step does not fit
     if found is not None and found.plausible:
         return ()
     named = _named(case, found, searched)
@@ -344,6 +351,11 @@ def check_conventions(
     return tuple(flags)
 
 
+def _spread(count: int, most: int) -> np.ndarray:
+    """Return so many numbers below a count at most, evenly spread."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
+
+
 def _read(kind: Kind) -> Kind:
     """Return a kind without coordinates of a point that were not read: those beside which others are in no unit."""
     if not isinstance(kind, Position):
@@ -361,19 +373,37 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         freed = Misreading("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
         tried.append((freed, None))
-    named = dict[str, Named]()
+    meant, named = list[tuple[float, Misreading, str, Case, View | None]](), dict[str, Named]()
     for hypothesis, own in tried:
         with suppress(ArmflexError):
-            other = case.meant(hypothesis, own)
+            other, (words, choice) = case.meant(hypothesis, own), _choice(case, own)
+            charge = NAMED * hypothesis.mistakes + choice
+            charge -= LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
             known = found.view if found is not None and other.rests_as(case) else None
-            near = found.placed if found is not None and hypothesis.of == "loads" else None
-            then, (words, choice) = misfit(other, known, near), _choice(case, own)
+            meant.append((charge, hypothesis, words, other, known))
+
+    def near(hypothesis: Misreading) -> Instrument | None:
+        return found.placed if found is not None and hypothesis.of == "loads" else None
+
+    def glanced(charge: float, hypothesis: Misreading, _: str, other: Case, known: View | None) -> float:
+        with suppress(ArmflexError):
+            seen = None if known is None else known.some(some)
+            return charge + misfit(other.only(some), seen, near(hypothesis), 1).cost
+        return np.inf
+
+    if len(meant) > JUDGED:
+        read = (np.flatnonzero(np.isfinite(kind.sigma).any(axis=1)) for kind in case.rows.readings.kinds)
+        some = np.unique(np.concatenate([own[_spread(len(own), GLANCED_AT)] for own in read]))
+        order = np.argsort([glanced(*one) for one in meant], kind="stable")
+        meant = [meant[i] for i in order[:JUDGED].tolist()]
+    for charge, hypothesis, words, other, known in meant:
+        with suppress(ArmflexError):
+            then = misfit(other, known, near(hypothesis))
             gain = (0.0 if found is None else found.cost) - then.cost
-            gain += LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
             if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
                 # An arm that slips as far explains as much.
                 gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
-            gain, name = gain - NAMED * hypothesis.mistakes - choice, f"{hypothesis.name}{words}"
+            gain, name = gain - charge, f"{hypothesis.name}{words}"
             if (found is None or gain > NAMED) and (name not in named or named[name].gain < gain):
                 named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
     ranked = sorted(named.values(), key=lambda one: -one.gain)
@@ -434,12 +464,14 @@ def _first_look(
         rigid = case.arm.loaded(None)
         return fixed.in_base(rigid_tips(rigid, case.rows.q)), case.rows.position
 
-    def squares(points: Array, seen: Array, near: tuple[Array, Array] | None) -> Array:
-        turn, shift, _ = rigid_fit(*near) if near is not None else (fixed.pose.rotation, fixed.pose.translation, 0.0)
+    def frame(near: tuple[Array, Array], unknown: bool) -> tuple[Array, Array]:
+        return rigid_fit(*near)[:2] if unknown else (fixed.pose.rotation, fixed.pose.translation)
+
+    def squares(points: Array, seen: Array, turn: Array, shift: Array) -> Array:
         return ((seen - points @ turn.T - shift) ** 2).sum(axis=1)
 
     def cost(points: Array, seen: Array, unknown: bool) -> float:
-        off = squares(points, seen, (points, seen) if unknown else None)
+        off = squares(points, seen, *frame((points, seen), unknown))
         least = max(float(np.median(off)) / 3.0, (FINE_SHARE * case.arm.robot.reach) ** 2)
         parts = 0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS) + 1.5 * np.log(least)
         return LOOKS / 3.0 * float(parts.mean())
@@ -448,7 +480,8 @@ def _first_look(
         return np.where(own[:, None], there[0], here[0]), np.where(own[:, None], there[1], here[1])
 
     here, names = at(case), list(dict.fromkeys(sessions.tolist()))
-    before, looked = cost(*here, unknown), list[tuple[float, int, Misreading, np.ndarray | None]]()
+    begun, before = frame(here, unknown), cost(*here, unknown)
+    looked = list[tuple[float, int, Misreading, np.ndarray | None]]()
     odd = [name for name in names if found is None or found.excess[sessions == name].sum() > NAMED]
     for hypothesis in points:
         other = case.meant(hypothesis)
@@ -458,10 +491,12 @@ def _first_look(
             continue
         price = cost(*there, placed) + NAMED * hypothesis.mistakes - LOOKS * hypothesis.volume
         looked.append((price, len(looked), hypothesis, None))
-        masks, own = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool)
+        masks, own, near = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool), begun
         for _ in range(FEW if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
-            near = mixed(there, own) if unknown else None
-            own = 4.0 * squares(*there, near) < squares(*here, near)
+            last, own = own, 4.0 * squares(*there, *near) < squares(*here, *near)
+            if np.array_equal(own, last):
+                break
+            near = frame(mixed(there, own), unknown)
         for some in (*masks, own) if hypothesis.some else ():
             if 0 < some.sum() < len(some):
                 price = cost(*mixed(there, some), unknown) + NAMED * hypothesis.mistakes + _choice(case, some)[1]
@@ -492,7 +527,7 @@ def _likeliest_readings(every: Sequence[Misreading], case: Case, found: Misfit) 
     looked: list[tuple[float, int, Misreading]] = []
     for hypothesis in (one for one in every if one.of in case.arm.sensors):
         other = case.meant(hypothesis)
-        pairs = zip(found.kinds, other.rows.readings.kinds, strict=True)
+        pairs = zip(case.rows.readings.kinds, other.rows.readings.kinds, strict=True)
         changed = [i for i, (kind, new) in enumerate(pairs) if kind.values is not new.values and kind.name]
         errors = found.view.residual.copy()
         for i in changed:
