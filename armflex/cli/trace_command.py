@@ -69,8 +69,9 @@ def command(
     Effects are selected by their posterior probability, and each is listed with its own and with what else it may be.
     Several campaigns of one machine are traced together: what they have in common is named once, and what is of one of
     them depends on the column `campaign`.
-    After every state that the search accepts the outputs are written, marked unfinished. Effects with which held-out
-    poses are predicted worse than by the calibrated arm, beyond chance, are withdrawn.
+    After every state that the search accepts the arm.toml and the JSON are written, marked unfinished; the page is
+    drawn at the end, or when the search is interrupted. Effects with which held-out poses are predicted worse than by
+    the calibrated arm, beyond chance, are withdrawn.
     """
     if covariates and ask is None:
         raise InputError("--covariates are values for the rows of --ask")
@@ -78,17 +79,21 @@ def command(
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = measured(arm)
     accepted = accepted_effects(arm_path, output, measurements.sha256) if resume else ()
-    finished: list[Trace] = []
+    finished, passing = list[Trace](), list[Trace]()
     try:
         with enough_memory(f"{len(measurements)} rows"):
 
             def account(found: Trace) -> None:
                 show_stage("writing what was accepted so far" if found.unfinished else "writing")
-                if not found.unfinished:
-                    finished.append(found)
-                outputs.write(found)
+                (passing if found.unfinished else finished).append(found)
+                outputs.write(found, page=not found.unfinished)
+                del passing[:-1]
 
             trace(arm, measurements, None, show_stage, keep, account, doing, anyway, ask or 0, covariates, accepted)
+    except BaseException:  # Ctrl-C, too
+        for found in passing if report_path and not finished else ():
+            outputs.write(found)
+        raise
     finally:  # also where it could not be written
         for found in finished:
             print_trace(found)
@@ -111,8 +116,8 @@ class Outputs:
         """Return where the rows go that were asked for, None where none were."""
         return None if found.asked is None else self.arm.parent / f"{found.asked.stem}.csv"
 
-    def write(self, found: Trace) -> None:
-        """Write all of them or none.
+    def write(self, found: Trace, page: bool = True) -> None:
+        """Write all of them or none, the page where it is asked for.
 
         A search that goes on is not ended by a full disk: it says so.
 
@@ -122,7 +127,7 @@ class Outputs:
         writers: list[tuple[Path | None, Callable[[Path], object]]] = [
             (self.arm, lambda path: write_traced(self.declared, found, path)),
             (self.json, lambda path: options.write_json(as_json(found), path)),
-            (self.report, lambda path: write_report(found, path)),
+            (self.report if page else None, lambda path: write_report(found, path)),
         ]
         if found.asked is not None:
             asked = found.asked

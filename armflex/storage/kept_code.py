@@ -78,7 +78,7 @@ def is_kept(*functions: Any) -> bool:
 
 @contextmanager
 def compiled_once(*functions: Any) -> Iterator[None]:
-    """Let one process at a time compile functions that are `kept`: the others wait, and then read what it kept.
+    """Let one process at a time compile some functions that are `kept`: the others wait, and then read what it kept.
 
     Nobody waits for what is kept already, for a process that ended, where nothing can be kept, or beyond `WAITED`.
     """
@@ -86,7 +86,7 @@ def compiled_once(*functions: Any) -> Iterator[None]:
     if is_kept(*functions) or not isinstance(cache, _Kept):
         yield
         return
-    lock = FileLock(Path(cache.cache_path) / "compiling.lock")
+    lock = FileLock(Path(cache.cache_path) / f"{functions[0].__name__}.lock")
     try:
         lock.acquire(timeout=0)
     except Timeout:

@@ -131,5 +131,5 @@ def test_a_process_that_compiles_for_ever_is_not_waited_for(place: Path, monkeyp
     monkeypatch.setattr("armflex.storage.kept_code.WAITED", 0.2)
     function = kept(numba.njit(twice))
     Path(function._cache.cache_path).mkdir(parents=True, exist_ok=True)
-    with FileLock(Path(function._cache.cache_path) / "compiling.lock"), compiled_once(function):
+    with FileLock(Path(function._cache.cache_path) / f"{function.__name__}.lock"), compiled_once(function):
         assert function(21) == 42

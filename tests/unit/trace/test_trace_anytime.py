@@ -87,6 +87,22 @@ def test_what_is_unfinished_says_so_wherever_it_is_read(whole: Whole, tmp_path: 
         assert ("Not computed yet." in page) is marked
 
 
+def test_the_page_is_drawn_once_at_the_end_or_where_a_search_is_interrupted(
+    whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said, asked = list[bool](), [str(whole.truth.arm), str(whole.truth.train), "-o", str(tmp_path / "t.toml")]
+
+    def searched(*given: object) -> None:
+        account = next(one for one in given if getattr(one, "__name__", "") == "account")
+        account(whole.accounts[0])
+        said.append((tmp_path / "t.toml").exists() and not (tmp_path / "t.html").exists())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("armflex.cli.trace_command.trace", searched)
+    assert CliRunner().invoke(command, [*asked, "--report", str(tmp_path / "t.html")]).exit_code == 1
+    assert said == [True] and "Unfinished: written while" in (tmp_path / "t.html").read_text()
+
+
 KILLED = """
 import importlib, os, signal, sys
 import armflex.cli.trace_command
