@@ -99,10 +99,10 @@ class LinearGaussian:
     @cached_property
     def alone(self) -> np.ndarray:
         """(P,) which parameters have no information in common with one another, where many: those of an arrowhead."""
-        alone = np.zeros(len(self.information), dtype=bool)
-        if len(alone) < MANY:
-            return alone
-        shared, taken = self.information != 0.0, np.zeros(len(alone), dtype=bool)
+        alone, shared = np.zeros(len(self.information), dtype=bool), self.information != 0.0
+        if np.count_nonzero(shared.sum(axis=0) <= len(alone) - MANY + 1) < MANY:
+            return alone  # each of them shares nothing with all the others
+        taken = np.zeros(len(alone), dtype=bool)
         for i in np.argsort(shared.sum(axis=0), kind="stable"):  # those that share least first
             if shared[i, i] and not taken[i]:
                 alone[i] = True

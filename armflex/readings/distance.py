@@ -93,13 +93,19 @@ class Distance(Kind):
             length = np.linalg.norm(there - values[:3], axis=1) + values[3]
             return np.concatenate([(own.values[:, 0] - length) / size, step / sensor.std[free]])
 
+        def slopes(step: Array) -> Array:
+            off = there - declared[:3] - np.bincount(free, step, 4)[:3]
+            towards = off / np.maximum(np.linalg.norm(off, axis=1), 1e-12)[:, None]
+            by_value = np.column_stack([towards, np.full(len(off), -1.0)])[:, free] / size[:, None]
+            return np.concatenate([by_value, np.diag(1.0 / sensor.std[free])])
+
         begun, middle = [declared[:3]], there.mean(axis=0)
         normal = np.linalg.svd(there - middle, full_matrices=False)[2][-1]
         begun.append(declared[:3] - 2.0 * ((declared[:3] - middle) @ normal) * normal)
         ends = []
         for anchor in begun:
             step = (np.append(anchor, declared[3]) - declared)[free]
-            ends.append(least_squares(errors, step, loss="soft_l1"))
+            ends.append(least_squares(errors, step, slopes, loss="soft_l1", ftol=1e-5))  # a fit goes on from it
         found[free] = min(ends, key=lambda end: end.cost).x
         return found
 
