@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -188,20 +189,23 @@ class _Search:
         reach, middle = max(1, len(between) // MOMENTS), int(np.searchsorted(between, value))
         return between[max(0, middle - reach) : middle + reach + 1].tolist()
 
-    def _cell(self, inner: Inner, value: float) -> float:
-        """Return half the distance between two values of the grid, or of their logarithms where all are positive."""
-        if inner.spread is not None:
-            return inner.spread
-        values = {float(one) for one in inner.grid(self.hypothesis.one.location, self.screen.context)}
-        raw = np.array(sorted(one for one in values if one > 0.0 or not inner.positive))
-        raw = np.log(raw) if inner.positive else raw
-        alone = 0.3 if inner.positive else max(abs(value), 1.0) * 0.3
-        return 0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone
+    @cached_property
+    def cells(self) -> tuple[float, ...]:
+        """Half the distance between two values of each grid, or of their logarithms where all are positive."""
+        found = list[float]()
+        for inner, value in zip(self.law.inner, self.start, strict=True):
+            values = {float(one) for one in inner.grid(self.hypothesis.one.location, self.screen.context)}
+            raw = np.array(sorted(one for one in values if np.isfinite(one) and (one > 0.0 or not inner.positive)))
+            raw = np.log(raw) if inner.positive else raw
+            alone = 0.3 if inner.positive else max(abs(value), 1.0) * 0.3
+            half = 0.5 * float(np.median(np.diff(raw))) if len(raw) > 1 else alone
+            found.append(half if inner.spread is None else inner.spread)
+        return tuple(found)
 
     def _moved(self, inner: Values, free: Sequence[int], steps: np.ndarray) -> Values:
         """Return values inside the law moved by (f,) cells of their grids."""
         for i, step in zip(free, steps.tolist(), strict=True):
-            inner = _with(inner, i, self.law.inner[i].moved(inner[i], self._cell(self.law.inner[i], inner[i]) * step))
+            inner = _with(inner, i, self.law.inner[i].moved(inner[i], self.cells[i] * step))
         return inner
 
     def slopes(self, inner: Values, amplitudes: Array, free: Sequence[int]) -> Array:
@@ -213,7 +217,6 @@ class _Search:
     def _climbed(self, here: _At, free: Sequence[int]) -> tuple[_At, float]:
         """Return the best values near some, and the log of how much less their posterior is than a cell of the grid."""
         inners, count = [self.law.inner[i] for i in free], len(here.amplitudes)
-        cells = [self._cell(self.law.inner[i], here.inner[i]) for i in free]
         damping, slopes = 1e-2, np.zeros((len(here.columns), 0))
         prior = np.array([float(one.spread is not None) for one in inners])  # of steps: a cell is its deviation
         for _ in range(MOST_ROUNDS):
@@ -221,8 +224,8 @@ class _Search:
             if not np.isfinite(slopes).all():
                 return here, 0.0
             information, score = self.reduced(np.hstack([here.columns, slopes]))
-            defaults = [(here.inner[i] - (one.default or 0.0)) / cell
-                        for one, i, cell in zip(inners, free, cells, strict=True)]  # fmt: skip
+            defaults = [(here.inner[i] - (one.default or 0.0)) / self.cells[i]
+                        for one, i in zip(inners, free, strict=True)]  # fmt: skip
             score[count:] -= np.where(prior > 0.0, defaults, 0.0)
             held = np.concatenate([self.held(here.columns), prior + 1e-9 * np.diag(information)[count:]])
             own, damped = float(score[:count] @ here.amplitudes), np.diag(information) * (np.arange(len(held)) >= count)
