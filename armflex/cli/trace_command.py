@@ -193,7 +193,7 @@ def _lines(found: Found, factor: float) -> Iterator[list[str]]:
     held_out = f"{number(proof.before * factor, 3)} -> {number(proof.after * factor, 3)}"
     depends = ", ".join(effect.location.covariates) or "-"
     head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
-    again = f"{found.survives:.0%}"
+    again = f"{found.proof.survives:.0%}"
     values = list(zip(effect.named.items(), effect.units, strict=True))
     for (name, value), unit in values[:MOST_LINES]:
         std = f" ± {found.std[name]:.2g}" if found.std.get(name) else ""
@@ -301,7 +301,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
         "equivalent": [place_json(one.law, one.location) for one, _ in found.equivalent],
         "held_out_sessions_rms_mm": scaled(record(proof, before="sessions_before", after="sessions_after"), 1e3),
         "credible": _credible_json(credible),
-        **record(found, "probability evidence", chance="proof.null", chosen_again="survives"),
+        **record(found, "probability evidence", chance="proof.null", chosen_again="proof.survives"),
     }
 
 

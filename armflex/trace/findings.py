@@ -170,11 +170,6 @@ class Found:
         return "rad" if self.effect.location.turns else "m"
 
     @property
-    def survives(self) -> float:
-        """Share of the folds of the poses without which the same law at the same place is selected."""
-        return self.proof.survives
-
-    @property
     def equivalent(self) -> tuple[tuple[Effect, float], ...]:
         """Other candidates that these data do not distinguish from it, with how much less evidence they have."""
         own = max(self.probability, 1e-9)
@@ -351,12 +346,7 @@ class Trace(Result):
     @cached_property
     def judged_rows(self) -> np.ndarray:
         """(M,) which of the fitted rows every error is over."""
-        return np.any(self.judged, axis=1)
-
-    @property
-    def judged(self) -> np.ndarray:
-        """(M, d) which of their readings every error is over."""
-        return self.state.judged
+        return np.any(self.state.judged, axis=1)
 
     @property
     def rows(self) -> np.ndarray:
@@ -374,7 +364,7 @@ class Trace(Result):
 
     def _rms(self, view: View, errors: Array, others: Setup) -> float:
         """Return the RMS of (M, d) errors [m] of the fitted rows, and of what is left of the others at a setup."""
-        judged = view.readings.where(self.judged)
+        judged = view.readings.where(self.state.judged)
         squares, count = judged.row_squares(errors).sum(), np.count_nonzero(judged.foremost_count)
         if len(self.unjudged):
             rest = look(others, self.state.measurements, self.unjudged)
@@ -385,7 +375,7 @@ class Trace(Result):
     @cached_property
     def campaigns(self) -> tuple[OfCampaign, ...]:
         """Errors of each of several campaigns, of the calibrated arm and with what was found."""
-        return by_campaign(self.before.view, self.state.fit, self.judged, self.residual)
+        return by_campaign(self.before.view, self.state.fit, self.state.judged, self.state.residual)
 
     @property
     def declared_rms(self) -> float:
@@ -402,12 +392,12 @@ class Trace(Result):
     @property
     def rms(self) -> float:
         """The same with everything that can be predicted [m]."""
-        return self._rms(self.state.fit.view, self.residual, self.state.fit.setup)
+        return self._rms(self.state.fit.view, self.state.residual, self.state.fit.setup)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return foremost_rms(self.state.fit.view.readings.where(self.judged), self.state.fit.view.sigma)
+        return foremost_rms(self.state.fit.view.readings.where(self.state.judged), self.state.fit.view.sigma)
 
     @cached_property
     def outliers(self) -> tuple[Outlier, ...]:
@@ -420,22 +410,20 @@ class Trace(Result):
         rows = np.setdiff1d(state.asked, [*self.rows, *self.unjudged])
         gone = np.isin(state.asked, rows)
         far = lost_of(state, heed=False)[0] & (gone[:, None] | state.lost)
-        view, alone = look(state.fit.setup, whole, state.asked), lost_of(state, heed=True)[1]
-        found = list(outliers_of(view, far & (~gone[:, None] | self._paired(view, far)), whole, "lost beam"))
+        view, alone, paired = (
+            look(state.fit.setup, whole, state.asked),
+            lost_of(state, heed=True)[1],
+            np.zeros_like(far),
+        )
+        for place in exchanged(view, far):
+            paired[place] = True
+        found = list(outliers_of(view, far & (~gone[:, None] | paired), whole, "lost beam"))
         for i in np.flatnonzero(gone & ~np.isin(state.asked, [one.row for one in found])):
             row, error = int(state.asked[i]), float(np.sqrt(view.readings.row_squares(view.residual)[i]))
             kind = "counted less" if row in state.rows else "lost beam" if alone[i] else "unexplained"
             place = whole.places[row] if whole.places else None
             found.append(Outlier(row, place, error, kind, unit=view.readings.unit))
         return tuple(sorted(found, key=lambda one: -one.error_m))
-
-    @staticmethod
-    def _paired(view: View, far: np.ndarray) -> np.ndarray:
-        """Return (A, G) which of the readings that are far off stand in each other's row."""
-        paired = np.zeros_like(far)
-        for place in exchanged(view, far):
-            paired[place] = True
-        return paired
 
     def outlier_count(self, kind: str) -> int:
         """Return how many outliers are of one kind."""
@@ -450,11 +438,6 @@ class Trace(Result):
         if self.compared is None:
             return self.held_out_before, self.held_out_after
         return self.compared.before, max(self.compared.after, self.held_out_after)
-
-    @property
-    def residual(self) -> Array:
-        """(M, d) measured minus predicted; what is random is not predicted [m, rad]."""
-        return self.state.residual
 
 
 def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | None:
@@ -478,9 +461,8 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
         return None
     scatter, fit = known.same_session, state.fit
     noise = float((scatter.sigma**2).mean())
-    squares = (
-        fit.view.residual[:, fit.view.foremost][(fit.weights >= 1.0)[:, fit.view.foremost]] ** 2
-    )  # tails make a mean of squares anything
+    where, whole = fit.view.foremost, fit.weights >= 1.0  # tails make a mean of squares anything
+    squares = fit.view.residual[:, where][whole[:, where]] ** 2
     freedom = max(squares.size - (fit.view.count - fit.freedom), 1.0)
     left = float(squares.sum()) / freedom
     if left < VARIANCE_RATIO * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > BY_CHANCE:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
-from itertools import islice
+from itertools import accumulate, islice
 from typing import Self
 
 import numpy as np
 
 from armflex.conventions import RESOLUTION, Array
-from armflex.estimate.fit import Fit
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import sensible, size_prior
 from armflex.trace.bank import Bank, products_of
@@ -50,20 +49,6 @@ IMPOSSIBLE = 8.0
 """Prior: log odds against what no machine has: while one effect is missing, another may look as if it were that."""
 
 
-def batched(some: Iterable[Hypothesis], count: int) -> Iterator[list[Hypothesis]]:
-    """Yield so many at a time."""
-    rest = iter(some)
-    while piece := list(islice(rest, count)):
-        yield piece
-
-
-def unit_of(fit: Fit) -> float:
-    """Return the square of a whitened column that moves the target by `UNIT_MOTION`, RMS over the rows."""
-    sigma = fit.view.sigma[:, fit.view.foremost]
-    moved = UNIT_MOTION * fit.view.per_metre
-    return len(fit.view.rows) * moved**2 / float((sigma[np.isfinite(sigma)] ** 2).mean())
-
-
 class Screen(Evidence):
     """The evidence of all hypotheses at a fit: those of the catalogue's grid in one block, further ones in another.
 
@@ -71,7 +56,7 @@ class Screen(Evidence):
         bank: Makes columns, which are whitened by the scatter of the readings, `quiet` times that stated.
         fit, context: Where they are made.
         projection: Of what is fitted anyway.
-        unit: Square of a whitened column that moves the target by `UNIT_MOTION`.
+        unit: Square of a whitened column that moves the target by `UNIT_MOTION`, RMS over the rows.
         refined: Of every law and place, the sets of others beside which values inside it were refined.
     """
 
@@ -80,7 +65,9 @@ class Screen(Evidence):
         self.fit, self.context = bank.fit, bank.context
         self.objective, self.freedom = projection.objective, projection.freedom
         self.constant = -projection.freedom * float(np.log(bank.quiet))
-        self.unit = unit_of(bank.fit) / bank.quiet**2
+        sigma, moved = bank.fit.view.sigma[:, bank.fit.view.foremost], UNIT_MOTION * bank.fit.view.per_metre
+        variance = float((sigma[np.isfinite(sigma)] ** 2).mean()) * bank.quiet**2
+        self.unit = len(sigma) * moved**2 / variance
         marks = projection.left_of(projection.drawn(MARKS))
         products = bank.products(np.column_stack([projection.half.T, projection.residual, marks]))
         seen, scores, marked = np.split(products, [-1 - MARKS, -MARKS], axis=1)
@@ -144,9 +131,9 @@ class Screen(Evidence):
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
         """Return the hypotheses that are most probable beside any of some models, of many that are made in pieces."""
-        best: list[tuple[float, Hypothesis]] = []
+        best, rest = list[tuple[float, Hypothesis]](), iter(more)
         besides = [self.beside(model) for model in models]
-        for piece in batched(more, SOUGHT_AT_ONCE):
+        for piece in iter(lambda: list(islice(rest, SOUGHT_AT_ONCE)), []):
             groups, columns = self._moving((one, self.made(one.members)) for one in piece)
             if not groups:
                 continue
@@ -245,10 +232,9 @@ class Screen(Evidence):
 
     def dense(self, numbers: Sequence[int], priors: Array) -> Dense:
         """Return the evidence of some hypotheses alone, with (k, T) log priors."""
-        known, first, groups = [self.groups[i] for i in numbers], 0, list[Group]()
-        for one in known:
-            groups.append(replace(one, first=first))
-            first += len(one.scale)
+        known = [self.groups[i] for i in numbers]
+        starts = accumulate((len(one.scale) for one in known), initial=0)
+        groups = [replace(one, first=first) for one, first in zip(known, starts, strict=False)]
         places = np.concatenate([np.zeros(0, dtype=int), *(one.places for one in known)])
         return Dense(groups, self.columns(places), self.projection, priors, tuple(numbers))
 

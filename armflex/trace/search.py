@@ -406,6 +406,5 @@ def resumed(begun: Standing, accepted: Sequence[Effect]) -> Standing:
 
 def _is(effect: Effect, candidate: Candidate) -> bool:
     """Return whether an effect is a candidate's law at its place, with the same terms."""
-    there = (effect.location.site, effect.location.axis, effect.location.partner, effect.location.terms)
-    own = candidate.location
-    return effect.law is candidate.law and there == (own.site, own.axis, own.partner, own.terms)
+    there, own = (replace(one.location, covariates=()) for one in (effect, candidate))
+    return effect.law is candidate.law and there == own

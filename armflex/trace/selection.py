@@ -494,7 +494,7 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
     some = exchangeable(model)
     while some:
         gone = some.pop(0)
-        only = _is_single if len(gone) == 1 else None
+        only = (lambda one: not one.family) if len(gone) == 1 else None
         evidence.narrow(set(model) != first)
         trial = extended(extended(without(model, *gone), only), only)
         if worth(trial) > worth(model) - WITHIN and set(trial) != set(model):
@@ -503,10 +503,6 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
             model, some = trial, exchangeable(trial)
     evidence.narrow(False)
     return model
-
-
-def _is_single(hypothesis: Hypothesis) -> bool:
-    return not hypothesis.family
 
 
 def _sharing(evidence: Evidence, model: Model) -> list[tuple[int, int]]:

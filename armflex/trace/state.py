@@ -137,12 +137,9 @@ class State:
     @cached_property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """What was added, with values inside laws as they were fitted."""
-        found = []
-        for one, unit in zip(self.known, self.units, strict=True):
-            inners = [self.fitted[i].inner for i in unit]
-            members = tuple(replace(each, inner=inner) for each, inner in zip(one.members, inners, strict=True))
-            found.append(replace(one, members=members))
-        return tuple(found)
+        inners = iter([effect.inner for effect in self.fitted])
+        own = ([replace(each, inner=next(inners)) for each in one.members] for one in self.known)
+        return tuple(replace(one, members=tuple(some)) for one, some in zip(self.known, own, strict=True))
 
     @property
     def quiet(self) -> float:

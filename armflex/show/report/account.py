@@ -132,7 +132,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     placed = trace.calibration.placed
     groups = trace.state.measurements.pose_number[placed.rows]
     judged = np.zeros(placed.residual.shape, dtype=bool)
-    judged[np.isin(placed.rows, trace.rows)] = trace.judged[trace.judged_rows]
+    judged[np.isin(placed.rows, trace.rows)] = trace.state.judged[trace.judged_rows]
     declared = cover.errors_of(placed, groups, judged).of(np.asarray(judged.any(axis=1)))
     unit = placed.readings.unit
     rows = [cover.spread(f"as declared, the {trace.calibration.placing}", declared, unit)]

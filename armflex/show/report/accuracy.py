@@ -77,7 +77,7 @@ def accuracy(trace: Trace) -> Accuracy:
     state, measurements = trace.state, trace.state.measurements
     folds, used, rows = pose_folds(state.groups), trace.judged_rows, trace.rows
     before, after = (
-        Errors(held_out(fit, folds, judged=trace.judged).squares[used], state.groups[used])
+        Errors(held_out(fit, folds, judged=trace.state.judged).squares[used], state.groups[used])
         for fit in (trace.before, state.fit)
     )
     found = repeats(measurements)

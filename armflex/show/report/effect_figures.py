@@ -86,7 +86,7 @@ def suspicion(trace: Trace, index: int) -> Suspicion:
     unit, where = direction.unit, fit.view.foremost
     sigma = fit.view.sigma[:, where]
     information = np.maximum((unit**2 / sigma**2).sum(axis=1), 1e-300)
-    after = trace.residual[:, where]
+    after = trace.state.residual[:, where]
     residuals = (trace.before.view.residual[:, where], after + motion, after)
     seen = [(unit / sigma**2 * residual).sum(axis=1) / information for residual in residuals]
     kept = trace.judged_rows & np.isfinite(direction.value)

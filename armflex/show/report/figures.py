@@ -34,7 +34,7 @@ def workspace(trace: Trace) -> str:
     points = fit.setup.instrument.in_base(tip, fit.view.sessions)[kept]
     before, after = (
         (residual[:, one.view.foremost] @ one.setup.instrument.pose.rotation)[kept]
-        for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.residual))
+        for one, residual in ((trace.before, trace.before.view.residual), (fit, trace.state.residual))
     )
     span = max(float(np.ptp(points, axis=0).max()), 1e-3)
     size = float(np.quantile(np.linalg.norm(before, axis=1), 0.95)) or 1e-3
@@ -86,12 +86,12 @@ def by_instrument(trace: Trace) -> str:
 
     Its numbers stand in the order in which they were read; none where a tracker's positions are all there is.
     """
-    view, before, after = trace.state.fit.view, trace.before.view.residual, trace.residual
+    view, before, after = trace.state.fit.view, trace.before.view.residual, trace.state.residual
     kinds = [(kind, place) for kind, place in view.readings.placed if np.isfinite(kind.sigma).any()]
     if [kind.name for kind, _ in kinds] == [""]:
         return ""
     figure, axes = canvas(10.0, 0.7 + 1.5 * len(kinds), len(kinds), 1, sharex=True)
-    judged = view.readings.where(trace.judged)
+    judged = view.readings.where(trace.state.judged)
     sizes = [[rms for _, rms in judged.by_kind(one)] for one in (before, after, view.sigma)]
     parts = [dict(zip(view.readings.kinds, some, strict=True)) for some in sizes]
     for panel, (kind, place) in zip(axes, kinds, strict=True):

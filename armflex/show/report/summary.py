@@ -70,8 +70,8 @@ def further(trace: Trace) -> list[str]:
             f"probability of {family.probability:.0%}, not a named cause."
         )
     for one in trace.found:
-        if one.survives < 1.0:
-            share = f"{one.survives:.0%}"
+        if one.proof.survives < 1.0:
+            share = f"{one.proof.survives:.0%}"
             said.append(
                 f"Without a fifth of the poses, {called(one.effect, one.number)} is selected in {share} of folds."
             )
