@@ -28,7 +28,7 @@ from armflex.mechanics.chain import FLEXURE, ROTATED, SLIDES, TURNS
 from armflex.mechanics.equilibrium import CONVERGED, NEXT, SMALL, STEPS
 from armflex.mechanics.laws import Laws, LawStack
 from armflex.mechanics.tree_kernel import compile_responses, respond_rows, rigid_tips
-from armflex.mechanics.vectors import called, in_order, inner
+from armflex.mechanics.vectors import called, cross, dot, in_order, inner, minus, plus, times
 from armflex.storage import kept_code
 from armflex.storage.kept_code import kept
 
@@ -409,7 +409,7 @@ def _halved(x):
     return (x - halvings * LOG_2_ROUND) - halvings * LOG_2_REST, np.int64(power).view(np.float64)
 
 
-# The rigid arm. Scalars are written out: views of arrays take longer than what is done with them.
+# The rigid arm. Numbers are looked up one by one: views of arrays take longer than what is done with them.
 
 
 @inner
@@ -535,12 +535,10 @@ def _swing(here, ax, ay, az, sine, less, lanes):
     """Turn frames about one of their axes, by the sines of angles and what their cosines are less than 1."""
     for i in range(3):
         for c in range(len(lanes)):
-            x, y, z = here[i, 0, c], here[i, 1, c], here[i, 2, c]
-            # A row of the frame times exp(axis): rows turn the other way about the axis.
-            u, v, w = y * az - z * ay, z * ax - x * az, x * ay - y * ax
-            here[i, 0, c] = x + sine[c] * u + less[c] * (v * az - w * ay)
-            here[i, 1, c] = y + sine[c] * v + less[c] * (w * ax - u * az)
-            here[i, 2, c] = z + sine[c] * w + less[c] * (u * ay - v * ax)
+            row = _at(here, i, 0, c)
+            across = cross(row, (ax, ay, az))  # a row of the frame times exp(axis) turns the other way about the axis
+            bent = plus(times(sine[c], across), times(less[c], cross(across, (ax, ay, az))))
+            here[i, 0, c], here[i, 1, c], here[i, 2, c] = plus(row, bent)
 
 
 # Loads and the tip of the flexed arm.
@@ -549,21 +547,28 @@ def _swing(here, ax, ay, az, sine, less, lanes):
 @inner
 def _screw(room, k, c):
     """Return the screw of flexure k in lane c, linear and angular, with the exponential's coefficients and its turn."""
-    turn, twists, i = room.turn, room.twists, 3 * k
-    x, y, z = twists[k, 3, c], twists[k, 4, c], twists[k, 5, c]
-    wx = turn[i, 0, c] * x + turn[i, 1, c] * y + turn[i, 2, c] * z
-    wy = turn[i + 1, 0, c] * x + turn[i + 1, 1, c] * y + turn[i + 1, 2, c] * z
-    wz = turn[i + 2, 0, c] * x + turn[i + 2, 1, c] * y + turn[i + 2, 2, c] * z
-    s = x * x + y * y + z * z
-    x, y, z = twists[k, 0, c], twists[k, 1, c], twists[k, 2, c]
-    vx = turn[i, 0, c] * x + turn[i, 1, c] * y + turn[i, 2, c] * z
-    vy = turn[i + 1, 0, c] * x + turn[i + 1, 1, c] * y + turn[i + 1, 2, c] * z
-    vz = turn[i + 2, 0, c] * x + turn[i + 2, 1, c] * y + turn[i + 2, 2, c] * z
-    px, py, pz = room.origin[k, 0, c], room.origin[k, 1, c], room.origin[k, 2, c]
-    vx, vy, vz = vx - (wy * pz - wz * py), vy - (wz * px - wx * pz), vz - (wx * py - wy * px)
+    turn = _at(room.turn, 3 * k, 0, c), _at(room.turn, 3 * k + 1, 0, c), _at(room.turn, 3 * k + 2, 0, c)
+    about, way = _at(room.twists, k, 3, c), _at(room.twists, k, 0, c)
+    w, s = (dot(turn[0], about), dot(turn[1], about), dot(turn[2], about)), dot(about, about)
+    v = minus((dot(turn[0], way), dot(turn[1], way), dot(turn[2], way)), cross(w, _at(room.origin, k, 0, c)))
     second = 0.5 - s * (1 / 24 - s * (1 / 720 - s / 40320))
     third = 1 / 6 - s * (1 / 120 - s * (1 / 5040 - s / 362880))
-    return vx, vy, vz, wx, wy, wz, second, third, s
+    return v, w, (second, third, s)
+
+
+@inner
+def _at(rows, k, first, c):
+    """Return three numbers of row k, from one on, in lane c."""
+    return rows[k, first, c], rows[k, first + 1, c], rows[k, first + 2, c]
+
+
+@inner
+def _moved(mass, moment, screw):
+    """Return how far a screw moves what has a mass and a first moment: a point has a mass of 1."""
+    v, w, (b, t, _) = screw
+    once = plus(times(mass, v), cross(w, moment))
+    twice = cross(w, once)
+    return plus(once, plus(times(b, twice), times(t, cross(w, twice))))
 
 
 @inner
@@ -578,10 +583,9 @@ def _weigh(arm, room, flexed, lanes):
     for k in range(n if flexed else 0):
         for c in range(len(lanes)):
             screw = _screw(room, k, c)
-            for a in range(6):
-                room.screws[2 * k, a, c] = screw[a]
             for a in range(3):
-                room.screws[2 * k + 1, a, c] = screw[6 + a]
+                room.screws[2 * k, a, c], room.screws[2 * k, 3 + a, c] = screw[0][a], screw[1][a]
+                room.screws[2 * k + 1, a, c] = screw[2][a]
     for step in range(n - 1, 0, -1):
         k, before = arm.kinds[2, step], arm.kinds[2, step - 1]
         for i in range(3):
@@ -601,53 +605,48 @@ def _weigh(arm, room, flexed, lanes):
 @inner
 def _kept(room, k, c):
     """Return what `_screw` did for flexure k in lane c."""
-    screws, i, j = room.screws, 2 * k, 2 * k + 1
-    return (
-        *(screws[i, 0, c], screws[i, 1, c], screws[i, 2, c], screws[i, 3, c], screws[i, 4, c], screws[i, 5, c]),
-        *(screws[j, 0, c], screws[j, 1, c], screws[j, 2, c]),
-    )
+    screws = room.screws
+    return _at(screws, 2 * k, 0, c), _at(screws, 2 * k, 3, c), _at(screws, 2 * k + 1, 0, c)
 
 
 @inner
 def _carry(mass, room, k, before, lanes):
     """Add to the moments about the flexure before k how far k moves what is outboard of it."""
     for c in range(len(lanes)):
-        x, y, z = room.moments[k, 0, c], room.moments[k, 1, c], room.moments[k, 2, c]
-        vx, vy, vz, wx, wy, wz, b, t, _ = _kept(room, k, c)
-        ux, uy, uz = mass * vx + wy * z - wz * y, mass * vy + wz * x - wx * z, mass * vz + wx * y - wy * x
-        ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-        room.moments[before, 0, c] += ux + b * ox + t * (wy * oz - wz * oy)
-        room.moments[before, 1, c] += uy + b * oy + t * (wz * ox - wx * oz)
-        room.moments[before, 2, c] += uz + b * oz + t * (wx * oy - wy * ox)
+        moved = _moved(mass, _at(room.moments, k, 0, c), _kept(room, k, c))
+        for i in range(3):
+            room.moments[before, i, c] += moved[i]
 
 
 @inner
 def _lean(vectors, first, room, k, sense, lanes):
     """Turn three rows by flexure k: back, -1, instead of everything outboard of it forth, or forth, 1."""
     for c in range(len(lanes)):
-        x, y, z = vectors[first, c], vectors[first + 1, c], vectors[first + 2, c]
-        _, _, _, wx, wy, wz, b, t, s = _kept(room, k, c)
-        a = sense * (1.0 - t * s)
-        ox, oy, oz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
-        vectors[first, c] = x + b * (wy * oz - wz * oy) + a * ox
-        vectors[first + 1, c] = y + b * (wz * ox - wx * oz) + a * oy
-        vectors[first + 2, c] = z + b * (wx * oy - wy * ox) + a * oz
+        vector = vectors[first, c], vectors[first + 1, c], vectors[first + 2, c]
+        _, w, (b, t, s) = _kept(room, k, c)
+        across = cross(w, vector)
+        turn = plus(times(b, cross(w, across)), times(sense * (1.0 - t * s), across))
+        vectors[first, c], vectors[first + 1, c], vectors[first + 2, c] = plus(vector, turn)
 
 
 @inner
 def _load(mass, room, k, lanes):
     """Fill the loads on flexure k in its own axes."""
     for c in range(len(lanes)):
-        x, y, z = room.pull[0, c], room.pull[1, c], room.pull[2, c]
-        rx = room.moments[k, 0, c] - mass * room.origin[k, 0, c]
-        ry = room.moments[k, 1, c] - mass * room.origin[k, 1, c]
-        rz = room.moments[k, 2, c] - mass * room.origin[k, 2, c]
-        mx, my, mz = ry * z - rz * y, rz * x - rx * z, rx * y - ry * x
-        x, y, z = mass * x, mass * y, mass * z
-        for j in range(3):
-            r0, r1, r2 = room.turn[3 * k, j, c], room.turn[3 * k + 1, j, c], room.turn[3 * k + 2, j, c]
-            room.loads[k, j, c] = r0 * x + r1 * y + r2 * z
-            room.loads[k, 3 + j, c] = r0 * mx + r1 * my + r2 * mz
+        pull = room.pull[0, c], room.pull[1, c], room.pull[2, c]
+        lever = minus(_at(room.moments, k, 0, c), times(mass, _at(room.origin, k, 0, c)))
+        for a in range(6):
+            room.loads[k, a, c] = 0.0
+        _add_load(room, k, c, times(mass, pull), cross(lever, pull))
+
+
+@inner
+def _add_load(room, k, c, force, moment):
+    """Add a force and a moment, base axes, to the load on flexure k in lane c."""
+    for j in range(3):
+        axis = room.turn[3 * k, j, c], room.turn[3 * k + 1, j, c], room.turn[3 * k + 2, j, c]
+        room.loads[k, j, c] += dot(axis, force)
+        room.loads[k, 3 + j, c] += dot(axis, moment)
 
 
 @called
@@ -692,31 +691,20 @@ def _see(room, step, k, flexed, lanes):
     """Fill where the flexure before step sees the point of a wrench, which flexure k moves."""
     seen = room.seen
     for c in range(len(lanes)):
-        x, y, z = seen[step, 0, c], seen[step, 1, c], seen[step, 2, c]
+        point = _at(seen, step, 0, c)
         if flexed:
-            vx, vy, vz, wx, wy, wz, b, t, _ = _kept(room, k, c)
-            ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-            ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-            x += ux + b * ox + t * (wy * oz - wz * oy)
-            y += uy + b * oy + t * (wz * ox - wx * oz)
-            z += uz + b * oz + t * (wx * oy - wy * ox)
-        seen[step - 1, 0, c], seen[step - 1, 1, c], seen[step - 1, 2, c] = x, y, z
+            point = plus(point, _moved(1.0, point, _kept(room, k, c)))
+        seen[step - 1, 0, c], seen[step - 1, 1, c], seen[step - 1, 2, c] = point
 
 
 @inner
 def _bear(room, step, k, lanes):
     """Add a wrench at the point that is seen to the load on flexure k."""
-    wrench, seen = room.wrench, room.seen
+    wrench = room.wrench
     for c in range(len(lanes)):
-        fx, fy, fz, mx, my, mz = wrench[0, c], wrench[1, c], wrench[2, c], wrench[3, c], wrench[4, c], wrench[5, c]
-        x = seen[step, 0, c] - room.origin[k, 0, c]
-        y = seen[step, 1, c] - room.origin[k, 1, c]
-        z = seen[step, 2, c] - room.origin[k, 2, c]
-        mx, my, mz = mx + y * fz - z * fy, my + z * fx - x * fz, mz + x * fy - y * fx
-        for i in range(3):
-            r0, r1, r2 = room.turn[3 * k, i, c], room.turn[3 * k + 1, i, c], room.turn[3 * k + 2, i, c]
-            room.loads[k, i, c] += r0 * fx + r1 * fy + r2 * fz
-            room.loads[k, 3 + i, c] += r0 * mx + r1 * my + r2 * mz
+        force, moment = (wrench[0, c], wrench[1, c], wrench[2, c]), (wrench[3, c], wrench[4, c], wrench[5, c])
+        lever = minus(_at(room.seen, step, 0, c), _at(room.origin, k, 0, c))
+        _add_load(room, k, c, force, plus(moment, cross(lever, force)))
 
 
 @inner
@@ -728,21 +716,19 @@ def _displace(arm, room, lanes):
         quaternion[0, c], quaternion[1, c], quaternion[2, c], quaternion[3, c] = 1.0, 0.0, 0.0, 0.0
     for step in range(arm.flexures - 1, -1, -1):
         for c in range(len(lanes)):
-            vx, vy, vz, wx, wy, wz, b, t, s = _screw(room, arm.kinds[2, step], c)
-            x, y, z = tip[0, 0, c] + shift[0, c], tip[0, 1, c] + shift[1, c], tip[0, 2, c] + shift[2, c]
-            ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-            ox, oy, oz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
-            shift[0, c] += ux + b * ox + t * (wy * oz - wz * oy)
-            shift[1, c] += uy + b * oy + t * (wz * ox - wx * oz)
-            shift[2, c] += uz + b * oz + t * (wx * oy - wy * ox)
+            screw = _screw(room, arm.kinds[2, step], c)
+            (u, v, w), s = screw[1], screw[2][2]
+            moved = _moved(1.0, plus(_at(tip, 0, 0, c), (shift[0, c], shift[1, c], shift[2, c])), screw)
+            for a in range(3):
+                shift[a, c] += moved[a]
             half = 0.5 - s * (1 / 48 - s * (1 / 3840 - s / 645120))
             a = 1.0 - s * (1 / 8 - s * (1 / 384 - s / 46080))
-            wx, wy, wz = half * wx, half * wy, half * wz
+            u, v, w = half * u, half * v, half * w
             r, i, j, k = quaternion[0, c], quaternion[1, c], quaternion[2, c], quaternion[3, c]
-            quaternion[0, c] = a * r - (wx * i + wy * j + wz * k)
-            quaternion[1, c] = a * i + r * wx + wy * k - wz * j
-            quaternion[2, c] = a * j + r * wy + wz * i - wx * k
-            quaternion[3, c] = a * k + r * wz + wx * j - wy * i
+            quaternion[0, c] = a * r - (u * i + v * j + w * k)
+            quaternion[1, c] = a * i + r * u + v * k - w * j
+            quaternion[2, c] = a * j + r * v + w * i - u * k
+            quaternion[3, c] = a * k + r * w + u * j - v * i
 
 
 @inner

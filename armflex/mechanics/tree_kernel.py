@@ -1011,12 +1011,11 @@ def respond_rows(
     """
     driven, p, n, count, f = q.shape[1], flexed.shape[1], len(tree.flexures), len(tree.parents), places.shape[1]
     here = _memory(tree, driven, p)
-    room, ties, first = _room(tree, p, 0), len(tree.joins), driven + p
+    room, ties, first = _room(tree, p, here.rank[0]), len(tree.joins), driven + p
     at, turn, own, carried, still = np.empty(3), np.empty((3, 3)), np.empty((6, 6)), np.zeros(count), np.zeros(3)
     roots, derived, by, start = here.roots.copy(), np.empty((n, 6, 6)), here.by.copy(), np.zeros(6 * TIP)
     right, ends = np.zeros((0, TIP)), np.empty((2, 6 * TIP))
-    motion, field = np.empty((count, 6 * TIP)), np.empty((count, 6 * TIP))
-    virtual, answer = motion.reshape((count, 6, TIP)).transpose((0, 2, 1)), field.reshape((count, 6, TIP))
+    motion, field, wide = np.empty((count, 6 * TIP)), np.empty((count, 6 * TIP)), right.shape[1]
     k, scale, real, none = int(end[15]), 0.0, here.screws, here.turn[:0]
     while k > 0:
         carried[k] = 1.0
@@ -1050,7 +1049,8 @@ def respond_rows(
             loads[row, f:] = 0.0
             for t in range(ties):
                 for r in range(tree.joins[t, 3], tree.joins[t, 4]):
-                    loads[row, f + t] += here.forces[r] * tree.rows[r]
+                    for a in range(6):
+                        loads[row, f + t, a] += here.forces[r] * tree.rows[r, a]
         if len(laws) + len(joints) + len(sites) + len(motions) == 0:
             continue
         _tip(here, end, turn, at)
@@ -1078,14 +1078,20 @@ def respond_rows(
             _stiffen(tree, here, room, links, pushed, changed, real, driven)
             _system(here, room, idle[row], scale, by)
             if len(distance):
-                distance[row] = math.sqrt(np.sum(room.stiff * room.stiff))
+                square = 0.0
+                for z in range(total):
+                    for c in range(total):
+                        square += room.stiff[z, c] ** 2
+                distance[row] = math.sqrt(square)
             right[:] = 0.0
             for z in range(total):
                 for b in range(0, TIP if carried[here.carriers[driven + z]] > 0.0 else 0, WIDE):
                     put_pack(right[z], b, _sum(real[z], start, b, TIP, 6))
             _solve(room.matrix, room.order, right)
         force = right[total:]
-        force *= scale
+        for r in range(len(force)):
+            for b in range(TIP):
+                force[r, b] *= scale
         _spread(tree, here, driven, links, pushed, changed, right[:total], force, motion, field)
         for k in range(count):
             for b in range(0, 6 * TIP, WIDE):
@@ -1103,13 +1109,13 @@ def respond_rows(
             joints[row] = 0.0
             for j in range(driven):
                 for a in range(6 if here.carriers[j] > 0 else 0):
-                    joints[row, :, j] += here.screws[j, a] * answer[here.carriers[j], a, :6]
+                    for b in range(6):
+                        joints[row, b, j] += here.screws[j, a] * field[here.carriers[j], a * TIP + b]
             for t in range(ties):
                 kind, _, e2, r, _, j = _tie(tree, t)
-                if kind == ROD:
-                    joints[row, :, j] += force[r, :6]
-                elif kind == GEAR and tree.kinds[1, e2] < driven:
-                    joints[row, :, tree.kinds[1, e2]] += tree.ties[t, 24] * force[r, :6]
+                j, factor = (tree.kinds[1, e2], tree.ties[t, 24]) if kind == GEAR else (j, 1.0)
+                for b in range(6 if kind == ROD or (kind == GEAR and j < driven) else 0):
+                    joints[row, b, j] += factor * force[r, b]
         if len(sites):
             sites[row] = 0.0
             for i in range(f):
@@ -1118,8 +1124,9 @@ def respond_rows(
                 ends[0] = field[places[1, i]]
                 for z in range(p if k == places[1, i] else 0):  # outboard of a passive joint its axis stays
                     for b in range(0, TIP if here.carriers[driven + z] == k else 0, WIDE):
-                        _turn_back(here, driven + z, pack(right[z], b), ends[0], b, TIP)
-                _answer(ends[0], turn, at, 1.0, ends[1], sites[row, :, i])
+                        _turn_back(here, driven + z, pack(right[z], b), ends[0], b, wide)
+                _answer(ends[0], turn, at, 1.0, ends[1], own)
+                sites[row, :, i] = own
             closures = 0
             for t in range(ties):
                 if tree.joins[t, 0] < COIL:
@@ -1129,17 +1136,19 @@ def respond_rows(
                 if tree.joins[t, 0] == GEAR:
                     break
                 ends[:] = 0.0
-                _tied(tree, here, t, force, motion, ends[0], ends[1], TIP)
+                _tied(tree, here, t, force, motion, ends[0], ends[1], wide)
                 for side in range(2):
                     k = tree.joins[t, 1 + side]
                     put(at, 0, _point(here, k, three(tree.ties[t], 3 * side)))
                     for a in range(3):
                         put(turn[a], 0, _through(three(here.turn[k, a], 0), tree.ties[t, 27 + 9 * side :]))
-                    _answer(ends[side], turn, at, -1.0, start, sites[row, :, f + closures + 2 * t + side])
+                    _answer(ends[side], turn, at, -1.0, start, own)
+                    sites[row, :, f + closures + 2 * t + side] = own
         for i in range(f if len(motions) else 0):
             _compose(here.turn[places[0, i]], here.origin[places[0, i]], numbers[i], turn, at)
             for b in range(6):
-                way, about = three(virtual[places[0, i], b], 0), three(virtual[places[0, i], b], 3)
+                each = motion[places[0, i], b::TIP]
+                way, about = three(each, 0), three(each, 3)
                 put(motions[row, i, b], 0, plus(way, cross(about, three(at, 0))))
                 put(motions[row, i, b], 3, about)
 
@@ -1172,11 +1181,13 @@ def _slots(tree, t, force, found):
 @called
 def rigid_tips(tree, q, poses):
     """Fill the (N, 4, 4) poses of a chain's tip where nothing gives, at (N, nq) joint positions."""
-    here, free = _memory(tree, q.shape[1], 0), np.empty(0)
+    free, turn, at = np.empty(0), np.empty((3, 3)), np.empty(3)
+    here = _memory(tree, q.shape[1], len(free))
     for row in range(len(q)):
-        _place(tree, q[row], free, False, here)
-        poses[row, 3], poses[row, 3, 3] = 0.0, 1.0
-        _tip(here, tree.elements[len(tree.parents)], poses[row, :3, :3], poses[row, :3, 3])
+        _place(tree, q[row], free, True, here)  # by no twist
+        _tip(here, tree.elements[len(tree.parents)], turn, at)
+        poses[row] = np.eye(4)
+        poses[row, :3, :3], poses[row, :3, 3] = turn, at
 
 
 def _nothing() -> tuple:
