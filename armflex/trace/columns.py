@@ -12,56 +12,44 @@ from armflex.trace.projection import Projection
 
 
 class Columns:
-    """Scaled columns of a bank, and further ones behind them, by their numbers.
+    """Scaled columns of a bank, and further ones behind them, by their numbers; of each what the projection leaves, MX.
 
     Attributes:
         bank: Makes its columns when they are asked for.
         projection: Between columns: products are X'MX.
         scale: (K,) what those of the bank are multiplied by.
-        further: (F,) places of the further ones among those held.
-        columns, left: (h, n) columns that are held, and what the projection leaves of them, MX.
     """
 
     def __init__(self, bank: Bank, projection: Projection, scale: Array) -> None:
         self.bank, self.projection, self.scale = bank, projection, scale
-        self.first, self.further = len(scale), np.zeros(0, dtype=int)
-        self._place, self._count = dict[int, int](), 0
-        self._held = np.empty((2, 0, len(projection.residual)))
+        self._known, self._count = dict[int, Array](), 0
+        self._further = np.empty((2, 0, len(projection.residual)))
 
-    columns = property(lambda self: self._held[0, : self._count])
-    left = property(lambda self: self._held[1, : self._count])
+    @property
+    def further(self) -> Array:
+        """(2, F, n) further columns, and what is left of them."""
+        return self._further[:, : self._count]
 
-    def add(self, columns: Array) -> np.ndarray:
-        """Add (k, n) further columns, and return the (k,) places where they are held."""
-        own, first = self._hold(columns), self.first + len(self.further)
-        self._place |= zip(range(first, first + len(own)), own.tolist(), strict=True)
-        self.further = np.append(self.further, own)
-        return own
-
-    def _hold(self, columns: Array) -> np.ndarray:
+    def add(self, columns: Array) -> Array:
+        """Add (k, n) further columns, and return them with what is left of them, (2, k, n)."""
         first, last = self._count, self._count + len(columns)
-        if last > self._held.shape[1]:  # room for more than are asked for, so that few are moved
-            before, self._held = self._held, np.empty((2, 64 + last + last // 2, columns.shape[1]))
-            self._held[:, :first] = before[:, :first]
-        self._count = last
-        self._held[:, first:last] = columns, self.projection.left_of(columns.T).T
-        return np.arange(first, last)
+        if last > self._further.shape[1]:  # room for more than are asked for, so that few are moved
+            before, self._further = self._further, np.empty((2, 64 + last + last // 2, columns.shape[1]))
+            self._further[:, :first] = before[:, :first]
+        self._further[:, first:last], self._count = (columns, self.projection.left_of(columns.T).T), last
+        return self._further[:, first:last]
 
-    def at(self, numbers: np.ndarray) -> np.ndarray:
-        """Return where (k,) columns are held, and hold those that are not."""
-        missing = [number for number in dict.fromkeys(numbers.tolist()) if number not in self._place]
-        if missing:
-            starts = self.bank.starts
-            groups = np.searchsorted(starts, missing, side="right") - 1
-            known = {i: self.bank.group(i) for i in dict.fromkeys(groups.tolist())}
-            pairs = zip(missing, groups.tolist(), strict=True)
-            some = np.array([known[i][:, number - starts[i]] * self.scale[number] for number, i in pairs])
-            self._place |= zip(missing, self._hold(some).tolist(), strict=True)
-        return np.array([self._place[number] for number in numbers.tolist()], dtype=int)
-
-    def with_further(self, numbers: np.ndarray) -> Array:
-        """Return the (F, k) products of the further columns with some."""
-        return self.columns[self.further] @ self.left[self.at(numbers)].T
+    def of(self, numbers: np.ndarray) -> Array:
+        """Return (k,) columns, and what is left of them, (2, k, n)."""
+        starts, count = self.bank.starts, len(self.scale)
+        missing = [number for number in numbers.tolist() if number < count and number not in self._known]
+        for i in dict.fromkeys((np.searchsorted(starts, missing, side="right") - 1).tolist()):
+            own = range(*starts[i : i + 2].tolist())
+            columns = self.bank.group(i) * self.scale[own]
+            both = np.array([columns.T, self.projection.left_of(columns).T])
+            self._known |= zip(own, both.transpose(1, 0, 2), strict=True)
+        found = [self._further[:, i - count] if i >= count else self._known[i] for i in numbers.tolist()]
+        return np.stack(found, axis=1) if found else self._further[:, :0]
 
     def with_bank(self, products: Callable[[Array], Array], scale: Array) -> Callable[[np.ndarray], Array]:
         """Return what returns the (K, k) products of some columns of the bank with any, and makes none twice.
@@ -75,7 +63,7 @@ class Columns:
         def found(numbers: np.ndarray) -> Array:
             missing = np.array([number for number in dict.fromkeys(numbers.tolist()) if number not in known], dtype=int)
             if len(missing):
-                more = np.multiply(products(self.left[self.at(missing)].T).T, scale, order="C")
+                more = np.multiply(products(self.of(missing)[1].T).T, scale, order="C")
                 known.update(zip(missing.tolist(), more, strict=True))
             return np.array([known[number] for number in numbers.tolist()]).reshape(-1, len(scale)).T
 

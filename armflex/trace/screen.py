@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import accumulate, islice
@@ -86,10 +86,9 @@ class Screen(Evidence):
             marked = marked[at] * scale[at, None] / np.sqrt(np.where(visible, left, 1.0))[:, None]
             self.groups = _named(self.groups, alone.numbers[visible], marked[visible])
         self._held, self._scanned = Columns(bank, projection, scale), np.zeros(0, dtype=int)
-        further = Block((), np.empty(0), np.empty((0, len(SCALES))), self._held.with_further)
         rows = self._held.with_bank(bank.products, scale)
         self._catalogue, self._narrow = Block(batches, scores[:, 0] * scale, prior_of(self.groups), rows), None
-        self.blocks = [self._catalogue, further]
+        self.blocks = [self._catalogue, self._block((), *self._held.further)]
         self._charges: dict[tuple, float] = {}
         self._sized: dict[int, Array] = {}
         self._short: dict[tuple, float] = {}
@@ -122,11 +121,10 @@ class Screen(Evidence):
         groups, columns = self._moving(more)
         if not groups:
             return range(0)
-        held, first = self._held, self._held.first + len(self._held.further)
-        own = held.add(columns)
-        block = self._block(groups, held.columns[own], held.left[own])
+        first = len(self._held.scale) + len(self.blocks[1].scores)
+        block = self._block(groups, *self._held.add(columns))
         self.groups += [replace(one, first=first + one.first) for one in groups]
-        self.blocks[1] = self.blocks[1].joined(block, held.with_further)
+        self.blocks[1] = self.blocks[1].joined(block, self._gram(self._held.further[0]))
         return range(len(self.groups) - len(groups), len(self.groups))
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
@@ -156,13 +154,15 @@ class Screen(Evidence):
     def _block(self, groups: Sequence[Group], columns: Array, left: Array) -> Block:
         """Return hypotheses as a block of their own, from (K, n) columns and what the projection leaves of them."""
         batches = batches_of(groups, lambda at: columns[at] @ left[at].transpose(0, 2, 1))
-        scores = columns @ self.projection.residual
-        return Block(batches, scores, prior_of(groups), lambda at: columns @ self._held.left[self._held.at(at)].T)
+        return Block(batches, columns @ self.projection.residual, prior_of(groups), self._gram(columns))
+
+    def _gram(self, columns: Array) -> Callable[[np.ndarray], Array]:
+        return lambda places: columns @ self._held.of(places)[1].T
 
     def columns_of(self, places: np.ndarray) -> tuple[Array, Array]:
         """Return the (n, k) scaled columns at some places, and what the projection leaves of them."""
-        at = self._held.at(places)
-        return self._held.columns[at].T, self._held.left[at].T
+        columns, left = self._held.of(places)
+        return columns.T, left.T
 
     def made(self, members: Sequence[Candidate]) -> Array:
         """Return the (n, k) columns of some candidates."""
@@ -216,7 +216,7 @@ class Screen(Evidence):
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""
         left, held = self.projection.left_of(residuals), self._held
-        return np.vstack([self.bank.products(left) * held.scale[:, None], held.columns[held.further] @ left])
+        return np.vstack([self.bank.products(left) * held.scale[:, None], held.further[0] @ left])
 
     def with_readings(self, scores: Array, objective: float) -> Self:
         """Return the same hypotheses with other readings: (K,) scores of all columns, and J0."""
@@ -228,7 +228,7 @@ class Screen(Evidence):
 
     def parted(self, scores: Array) -> list[Array]:
         """Return (K, ...) scores of all columns block by block."""
-        return np.split(scores, [self._held.first])
+        return np.split(scores, [len(self._held.scale)])
 
     def dense(self, numbers: Sequence[int], priors: Array) -> Dense:
         """Return the evidence of some hypotheses alone, with (k, T) log priors."""
