@@ -171,6 +171,13 @@ static void cross(const double *a, const double *b, double *out)
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
+static void copy(const double *from, double *to, int count)
+{
+    for (int i = 0; i < count; i++) {
+        to[i] = from[i];
+    }
+}
+
 /* Add a vector in the axes of a frame to a point. */
 static void shift(double point[3], double turn[3][3], const double *by, double times)
 {
@@ -232,12 +239,8 @@ static void walk(const element *elements, int count, const double *q, double tur
             continue;
         }
         if (here->kind == FLEXES) {
-            for (int i = 0; i < 3; i++) {
-                s->origin[carrier][i] = tip[i];
-                for (int j = 0; j < 3; j++) {
-                    s->turn[carrier][i][j] = turn[i][j];
-                }
-            }
+            copy(tip, s->origin[carrier], 3);
+            copy(turn[0], s->turn[carrier][0], 9);
         }
         if (carrier >= 0) {
             for (int i = 0; i < 3; i++) {
@@ -248,9 +251,7 @@ static void walk(const element *elements, int count, const double *q, double tur
 #if PULLS
         for (int p = 0; p < PULLS; p++) {
             if (pulls[p].element == k) {
-                for (int i = 0; i < 3; i++) {
-                    s->point[p][i] = tip[i];
-                }
+                copy(tip, s->point[p], 3);
                 shift(s->point[p], turn, pulls[p].point, 1.0);
             }
         }
@@ -343,9 +344,7 @@ static void pull_at(const pull *from, const double *here, double *force)
         size = from->size / fmax(distance * distance + from->reach * from->reach, 1e-6) / fmax(distance, 1e-9);
         break;
     default: /* CONSTANT: the anchor is the force */
-        for (int i = 0; i < 3; i++) {
-            way[i] = from->anchor[i];
-        }
+        copy(from->anchor, way, 3);
         size = from->size;
         break;
     }
@@ -445,14 +444,8 @@ static double factor_at(const factor *f, double x)
 /* Write what the laws are at the state's joint positions: the same under every load, and needed once. */
 static void know_laws(arm_state *s)
 {
-    for (int k = 0; k < FLEXURES; k++) {
-        for (int a = 0; a < 6; a++) {
-            s->offset[k][a] = constant_offset[k][a];
-            for (int b = 0; b < 6; b++) {
-                s->compliance[k][a][b] = constant_compliance[k][a][b];
-            }
-        }
-    }
+    copy(constant_offset[0], s->offset[0], 6 * FLEXURES);
+    copy(constant_compliance[0][0], s->compliance[0][0], 36 * FLEXURES);
 #if FACTORS
     for (int f = 0; f < FACTORS; f++) {
         int column = factors[f].column;
@@ -658,11 +651,7 @@ static int draw(arm_state *s, double slowest, int patience)
     int code = NO_EQUILIBRIUM;
     for (int step = 0; step < MOST_STEPS; step++) {
         double square = step_of(s, moved);
-        for (int k = 0; k < FLEXURES; k++) {
-            for (int a = 0; a < 6; a++) {
-                s->twist[k][a] = moved[k][a];
-            }
-        }
+        copy(moved[0], s->twist[0], 6 * FLEXURES);
         if ((step > 0) && (square <= AT_REST) && (square * square <= NEXT_STEP * before)) {
             code = FINE;
             break;
@@ -681,11 +670,7 @@ static void loads_by_twist(arm_state *s)
 {
     twists load;
     weigh(s);
-    for (int k = 0; k < FLEXURES; k++) {
-        for (int a = 0; a < 6; a++) {
-            load[k][a] = s->load[k][a];
-        }
-    }
+    copy(s->load[0], load[0], 6 * FLEXURES);
     for (int j = 0; j < COORDINATES; j++) {
         double kept = s->twist[j / 6][j % 6];
         s->twist[j / 6][j % 6] = kept + TWISTED_BY;
@@ -808,8 +793,8 @@ static int newton(arm_state *s)
         complete(s, by);
         for (int j = 0; j < COORDINATES; j++) {
             step[j] = left[j / 6][j % 6];
-            from[j / 6][j % 6] = s->twist[j / 6][j % 6];
         }
+        copy(s->twist[0], from[0], COORDINATES);
         if (solve(s, step) != FINE) {
             return NO_EQUILIBRIUM;
         }
@@ -910,18 +895,10 @@ static int settle(arm_state *s)
 #if UNPROVEN
     twists begin_at;
     int code;
-    for (int k = 0; k < FLEXURES; k++) {
-        for (int a = 0; a < 6; a++) {
-            begin_at[k][a] = s->twist[k][a];
-        }
-    }
+    copy(s->twist[0], begin_at[0], 6 * FLEXURES);
     code = draw(s, SLOWEST, PATIENCE);
     for (int trial = 0; (trial < 2) && (code != FINE); trial++) { /* a law that is not smooth is no matter for Newton */
-        for (int k = 0; k < FLEXURES; k++) {
-            for (int a = 0; a < 6; a++) {
-                s->twist[k][a] = begin_at[k][a];
-            }
-        }
+        copy(begin_at[0], s->twist[0], 6 * FLEXURES);
         code = (trial == 0) ? newton(s) : draw(s, RUNS_AWAY, 1);
     }
 #else
@@ -977,11 +954,7 @@ static int stays(arm_state *s)
             }
         }
     }
-    for (int k = 0; k < FLEXURES; k++) {
-        for (int a = 0; a < 6; a++) {
-            s->twist[k][a] = rest[k][a];
-        }
-    }
+    copy(rest[0], s->twist[0], 6 * FLEXURES);
 #if UNPROVEN
     if (!(ratio < 1.0) && (least_energy(s) != 0)) { /* it is stiffened by the load, and swings from probe to probe */
         ratio = 0.0;
@@ -1001,9 +974,7 @@ static int rest_at(arm_state *s)
 /* Write where the flexed arm's tip is [m]. */
 static void flexed_tip(arm_state *s, double tip[3])
 {
-    for (int i = 0; i < 3; i++) {
-        tip[i] = s->tip[i];
-    }
+    copy(s->tip, tip, 3);
     for (int k = FLEXURES - 1; k >= 0; k--) {
         double from[3] = {tip[0], tip[1], tip[2]};
         screw_of(s, k);
@@ -1242,8 +1213,8 @@ int NAME_compensate(const double *q, int payload, double *out)
     if (code == FINE) {
         code = stays(&s);
     }
-    for (int j = 0; (code == FINE) && (j < JOINTS); j++) {
-        out[j] = s.q[j];
+    if (code == FINE) {
+        copy(s.q, out, JOINTS);
     }
     return code;
 }

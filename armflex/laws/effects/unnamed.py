@@ -7,7 +7,7 @@ recorded range; outside it they stay at their end values.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import permutations
 
 import numpy as np
@@ -52,6 +52,7 @@ def _goes_round(effect: Effect, context: Context, arm: Manipulator) -> bool:
 
 
 FREE = Plausible(5e-3, 5e-3, "what is larger has a cause that is seen")
+Shape = partial(TwistLaw, direction=on_axis, plausible=FREE, physical=False)
 
 LOW = Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False)
 HIGH = Inner("high", "as recorded", of_column(lambda x: (float(x.max()),)), positive=False, polished=False)
@@ -91,59 +92,47 @@ def _with_all(count: int, columns: int = 1) -> Callable[[Records], list[Location
     return lambda records: with_terms(everywhere(records, columns), tuple(range(count)))
 
 
-SPLINE = TwistLaw(
+SPLINE = Shape(
     name="unnamed_shape",
     words=Words("unnamed shape", "it follows a column freely", "f(x), straight between knots"),
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}") for name in TENTS),
     terms=lambda here, inner: twists(here.direction, *([tent] for tent in _tents(here, inner))),
-    direction=on_axis,
     inner=(LOW, HIGH),
-    plausible=FREE,
-    physical=False,
     shape="spline",
 )
-SPLINE_COMPLIANCE = TwistLaw(
+SPLINE_COMPLIANCE = Shape(
     name="unnamed_compliance",
     words=Words("unnamed compliance", "a compliance that depends on a column", "f(x) · w"),
     places=_with_all(KNOTS),
     amplitudes=tuple(Amplitude(name, "{m}/{w}") for name in TENTS),
     terms=lambda here, inner: compliances(here.direction, *([tent] for tent in _tents(here, inner))),
-    direction=on_axis,
     inner=(LOW, HIGH),
     loaded=True,
-    plausible=FREE,
-    physical=False,
     shape="spline_compliance",
 )
-BUMP = TwistLaw(
+BUMP = Shape(
     name="unnamed_bump",
     words=Words("unnamed bump", "it happens near one value", "height · exp(−(x − centre)² / 2 width²)"),
     places=everywhere,
     amplitudes=(Amplitude("height", "{m}"),),
     terms=lambda here, inner: twists(here.direction, (Factor(Of.BUMP, _column(here), tuple(inner)),)),
-    direction=on_axis,
     inner=(CENTRE, WIDTH),
-    plausible=FREE,
-    physical=False,
     shape="bump",
     sought=True,
 )
-WAVE = TwistLaw(
+WAVE = Shape(
     name="unnamed_wave",
     words=Words("unnamed wave", "it goes up and down with a column", "A sin kx + B cos kx"),
     places=_with_all(2),
     amplitudes=(Amplitude("A", "{m}"), Amplitude("B", "{m}")),
     terms=lambda here, inner: twists(here.direction, *([wave] for wave in waves(_column(here), inner[0]))),
-    direction=on_axis,
     inner=(NUMBER,),
-    plausible=FREE,
-    physical=False,
     shape="wave",
     sought=True,
     possible=_goes_round,
 )
-LINE = TwistLaw(
+LINE = Shape(
     name="unnamed_line",
     words=Words("unnamed trend", "it grows steadily with a column", "slope · x + curvature · x²"),
     places=everywhere,
@@ -151,27 +140,21 @@ LINE = TwistLaw(
     terms=lambda here, inner: twists(
         here.direction, *(powers(_column(here), exponent, inner[0]) for exponent in (1, 2))
     ),
-    direction=on_axis,
     inner=(MIDDLE,),
-    plausible=FREE,
-    physical=False,
     shape="line",
 )
-PRODUCT = TwistLaw(
+PRODUCT = Shape(
     name="unnamed_product",
     words=Words("unnamed product", "two columns act together", "f(x) · (1, y)"),
     places=_with_all(2 * KNOTS + 1, columns=2),
     amplitudes=tuple(Amplitude(f"a{i}", "{m}") for i in range(2 * KNOTS + 1)),
     terms=_product_terms,
-    direction=on_axis,
     inner=(LOW, HIGH, MIDDLE),
-    plausible=FREE,
-    physical=False,
     shape="product",
     columns=2,
     sought=True,
 )
-WAVE_PRODUCT = TwistLaw(
+WAVE_PRODUCT = Shape(
     name="unnamed_wave_product",
     words=Words(
         "unnamed wave product", "a wave in one column grows with another", "(A + C y) sin kx + (B + D y) cos kx"
@@ -181,24 +164,18 @@ WAVE_PRODUCT = TwistLaw(
         Amplitude(name, "{m}" + unit) for name, unit in zip("ABCD", ("", "", *2 * (" per recorded",)), strict=True)
     ),
     terms=_wave_product_terms,
-    direction=on_axis,
     inner=(NUMBER, MIDDLE),
-    plausible=FREE,
-    physical=False,
     shape="wave_product",
     columns=2,
     sought=True,
     possible=_goes_round,
 )
 
-LEVEL = TwistLaw(
+LEVEL = Shape(
     name="unnamed_level",
     words=Words("unnamed level", "it is there while a column has one entry", "a step"),
     places=lambda records: _at_all(records, ((name,) for name in records.levels)),
     amplitudes=(Amplitude("step", "{m}"),),
     terms=lambda here, inner: twists(here.direction, powers(_column(here), 1)),
-    direction=on_axis,
-    plausible=FREE,
-    physical=False,
     shape="level",
 )
