@@ -107,8 +107,9 @@ def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 
     first = replace(setup.instrument, sessions={name: guess[name] for name in known if name in guess})
 
     def changes(view: View) -> Array:
-        now, by_session, found = view.setup.instrument, view.by_session, []
-        for name in sessions:
+        now, by_session = view.setup.instrument, view.by_session
+        found = np.zeros((*view.residual.shape, 6 * len(sessions)))
+        for i, name in enumerate(sessions):
             since = now.frame(name) * first.frame(name).inverse()
             twists = twist_per_value(np.concatenate([since.translation, pin.log3(since.rotation)]))
             column = by_session
@@ -118,9 +119,9 @@ def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 
                 if level:
                     turned = (now.frame(name).rotation @ now.pose.rotation).T
                     column[:, :, 3:] += _by_fall(view) @ turned
-            own = np.array([name in now.within(one) for one in view.sessions])
-            found.append(column @ twists * own[:, None, None])
-        return np.concatenate(found, axis=2)
+            own = now.reads_in(name, view.sessions)
+            found[own, :, 6 * i : 6 * i + 6] = column[own] @ twists
+        return found
 
     def moved(setup: Setup, values: Array) -> Setup:
         instrument = replace(setup.instrument, sessions=first.sessions)
@@ -152,7 +153,7 @@ def remounted_block(setup: Setup, sessions: tuple[str, ...], std: float = 0.0, t
     def changes(view: View) -> Array:
         parts = [view.by_target, *([view.by_mounting] if turned else [])]
         whole, instrument = np.concatenate(parts, axis=2), view.setup.instrument
-        own = [np.array([name in instrument.within(one) for one in view.sessions]) for name in sessions]
+        own = [instrument.reads_in(name, view.sessions) for name in sessions]
         return np.concatenate([whole * rows[:, None, None] for rows in own], axis=2)
 
     def moved(setup: Setup, values: Array) -> Setup:

@@ -47,6 +47,10 @@ class Instrument:
         campaign = self.campaign(session)
         return (session,) if campaign in ("", session) else (campaign, session)
 
+    def reads_in(self, frame: str, sessions: Sequence[str]) -> np.ndarray:
+        """Return (N,) whether each row's session is read in the frame of a session or campaign."""
+        return _of_each(lambda name: np.array(frame in self.within(name)), sessions).astype(bool)
+
     def target_in(self, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) measured point in the tip frame [m] of each row's session."""
         return self.target + _of_each(self._remounted, sessions)[:, :3]

@@ -67,7 +67,7 @@ def trace(
     from armflex.estimate.misread import check_scatter
     from armflex.progress import Reporter
     from armflex.trace.account import conclude, so_far
-    from armflex.trace.search import resumed, search, standing
+    from armflex.trace.search import led, resumed, search
     from armflex.trace.state import begin
 
     if not 0 <= ask <= MOST_ASKED:
@@ -76,12 +76,15 @@ def trace(
     reporter.stage("calibrating")
     campaign = as_campaign(measurements, arm)
     calibration = calibrate(arm, campaign, rows, reporter.steps, keep=keep, as_stated=True, anyway=anyway)
-    begun = standing(begin(calibration, reporter))
-    places = begun.places
 
-    def passing(here: Standing) -> None:
+    def leading(here: Standing) -> None:
         effects = tuple(one.title for one in here.state.fitted)
         reporter.say(effects=effects, rms=here.state.fit.rms, unit=here.state.fit.view.readings.unit)
+
+    begun, places = led(begin(calibration, reporter), leading)
+
+    def passing(here: Standing) -> None:
+        leading(here)
         if account is None:
             return
         try:

@@ -106,8 +106,10 @@ class Bank:
         if direction is not None:  # one number a row
             shapes = law.shapes(location, inner, view, self.context)[list(location.terms)]
             return (shapes[:, :, None] * self._answer(location.site, direction)).reshape(len(shapes), -1).T
-        features = law.features(location, inner, view, self.context)
-        columns = view.per(law, location) @ features.transpose(0, 2, 1)
+        features, per = law.features(location, inner, view, self.context), view.per(law, location)
+        columns = np.empty((*self.scale.shape, features.shape[1]))
+        for i in range(features.shape[1]):  # half the time of a small product in every row
+            np.einsum("rdn,rn->rd", per, features[:, i], out=columns[:, :, i])
         columns = columns + view.effect_quotient(law, location, inner, features) if view.indirect else columns
         return (columns * self.scale[:, :, None]).reshape(view.residual.size, -1)
 

@@ -88,6 +88,11 @@ class Projection:
         """Return (n, ...) M x of changes x of the readings: what the fitted parameters do not take over."""
         return change - self.half.T @ (self.half @ change) - self.each.T @ (self.each @ change)
 
+    def inside(self, columns: Array) -> Array:
+        """Return the (k, k) products X'MX of few (n, k) columns, in half the time of `left_of`."""
+        shared, apart = self.half @ columns, self.each @ columns
+        return columns.T @ columns - shared.T @ shared - apart.T @ apart
+
     def absorbed(self, change: Array) -> Array:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""
         return self.fitted.solve(self.regressors.T @ change)

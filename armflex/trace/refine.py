@@ -138,7 +138,7 @@ class _Search:
         """Return information and score of (n, k) columns beside the model."""
         projection, beside = self.screen.projection, self.beside
         across = columns.T @ self.known_left @ beside.inverse.T
-        information = columns.T @ projection.left_of(columns) - across @ across.T
+        information = projection.inside(columns) - across @ across.T
         return information, columns.T @ projection.residual - across @ beside.pull
 
     def held(self, columns: Array) -> Array:

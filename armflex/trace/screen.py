@@ -114,7 +114,9 @@ class Screen(Evidence):
 
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""
-        self.hold((one, self.made(one.members)) for one in more)
+        rest = iter(more)
+        while piece := list(islice(rest, SOUGHT_AT_ONCE)):
+            self.hold((one, self.made(one.members)) for one in piece)
 
     def hold(self, more: Iterable[tuple[Hypothesis, Array]]) -> range:
         """Add hypotheses with their (n, k) columns, and return the numbers of those that move what is read."""

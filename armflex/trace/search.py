@@ -20,6 +20,7 @@ from armflex.errors import ArmflexError
 from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import moved
 from armflex.estimate.pose_block import PoseBlock
+from armflex.estimate.robust import ROWS_AT_ONCE
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
@@ -45,11 +46,14 @@ from armflex.trace.selection import (
     rivals,
     without,
 )
-from armflex.trace.state import State, refit, sorted_out, with_random
+from armflex.trace.state import State, of_poses, refit, sorted_out, with_all_of, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
 MOST_SHAPED = 10
 """Tolerance: places of free shapes at which waves and bumps are sought."""
+
+LEADING = ROWS_AT_ONCE // 2
+"""Tolerance: poses that lead a search almost to where all lead; of twice as many and more it begins with so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,21 @@ def standing(state: State, last: Standing | None = None) -> Standing:
     state.reporter.stage(f"screening what {len(state.rows)} rows still show")
     # Grids of loads follow the fit.
     return _screened(state, hypotheses(state.context), families(state.fit.view, state.context))
+
+
+def led(state: State, passing: Callable[[Standing], None]) -> tuple[Standing, tuple[RandomTwist, ...]]:
+    """Return where the search of a calibrated state begins, and where a random twist would explain what is left there.
+
+    Of many poses it begins with what a search of some of them found.
+    """
+    begun, some, places = state, of_poses(state, LEADING), _screened(state).places
+    if some is not None:
+        state.reporter.stage(f"beginning with {LEADING} of {len(set(state.groups))} poses")
+        found = search(standing(some), passing).state
+        state.reporter.stage(f"refitting with what they show, to {len(state.rows)} rows")
+        with suppress(ArmflexError):  # else with nothing
+            begun = with_all_of(state, found) if found.known else state
+    return standing(begun), places
 
 
 def _screened(state: State, known: Sequence[Hypothesis] = (), common: Sequence[Hypothesis] = ()) -> Standing:
@@ -188,7 +207,7 @@ def _more_probable(here: Standing) -> Standing | None:
 
 def _anchored_anew(here: Standing) -> Standing | None:
     """Propose a model with one effect more, or another, for which a hose or a magnet in it has its place anew."""
-    if is_full(here):
+    if is_full(here) or len(set(here.state.groups)) >= 2 * LEADING:  # some of its poses were asked
         return None
     worth, known = here.screen.log_posterior, spots(here.screen, here.model)
     near = [one for one in anchored_anew(here.screen.beside(here.model)) if worth(one) > here.value - WITHIN]

@@ -177,6 +177,28 @@ def begin(calibration: Calibration, reporter: Reporter = SILENT) -> State:
     return replace(state, first=state.fit)
 
 
+def of_poses(state: State, count: int) -> State | None:
+    """Return a calibrated state of so many of its poses, drawn by chance; None where it has not twice as many."""
+    calibration, found = state.calibration, state.first
+    pose = calibration.measurements.pose_number[state.asked]
+    if len(every := np.unique(pose)) < 2 * count:
+        return None
+    rows = state.asked[np.isin(pose, np.random.default_rng(0).choice(every, count, replace=False))]
+    some = fit(found.declared, found.blocks, calibration.measurements, rows, found.values)
+    return begin(replace(calibration, fit=some), state.reporter)
+
+
+def with_all_of(state: State, found: State) -> State:
+    """Return a calibrated state with all that was added to one of fewer rows, refitted; see `of_poses`.
+
+    Raises:
+        ArmflexError: The arm does not come to rest in all of them, or no fit is found.
+    """
+    effects = [replace(one, effect=one.effect.seen_in(state.context, state.rows)) for one in found.effects]
+    after, start = replace(state, known=found.known), found.fit.values
+    return sorted_out(refit(after, tuple(effects), found.random, start, THOROUGH))
+
+
 def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     """Return the state with the question put anew of which readings are lost beams, refitted where the answer changed.
 

@@ -68,6 +68,21 @@ def test_after_every_accepted_state_there_is_an_account(whole: Whole) -> None:
     assert passing[-1].arm.effects and passing[-1].rms == pytest.approx(last.rms, rel=0.05)
 
 
+def test_a_search_that_some_poses_lead_ends_where_one_of_all_does(
+    whole: Whole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its effect, its values and its errors are of all rows."""
+    said, poses = list[str](), len(np.unique(whole.rows.pose_number[whole.used]))
+    monkeypatch.setattr(sys.modules["armflex.trace.search"], "LEADING", poses // 2)
+    led = trace(load_arm(whole.truth.arm), whole.rows, whole.used, report=said.append)
+    assert any(one.startswith(f"beginning with {poses // 2} of {poses} ") for one in said)
+    (effect,), (other,) = led.arm.effects, whole.finished.arm.effects
+    assert effect.title == other.title and effect.seen == other.seen
+    assert effect.values == pytest.approx(other.values, rel=1e-2)
+    assert led.held_out == pytest.approx(whole.finished.held_out, rel=1e-3)
+    assert np.array_equal(led.rows, whole.finished.rows)
+
+
 def test_what_is_unfinished_says_so_wherever_it_is_read(whole: Whole, tmp_path: Path) -> None:
     """In the arm, the page and the JSON; and the mark is gone with the finished one."""
     outputs = Outputs(whole.truth.arm, tmp_path / "t.toml", tmp_path / "t.html", tmp_path / "t.json")
