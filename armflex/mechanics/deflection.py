@@ -711,7 +711,7 @@ class DeflectionBatch(_Result[Array]):
         nowhere, loaded = np.zeros((len(self.q), 6)), self.arm.loaded(None)
         if not self.arm.corrections.move:
             return nowhere
-        if self.asked.few:
+        if not self.asked.compiled(self.case):
             return np.array([self.row(i).corrected for i in self._others]).reshape(-1, 6)
         return displaced_from(nowhere, tips_of(loaded.chain, self.q), self.rigid_pose)
 

@@ -23,7 +23,7 @@ from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
 from armflex.mechanics.certificate import SHARE, StabilityBound
-from armflex.mechanics.chain import RIGID, SLIDES, TURNS, Frames, Tree
+from armflex.mechanics.chain import Frames, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.parallel import in_pieces
@@ -506,27 +506,15 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
 
 def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip of the rigid arm, where the controller knows it, at (N, nq) positions."""
-    if loaded.arm.robot.linkage:
+    if loaded.arm.robot.linkage or not _loaded:
         return np.array([loaded.mechanics.rigid_tip_pose(one).homogeneous for one in q]).reshape(-1, 4, 4)
     return tips_of(loaded.nominal or loaded.chain, q)
 
 
 def tips_of(chain: Tree, q: Array) -> Array:
-    """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions."""
-    if _loaded:
-        found = np.empty((len(q), 4, 4))
-        kernel().rigid_tips(chain, np.ascontiguousarray(q), found)
-        return found
-    found, (elements, kinds) = np.tile(np.eye(4), (len(q), 1, 1)), chain[:2]
-    turn, origin = found[:, :3, :3], found[:, :3, 3]
-    for k in range(1, len(elements)):
-        origin += turn @ elements[k, 9:12]
-        turn[:] = turn @ elements[k, :9].reshape(3, 3)
-        kind, own = (kinds[0, k] & 3, kinds[1, k]) if k < len(elements) - 1 else (RIGID, -1)
-        if kind == TURNS:
-            turn[:] = turn @ rotations(q[:, own, None] * elements[k, 12:15])
-        elif kind == SLIDES:
-            origin += q[:, own, None] * (turn @ elements[k, 12:15])
+    """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions, by compiled code."""
+    found = np.empty((len(q), 4, 4))
+    kernel().rigid_tips(chain, np.ascontiguousarray(q), found)
     return found
 
 
