@@ -370,8 +370,12 @@ class Deflection(_Result[float]):
         laws = self.arm.stack.covariance(self.wrenches.ravel(), self._row)
         if laws is None:
             return None
-        gain = np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
-        return gain @ laws @ gain.T
+        return self._gain @ laws @ self._gain.T
+
+    @cached_property
+    def _gain(self) -> Array:
+        """(6, 6 n) change of the tip per change of the flexures' laws."""
+        return np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
 
     @property
     def _mechanics(self) -> Mechanics:
@@ -511,7 +515,7 @@ class MechanismDeflection(Deflection):
         linear, tip = self._linear, self._tip
         moved = tip @ linear.by_motion[:, self._mechanics.flex.v_index]
         change = self.arm.stack.change_with_position(self.wrenches.ravel(), self._row)
-        return np.concatenate([moved, tip @ linear.by_gap[:, linear.lengths]], axis=1) + tip @ linear.by_law @ change
+        return np.concatenate([moved, tip @ linear.by_gap[:, linear.lengths]], axis=1) + self._gain @ change
 
     @cached_property
     def compliance(self) -> Array:
@@ -519,13 +523,8 @@ class MechanismDeflection(Deflection):
         return self._tip @ self._linear.by_load @ self._tip.T
 
     @cached_property
-    def covariance(self) -> Array | None:
-        """See `Deflection`."""
-        laws = self.arm.stack.covariance(self.wrenches.ravel(), self._row)
-        if laws is None:
-            return None
-        gain = self._tip @ self._linear.by_law
-        return gain @ laws @ gain.T
+    def _gain(self) -> Array:
+        return self._tip @ self._linear.by_law
 
     @property
     def _mechanics(self) -> Mechanism:
