@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from armflex.errors import ArmflexError
+from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.fit import THOROUGH
 from armflex.estimate.held_out import excess, held_out, pose_folds
 from armflex.estimate.learn import with_posteriors
@@ -98,7 +98,8 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         gone = [last]
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
             gone, after = list(range(len(model))), refitted(here, ())
-            assert after is not None
+        if after is None:
+            raise ConvergenceError("the arm with nothing added does not come to rest, or its fit does not settle", ())
         for unit in (here.state.units[i] for i in gone):
             one = here.state.fitted[unit[0]]
             if seen is not None:
