@@ -373,39 +373,40 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         freed = Misreading("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
         tried.append((freed, None))
-    meant, named = list[tuple[float, Misreading, str, Case, View | None]](), dict[str, Named]()
-    for hypothesis, own in tried:
+    named = dict[str, Named]()
+
+    def judged(
+        hypothesis: Misreading, own: np.ndarray | None, some: np.ndarray | None = None
+    ) -> tuple[float, Misfit | None, str]:
+        """Return what a hypothesis is charged, how all rows fit then, or some at a glance, and in which it holds."""
         with suppress(ArmflexError):
-            other, (words, choice) = case.meant(hypothesis, own), _choice(case, own)
-            charge = NAMED * hypothesis.mistakes + choice
+            other, (words, charge) = case.meant(hypothesis, own), _choice(case, own)
+            charge += NAMED * hypothesis.mistakes
             charge -= LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
             known = found.view if found is not None and other.rests_as(case) else None
-            meant.append((charge, hypothesis, words, other, known))
+            near = found.placed if found is not None and hypothesis.of == "loads" else None
+            if some is None:
+                return charge, misfit(other, known, near), words
+            return charge, misfit(other.only(some), known and known.some(some), near, rounds=1), words
+        return np.inf, None, ""
 
-    def near(hypothesis: Misreading) -> Instrument | None:
-        return found.placed if found is not None and hypothesis.of == "loads" else None
-
-    def glanced(charge: float, hypothesis: Misreading, _: str, other: Case, known: View | None) -> float:
-        with suppress(ArmflexError):
-            seen = None if known is None else known.some(some)
-            return charge + misfit(other.only(some), seen, near(hypothesis), 1).cost
-        return np.inf
-
-    if len(meant) > JUDGED:
+    if len(tried) > JUDGED:
         read = (np.flatnonzero(np.isfinite(kind.sigma).any(axis=1)) for kind in case.rows.readings.kinds)
         some = np.unique(np.concatenate([own[_spread(len(own), GLANCED_AT)] for own in read]))
-        order = np.argsort([glanced(*one) for one in meant], kind="stable")
-        meant = [meant[i] for i in order[:JUDGED].tolist()]
-    for charge, hypothesis, words, other, known in meant:
-        with suppress(ArmflexError):
-            then = misfit(other, known, near(hypothesis))
-            gain = (0.0 if found is None else found.cost) - then.cost
-            if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
-                # An arm that slips as far explains as much.
-                gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
-            gain, name = gain - charge, f"{hypothesis.name}{words}"
-            if (found is None or gain > NAMED) and (name not in named or named[name].gain < gain):
-                named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
+        glances = (judged(*one, some) for one in tried)
+        costs = [np.inf if then is None else charge + then.cost for charge, then, _ in glances]
+        tried = [tried[i] for i in np.argsort(costs, kind="stable")[:JUDGED].tolist()]
+    for hypothesis, own in tried:
+        charge, then, words = judged(hypothesis, own)
+        if then is None:
+            continue
+        gain = (0.0 if found is None else found.cost) - then.cost
+        if hypothesis.slip is not None and hypothesis.of not in case.arm.sensors:
+            # An arm that slips as far explains as much.
+            gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
+        gain, name = gain - charge, f"{hypothesis.name}{words}"
+        if (found is None or gain > NAMED) and (name not in named or named[name].gain < gain):
+            named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
     ranked = sorted(named.values(), key=lambda one: -one.gain)
     return [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
 

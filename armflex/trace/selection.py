@@ -135,6 +135,7 @@ class Block:
         scores: (K,) products X'My of their columns.
         priors: (H, T) log prior probability of every hypothesis at each of its scales.
         gram: Returns the (K, k) products X'MX of their columns with some of all columns.
+        axes: By size, eigenvalues and -vectors of a batch beside nothing: whatever is read, they are the same.
         last: What the block was scanned beside last, and how; see `Beside.across`.
     """
 
@@ -142,6 +143,7 @@ class Block:
     scores: Array
     priors: Array
     gram: Callable[[np.ndarray], Array]
+    axes: dict[int, tuple[Array, Array]] = field(default_factory=dict, repr=False)
     last: list[Any] = field(default_factory=lambda: [(), np.empty((0, 0))], init=False, repr=False)
 
     def joined(self, more: Block, gram: Callable[[np.ndarray], Array]) -> Block:
@@ -326,12 +328,13 @@ class Beside:
         freedom, (insides, scores) = self.evidence.freedom, self.reduced(block)
         found = np.full(block.priors.shape, -np.inf)
         here, tight = float(log_likelihood(self.left, freedom)), SCALES[:, None] ** -2.0
+        known = {} if self.model else block.axes
         for (numbers, places, _, signed), inside in zip(block.batches, insides, strict=True):
-            score = scores[places]
-            if places.shape[1] == 1:
+            score, size = scores[places], places.shape[1]
+            if size == 1:
                 values, turned = np.maximum(inside[:, 0], 0.0), score
             else:
-                values, axes = np.linalg.eigh(inside)
+                values, axes = known[size] if size in known else known.setdefault(size, np.linalg.eigh(inside))
                 values, turned = np.maximum(values, 0.0), np.einsum("gki,gk->gi", axes, score)
             held = values[:, None, :] + tight
             left = np.maximum(self.left - (turned[:, None, :] ** 2 / held).sum(axis=2), 1e-9 * self.left)
