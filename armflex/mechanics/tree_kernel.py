@@ -672,6 +672,40 @@ def _distance(tree, here, room, links, wrenches, changes, real, driven):
     return math.sqrt(square)
 
 
+@bare
+def _proof(stiff, left):
+    """Return a bound on how negative G is, by coordinate of laws: below 1 is a proof that the arm stays.
+
+    That is G's norm, or a share of the unit matrix with which G is positive; `left` is to work in.
+    """
+    norm = 0.0
+    for a in range(len(stiff)):
+        for b in range(len(stiff)):
+            norm += stiff[a, b] ** 2
+    norm = math.sqrt(norm)
+    for share in (SHARE, 1.0 - 1e-9):
+        if norm > share and _positive(stiff, share, left):
+            norm = share
+    return norm
+
+
+@bare
+def _positive(stiff, share, left):
+    """Return whether a square matrix with a share of the unit matrix is positive: Cholesky of its even part."""
+    for a in range(len(stiff)):
+        for b in range(a + 1):
+            value = 0.5 * (stiff[a, b] + stiff[b, a])
+            for c in range(b):
+                value -= left[a, c] * left[b, c]
+            if b < a:
+                left[a, b] = value / left[b, b]
+            elif value + share > 0.0:
+                left[a, a] = math.sqrt(value + share)
+            else:
+                return False
+    return True
+
+
 @inner
 def _sum(shares, rows, start, wide, count):
     """Return a pack of columns of the product of some numbers with rows of a width."""
@@ -1007,7 +1041,7 @@ def respond_rows(
         laws, joints, sites: (N, 6, n, 6), (N, 6, nq) and (N, 6, s, 6) per twist of a law, drive, and twist at a site.
         motions: (N, f, 6, 6) per wrench at a frame.
         poses, loads: (N, f, 4, 4) of the frames and (N, s, 6) at the sites.
-        distance: (N,) norm of G by coordinate of laws, of no passive joints: below 1 is a proof that the arm stays.
+        distance: (N,) by how much less than 1 a direction's stiffness may be, of no passive joints; see `_proof`.
     """
     driven, p, n, count, f = q.shape[1], flexed.shape[1], len(tree.flexures), len(tree.parents), places.shape[1]
     here = _memory(tree, driven, p)
@@ -1076,13 +1110,9 @@ def respond_rows(
             _open(tree, here, driven, screws, here.roots, here.by)
             _open(tree, here, driven, real, roots, by)
             _stiffen(tree, here, room, links, pushed, changed, real, driven)
-            _system(here, room, idle[row], scale, by)
             if len(distance):
-                square = 0.0
-                for z in range(total):
-                    for c in range(total):
-                        square += room.stiff[z, c] ** 2
-                distance[row] = math.sqrt(square)
+                distance[row] = _proof(room.stiff[:total], room.matrix)
+            _system(here, room, idle[row], scale, by)
             right[:] = 0.0
             for z in range(total):
                 for b in range(0, TIP if carried[here.carriers[driven + z]] > 0.0 else 0, WIDE):
