@@ -27,9 +27,8 @@ class Tree(NamedTuple):
             mass [kg] and centre (3) [m] of what is fixed to it. The last row is the tip's frame, with gravity [m/s^2]
             for an axis and, for a mass, the number of the element that it is fixed to. Column 19 is of a chain's
             flexures by number: the mass outboard [kg].
-        kinds: (4, k) kind; number of the joint in q or of the flexure; numbers of the flexures from base to tip;
-            element of each flexure by number. The last two are filled up with -1. Passive joints are numbered after the
-            drives, cylinders among them.
+        kinds: (3, k) kind; number of the joint in q, passive ones after the drives with cylinders among them, or of the
+            flexure; numbers of the flexures from base to tip, filled up with -1.
         parents: (k,) the element before each, which has a lower number.
         carried: (T, k) 1 where an element moves the second end alone, -1 the first alone.
         ties: (T, 45) points on both ends (6), axes of a pin on both ends (18) and axes of both links (18), and at 24:
@@ -63,7 +62,7 @@ def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
     """Return a model without ties, with flexures at some of Pinocchio's joints; its other free-flyers do not move."""
     model, numbers = flex.model, {joint: i for i, joint in enumerate(flexure_joints)}
     joints = {int(place): i for i, place in enumerate([*flex.v_index, *flex.free_v])}
-    elements, kinds = np.zeros((model.njoints + 1, 20)), np.full((4, model.njoints), -1, dtype=np.int64)
+    elements, kinds = np.zeros((model.njoints + 1, 20)), np.full((3, model.njoints), -1, dtype=np.int64)
     for k in range(model.njoints):
         placement, body, kind, place, axis = model.jointPlacements[k], model.inertias[k], RIGID, -1, np.zeros(3)
         if k in numbers:
@@ -79,7 +78,7 @@ def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
     elements[-1, :15] = *tip.rotation.ravel(), *tip.translation, *model.gravity.linear
     elements[-1, 15] = model.frames[flex.tip].parentJoint
     for number, k in enumerate(flexure_joints):
-        kinds[3, number], elements[number, 19] = k, sum(body.mass for body in model.inertias.tolist()[k:])
+        elements[number, 19] = sum(body.mass for body in model.inertias.tolist()[k:])
     kinds[2, : len(numbers)] = np.argsort(np.asarray(flexure_joints, dtype=int))
     parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
     ties, rows = (np.zeros((0, model.njoints)), np.zeros((0, 45)), np.zeros((0, 6), dtype=np.int64)), np.zeros((0, 6))

@@ -113,9 +113,9 @@ def solve_one(numbers, counts, exact, q, twists, displacement):
     for j in range(len(q)):
         if not bounds[j] <= q[j] <= bounds[len(q) + j]:
             return False
-    k, o = 5 + 4 * m, 5 + 4 * m + 3 * many
+    k, o = 5 + 3 * m, 5 + 3 * m + 3 * many
     p, r = o + n + 1, o + 2 * (n + 1)
-    chain, kinds, links = numbers[:a].reshape((m + 1, 20)), counts[5:k].reshape((4, m)), counts[k:o].reshape((many, 3))
+    chain, kinds, links = numbers[:a].reshape((m + 1, 20)), counts[5:k].reshape((3, m)), counts[k:o].reshape((many, 3))
     arm = Arm(chain, kinds, n, links, numbers[a:c].reshape((1, many, 9)))
     laws = Laws(
         numbers[c:d].reshape((1, n, 6, 6)),
@@ -747,7 +747,7 @@ ENTRIES = solve_many, respond_rows, rigid_tips
 def compile_everything() -> None:
     """Compile what is not yet kept, by asking about no rows: it takes some seconds, and is better done beforehand."""
     compile_responses()
-    arm = np.zeros((1, 20)), np.zeros((4, 0), dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9))
+    arm = np.zeros((1, 20)), np.zeros((3, 0), dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9))
     q, twists, tip, nobody = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 6)), np.zeros(0, dtype=bool)
     with kept_code.compiled_once(solve_many):
         numbers = LawStack((), ()).numbers

@@ -1224,7 +1224,7 @@ def _nothing() -> tuple:
     """Return what has no elements: a tree, laws, links and wrenches, and arrays of no rows by their dimensions."""
     one, none = np.zeros(1, dtype=np.int64), np.zeros((0, 6))
     ties = np.zeros((0, 1)), np.zeros((0, 45)), np.zeros((0, 6), dtype=np.int64)
-    tree = Tree(np.zeros((2, 20)), np.full((4, 1), RIGID), one, *ties, none, none, one[:0])
+    tree = Tree(np.zeros((2, 20)), np.full((3, 1), RIGID), one, *ties, none, none, one[:0])
     pushed = np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9))
     return tree, LawStack((), ()).numbers, pushed, np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 0, 6, 6))
 
