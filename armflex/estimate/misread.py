@@ -50,10 +50,8 @@ FINE_SHARE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
 ROWS_LOOKED_AT = 120
-"""Tolerance: rows looked at; no convention hides in more."""
-
-GLANCED_AT, JUDGED = 30, 5
-"""Tolerance: rows of each instrument by which hypotheses are ranked, and how many of the likeliest are then judged."""
+"""Tolerance: rows looked at; no convention hides in more. By a quarter of them, of each instrument, hypotheses are
+ranked, and the likeliest judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,12 +388,12 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
             return charge, misfit(other.only(some), known and known.some(some), near, rounds=1), words
         return np.inf, None, ""
 
-    if len(tried) > JUDGED:
+    if len(tried) > 2 * FEW:
         read = (np.flatnonzero(np.isfinite(kind.sigma).any(axis=1)) for kind in case.rows.readings.kinds)
-        some = np.unique(np.concatenate([own[_spread(len(own), GLANCED_AT)] for own in read]))
+        some = np.unique(np.concatenate([own[_spread(len(own), ROWS_LOOKED_AT // 4)] for own in read]))
         glances = (judged(*one, some) for one in tried)
         costs = [np.inf if then is None else charge + then.cost for charge, then, _ in glances]
-        tried = [tried[i] for i in np.argsort(costs, kind="stable")[:JUDGED].tolist()]
+        tried = [tried[i] for i in np.argsort(costs, kind="stable")[: 2 * FEW].tolist()]
     for hypothesis, own in tried:
         charge, then, words = judged(hypothesis, own)
         if then is None:
