@@ -170,10 +170,10 @@ class Ties:
         for k, part in enumerate(parts):
             self.rows[at : at + len(part), 6 * k : 6 * k + 6] = part
             at += len(part)
-        carriers = [model.supports[joint] for joint in range(model.njoints)]
+        carriers = [set(model.supports[joint]) for joint in range(model.njoints)]
         owner = [joint.id for joint in list(model.joints)[1:] for _ in range(joint.nv)]
         # Which velocities carry the column of which: those of a joint carry each other.
-        self._before = np.array([[b in list(carriers[a]) for b in owner] for a in owner], dtype=float)
+        self._before = np.array([[b in carriers[a] for b in owner] for a in owner], dtype=float)
         self._signs = [one.ends[1].moved - one.ends[0].moved for one in (*self.joined, *self.sprung_rods)]
 
     def place(self, configuration: Array) -> tuple[Array, Array]:

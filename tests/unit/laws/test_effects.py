@@ -43,22 +43,27 @@ INSTRUMENT_ONLY = ("tracker_scale", "session_frame")
 
 @pytest.mark.parametrize("name", EVERY)
 def test_columns_are_the_readings_changes(name, stage):
-    law = EVERY[name]
+    law, rng = EVERY[name], np.random.default_rng(5)
     for effect in some_effects(law, stage, 2):
         free = tuple(i for i in Candidate(law, effect.location, effect.inner).searched if law.inner[i].smooth)
         prior = amplitude_prior(effect, free, stage.view, stage.context)
         block = EffectBlock(effect, free, stage.context, 0, prior)
         assert len(block.labels) == len(block.units) == len(block.prior) == len(block.start)
         columns = block.jacobian(look(block.apply(stage.setup, block.start), stage.rows, np.arange(ROWS)))
-        for k in range(len(block.start)):
-            step = np.zeros(len(block.start))
-            amplitude = k < len(effect.location.terms)
-            step[k] = 1e-2 * (abs(block.start[k]) or np.abs(block.start).max()) if amplitude else 1e-4
+        sizes, every = np.abs(columns).max(axis=(0, 1)), np.arange(len(block.start))
+        amplitude = every < len(effect.location.terms)
+        usual = np.where(amplitude, 1e-2 * np.where(block.start, np.abs(block.start), np.abs(block.start).max()), 1e-4)
+        for among, relative in ((amplitude, SECOND_ORDER.get(name, 1e-5)), (~amplitude, SECOND_ORDER.get(name, 1e-3))):
+            if not among.any():
+                continue
+            # Some values together, each by what moves the readings as far as the others do.
+            moved = np.min((usual * sizes)[among & (sizes > 0.0)], initial=np.inf)
+            step = np.where(among, np.minimum(usual, moved / np.maximum(sizes, 1e-300)), 0.0)
+            step *= rng.choice((-1.0, 1.0), len(step))
             ends = [readings(block.apply(stage.setup, block.start + side * step), stage.rows) for side in (1.0, -1.0)]
-            numeric = (ends[0] - ends[1]) / (2.0 * step[k])
-            largest = np.abs(numeric).max()
-            tolerance = SECOND_ORDER.get(name, 1e-5 if amplitude else 1e-3) * largest + 1e-12 / step[k]
-            assert np.abs(columns[:, :, k] - numeric).max() <= tolerance, (effect.name, block.labels[k])
+            numeric = (ends[0] - ends[1]) / 2.0
+            least = np.min(np.abs(sizes * step)[among])
+            assert np.abs(columns @ step - numeric).max() <= relative * least + 1e-12, (effect.name, step)
 
 
 @pytest.mark.parametrize("name", EVERY)
