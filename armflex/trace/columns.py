@@ -22,34 +22,46 @@ class Columns:
 
     def __init__(self, bank: Bank, projection: Projection, scale: Array) -> None:
         self.bank, self.projection, self.scale = bank, projection, scale
-        self._known, self._count = dict[int, Array](), 0
-        self._further = np.empty((2, 0, len(projection.residual)))
+        self._known, self._products, self._count = dict[int, Array](), dict[int, Array](), 0
+        self._further = np.empty((0, len(projection.residual)))
 
     @property
     def further(self) -> Array:
-        """(2, F, n) further columns, and what is left of them."""
-        return self._further[:, : self._count]
+        """(F, n) further columns."""
+        return self._further[: self._count]
 
     def add(self, columns: Array) -> Array:
-        """Add (k, n) further columns, and return them with what is left of them, (2, k, n)."""
+        """Add (k, n) further columns, and return them as they are held."""
         first, last = self._count, self._count + len(columns)
-        if last > self._further.shape[1]:  # room for more than are asked for, so that few are moved
-            before, self._further = self._further, np.empty((2, 64 + last + last // 2, columns.shape[1]))
-            self._further[:, :first] = before[:, :first]
-        self._further[:, first:last], self._count = (columns, self.projection.left_of(columns.T).T), last
-        return self._further[:, first:last]
+        if last > len(self._further):  # room for more than are asked for, so that few are moved
+            before, self._further = self.further, np.empty((64 + last + last // 2, columns.shape[1]))
+            self._further[:first] = before
+        self._further[first:last], self._count = columns, last
+        return self._further[first:last]
 
     def of(self, numbers: np.ndarray) -> Array:
         """Return (k,) columns, and what is left of them, (2, k, n)."""
         starts, count = self.bank.starts, len(self.scale)
-        missing = [number for number in numbers.tolist() if number < count and number not in self._known]
-        for i in dict.fromkeys((np.searchsorted(starts, missing, side="right") - 1).tolist()):
-            own = range(*starts[i : i + 2].tolist())
-            columns = self.bank.group(i) * self.scale[own]
-            both = np.array([columns.T, self.projection.left_of(columns).T])
-            self._known |= zip(own, both.transpose(1, 0, 2), strict=True)
-        found = [self._further[:, i - count] if i >= count else self._known[i] for i in numbers.tolist()]
-        return np.stack(found, axis=1) if found else self._further[:, :0]
+        missing = np.array([i for i in dict.fromkeys(numbers.tolist()) if i not in self._known], dtype=int)
+        mine, further = missing[missing < count], missing[missing >= count]
+        made = [(further, self.further[further - count])]
+        for i in dict.fromkeys((np.searchsorted(starts, mine, side="right") - 1).tolist()):
+            own = np.arange(*starts[i : i + 2].tolist())
+            made.append((own, (self.bank.group(i) * self.scale[own]).T))
+        for own, columns in made:
+            both = np.stack([columns, self.projection.left_of(columns.T).T], axis=1)
+            self._known |= zip(own.tolist(), both, strict=True)
+        found = [self._known[i] for i in numbers.tolist()]
+        return np.stack(found, axis=1) if found else np.empty((2, *self._further[:0].shape))
+
+    def with_further(self, numbers: np.ndarray) -> Array:
+        """Return the (F, k) products of the further columns with some; what was known is not made again."""
+        known, some = self._products, dict.fromkeys(numbers.tolist())
+        for length in {len(known.get(i, ())) for i in some} - {self._count}:
+            own = np.array([i for i in some if len(known.get(i, ())) == length])
+            more = self.of(own)[1] @ self.further[length:].T
+            known |= {i: np.append(known.get(i, ()), one) for i, one in zip(own.tolist(), more, strict=True)}
+        return np.array([known[i] for i in numbers.tolist()]).reshape(len(numbers), self._count).T
 
     def with_bank(self, products: Callable[[Array], Array], scale: Array) -> Callable[[np.ndarray], Array]:
         """Return what returns the (K, k) products of some columns of the bank with any, and makes none twice.

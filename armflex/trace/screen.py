@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import accumulate, islice
@@ -88,7 +88,7 @@ class Screen(Evidence):
         self._held, self._scanned = Columns(bank, projection, scale), np.zeros(0, dtype=int)
         rows = self._held.with_bank(bank.products, scale)
         self._catalogue, self._narrow = Block(batches, scores[:, 0] * scale, prior_of(self.groups), rows), None
-        self.blocks = [self._catalogue, self._block((), *self._held.further)]
+        self.blocks = [self._catalogue, self._block((), self._held.further)]
         self._charges: dict[tuple, float] = {}
         self._sized: dict[int, Array] = {}
         self._short: dict[tuple, float] = {}
@@ -124,9 +124,9 @@ class Screen(Evidence):
         if not groups:
             return range(0)
         first = len(self._held.scale) + len(self.blocks[1].scores)
-        block = self._block(groups, *self._held.add(columns))
+        block = self._block(groups, self._held.add(columns))
         self.groups += [replace(one, first=first + one.first) for one in groups]
-        self.blocks[1] = self.blocks[1].joined(block, self._gram(self._held.further[0]))
+        self.blocks[1] = self.blocks[1].joined(block, self._held.with_further)
         return range(len(self.groups) - len(groups), len(self.groups))
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
@@ -137,7 +137,7 @@ class Screen(Evidence):
             groups, columns = self._moving((one, self.made(one.members)) for one in piece)
             if not groups:
                 continue
-            block = self._block(groups, columns, self.projection.left_of(columns.T).T)
+            block = self._block(groups, columns)
             odds = np.max([one.odds_in(block) for one in besides], axis=(0, 2))
             best += zip(odds.tolist(), (one.hypothesis for one in groups), strict=True)
             best = sorted(best, key=lambda pair: -pair[0])[:most]
@@ -153,13 +153,15 @@ class Screen(Evidence):
                 first += own.shape[1]
         return groups, np.concatenate([np.empty((0, len(self.projection.residual))), *columns])
 
-    def _block(self, groups: Sequence[Group], columns: Array, left: Array) -> Block:
-        """Return hypotheses as a block of their own, from (K, n) columns and what the projection leaves of them."""
-        batches = batches_of(groups, lambda at: columns[at] @ left[at].transpose(0, 2, 1))
-        return Block(batches, columns @ self.projection.residual, prior_of(groups), self._gram(columns))
+    def _block(self, groups: Sequence[Group], columns: Array) -> Block:
+        """Return hypotheses as a block of their own, from (K, n) columns."""
+        left, held = self.projection.left_of(columns.T).T, self._held
 
-    def _gram(self, columns: Array) -> Callable[[np.ndarray], Array]:
-        return lambda places: columns @ self._held.of(places)[1].T
+        def gram(places: np.ndarray) -> Array:  # without the screen, which holds it: that would not be freed at once
+            return columns @ held.of(places)[1].T
+
+        batches = batches_of(groups, lambda at: columns[at] @ left[at].transpose(0, 2, 1))
+        return Block(batches, columns @ self.projection.residual, prior_of(groups), gram)
 
     def columns_of(self, places: np.ndarray) -> tuple[Array, Array]:
         """Return the (n, k) scaled columns at some places, and what the projection leaves of them."""
@@ -218,7 +220,7 @@ class Screen(Evidence):
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""
         left, held = self.projection.left_of(residuals), self._held
-        return np.vstack([self.bank.products(left) * held.scale[:, None], held.further[0] @ left])
+        return np.vstack([self.bank.products(left) * held.scale[:, None], held.further @ left])
 
     def with_readings(self, scores: Array, objective: float) -> Self:
         """Return the same hypotheses with other readings: (K,) scores of all columns, and J0."""
@@ -301,14 +303,14 @@ class Dense(Evidence):
 
     Attributes:
         columns: (n, K) scaled columns.
-        projection: Of what is fitted anyway.
+        fitted: What the same readings say of what is fitted anyway.
         numbers: What the hypotheses are numbered in the screen that they are from.
     """
 
     def __init__(
         self, groups: list[Group], columns: Array, projection: Projection, priors: Array, numbers: tuple[int, ...] = ()
     ) -> None:
-        self.groups, self.columns, self.projection, self.numbers = groups, columns, projection, numbers
+        self.groups, self.columns, self.fitted, self.numbers = groups, columns, projection.fitted, numbers
         self.objective, self.freedom = projection.objective, projection.freedom
         whole = self._gram = columns.T @ projection.left_of(columns)
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
@@ -318,9 +320,9 @@ class Dense(Evidence):
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]
 
-    def of_rows(self, some: np.ndarray) -> Dense:
-        """Return the same from (n,) some of the readings; see `Projection.of_rows`."""
-        return Dense(self.groups, self.columns[some], self.projection.of_rows(some), self.priors, self.numbers)
+    def of_rows(self, projection: Projection, some: np.ndarray) -> Dense:
+        """Return the same from (n,) some of the readings of its projection; see `Projection.of_rows`."""
+        return Dense(self.groups, self.columns[some], projection.of_rows(some), self.priors, self.numbers)
 
     def here(self, model: Model) -> Model:
         """Return a model of the screen as one of these hypotheses."""

@@ -38,17 +38,18 @@ class Folds:
         folds = np.repeat(pose_folds(state.groups), state.fit.view.residual.shape[1])
         self.here, self.whole = here, evidence
         self.learned = [folds != number for number in range(int(folds.max()) + 1)]
-        self.parts = [evidence.of_rows(learned) for learned in self.learned]
+        self.parts = [evidence.of_rows(here.screen.projection, learned) for learned in self.learned]
         self.readings = state.fit.view.readings.where(state.judged)
         self.judged = self.readings.foremost_count > 0
 
     def errors(self, models: Sequence[Model]) -> Array:
         """Return the (M, n) errors of what is read foremost, predicted from the other folds with a model for each."""
-        projection, left = self.whole.projection, np.empty(len(self.whole.projection.data))
+        projection = self.here.screen.projection
+        left = np.empty(len(projection.data))
         for part, learned, model in zip(self.parts, self.learned, models, strict=True):
             beside = part.beside(model)
             data = projection.data - self.whole.columns[:, beside.places] @ beside.values
-            values = part.projection.absorbed(data[learned])
+            values = part.fitted.solve(projection.regressors.T @ np.where(learned, data, 0.0))
             left[~learned] = (data - projection.regressors @ values)[~learned]
         return errors_of(self.here.state.fit, self.here.screen.quiet * left)
 
