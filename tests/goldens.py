@@ -45,7 +45,10 @@ COMMANDS: dict[str, tuple[object, ...]] = {
     "compensate_heavy": ("compensate", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "-o", "out.csv"),
     "train_linear": ("train", TARM / "a4_table_1.csv", "--model", "linear", "-o", "a4.safetensors"),
     "train_polynomial": ("train", TARM / "a4_table_1.csv", "--model", "polynomial", "-o", "a4.safetensors"),
-    "train_neural": ("train", TARM / "a4_table_1.csv", "--model", "neural", "-o", "a4.safetensors"),
+    "train_neural": (
+        *("train", TARM / "a4_table_1.csv", "--model", "neural"),
+        *("--neurons", "6", "--starts", "2", "-o", "a4.safetensors"),
+    ),
     "calibrate_tarm": ("calibrate", TARM / "measured.toml", TARM / "campaign.csv", "-o", "fitted.toml"),
     "trace_tarm": ("trace", TARM / "measured.toml", TARM / "campaign.csv", "-o", "traced.toml"),
     "plan_heavy": ("plan", HEAVY / "arm.toml", "--rows", "6", "-o", "poses.csv"),

@@ -90,9 +90,9 @@ def test_close_to_the_batch_calibration(machine):
 
 @pytest.mark.slow
 def test_values_are_within_their_uncertainties(machine):
-    """Twenty machines drawn from [prior], 52 parameters each, 150 readings."""
+    """Ten machines drawn from [prior], 52 parameters each, 150 readings."""
     inside = []
-    for seed in range(20):
+    for seed in range(10):
         rng = np.random.default_rng(seed)
         factors = {name: rng.normal(0.0, 0.2, 6) for name in machine.plant.compliance}
         declared = {one.name: np.diag(one.law.compliance) for one in machine.arm.flexures}

@@ -70,7 +70,7 @@ def test_the_plainest_that_the_data_ask_for(kind: str, names: tuple[str, ...]) -
 
 @pytest.mark.slow
 def test_a_network_is_taken_where_nothing_plain_will_do() -> None:
-    result = train(bench("wavy", 2, 160), "auto", options=Options(neurons=12, starts=2))
+    result = train(bench("wavy", 2, 120), "auto", options=Options(neurons=9, starts=1))
     assert result.trained.model == "neural"
     assert not {flag.code for flag in result.flags} & {"not_worth_its_weights"}
     plain = min(rms.mean() for name, rms in result.compared if not name.startswith("network"))
