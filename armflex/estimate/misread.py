@@ -536,7 +536,9 @@ def _likeliest_readings(every: Sequence[Misreading], case: Case, found: Misfit) 
             yield hypothesis
         else:
             looked.append((found.off(errors, changed[0]), len(looked), hypothesis))
-    yield from (one for _, _, one in sorted(looked, key=lambda one: one[:2])[:FEW])
+    for sensor in dict.fromkeys(one.of for *_, one in looked):  # each has its unit
+        own = [one for one in looked if one[2].of == sensor]
+        yield from (one for _, _, one in sorted(own, key=lambda one: one[:2])[:FEW])
 
 
 def _rows_of(hypothesis: Misreading, case: Case, found: Misfit) -> np.ndarray:

@@ -67,7 +67,7 @@ def trace(
     from armflex.estimate.misread import check_scatter
     from armflex.progress import Reporter
     from armflex.trace.account import conclude, so_far
-    from armflex.trace.search import led, resumed, search
+    from armflex.trace.search import led, linear, resumed, search, standing
     from armflex.trace.state import begin
 
     if not 0 <= ask <= MOST_ASKED:
@@ -81,7 +81,8 @@ def trace(
         effects = tuple(one.title for one in here.state.fitted)
         reporter.say(effects=effects, rms=here.state.fit.rms, unit=here.state.fit.view.readings.unit)
 
-    begun, places = led(begin(calibration, reporter), leading)
+    begun = begin(calibration, reporter)
+    places = linear(begun).places
 
     def passing(here: Standing) -> None:
         leading(here)
@@ -96,8 +97,10 @@ def trace(
         except ArmflexError as error:  # a search is not ended because there is no account yet
             reporter.stage(f"no account so far: {error}")
 
-    begun = resumed(begun, accepted) if accepted else begun
-    traced = conclude(search(begun, passing), places, ask, covariates)
+    here = resumed(standing(begun), accepted) if accepted else standing(led(begun, leading))
+    if here.state.known:
+        passing(here)
+    traced = conclude(search(here, passing), places, ask, covariates)
     if not anyway:
         check_scatter(traced.state.fit)
     if account is not None:

@@ -46,7 +46,8 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
     found, odds = list[Hypothesis](), beside.odds.max(axis=1)
 
     def of_grid(spot: tuple) -> list[Hypothesis]:
-        like = [i for i in range(len(odds)) if screen.groups[i].hypothesis.spot == spot]
+        known = [group.hypothesis for group in screen.groups[: len(odds)]]
+        like = [i for i, one in enumerate(known) if one.spot == spot and one.prior > -np.inf]  # slopes have none
         return [screen.groups[i].hypothesis for i in sorted(like, key=lambda i: -odds[i])[:MOST_TRIED]]
 
     def best(starts: Sequence[Hypothesis], tau: float) -> list[Hypothesis]:
@@ -107,6 +108,8 @@ def anchored_anew(beside: Beside) -> list[Model]:
 def _freed(screen: Screen, beside: Beside) -> Beside:
     """Return the problem beside a model and the slopes of its last hypothesis, each within a cell of its grid."""
     last = screen.groups[beside.model[-1].number].hypothesis
+    if not last.one.fitted:
+        return beside
     slopes = _Search(screen, beside, last, 1.0).slopes(last.one.inner, beside.amplitudes[-1], last.one.fitted)
     numbers = screen.hold((replace(last, prior=-np.inf), slope[:, None]) for slope in slopes.T)
     near = [int(np.abs(SCALES - 1.0 / max(float(screen.groups[i].scale[0]), 1e-12)).argmin()) for i in numbers]

@@ -99,7 +99,7 @@ class Screen(Evidence):
         self._known.clear()
         self.bank.forget()
         rows = self._held.with_bank(self.bank.products, self._held.scale)
-        self._catalogue, self._narrow = replace(self._catalogue, gram=rows), None
+        self._catalogue, self._narrow = replace(self._catalogue, gram=rows, axes={}), None
         self.blocks = [self._catalogue, replace(self.blocks[1])]  # as if never scanned
 
     def _scaled(self, squares: Array) -> Array:

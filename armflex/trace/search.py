@@ -116,25 +116,21 @@ def standing(state: State, last: Standing | None = None) -> Standing:
         last.screen.forget()
     state.reporter.stage(f"screening what {len(state.rows)} rows still show")
     # Grids of loads follow the fit.
-    return _screened(state, hypotheses(state.context), families(state.fit.view, state.context))
+    return linear(state, hypotheses(state.context), families(state.fit.view, state.context))
 
 
-def led(state: State, passing: Callable[[Standing], None]) -> tuple[Standing, tuple[RandomTwist, ...]]:
-    """Return where the search of a calibrated state begins, and where a random twist would explain what is left there.
-
-    Of many poses it begins with what a search of some of them found.
-    """
-    begun, some, places = state, of_poses(state, LEADING), _screened(state).places
-    if some is not None:
-        state.reporter.stage(f"beginning with {LEADING} of {len(set(state.groups))} poses")
-        found = search(standing(some), passing).state
-        state.reporter.stage(f"refitting with what they show, to {len(state.rows)} rows")
-        with suppress(ArmflexError):  # else with nothing
-            begun = with_all_of(state, found) if found.known else state
-    return standing(begun), places
+def led(state: State, passing: Callable[[Standing], None]) -> State:
+    """Return a calibrated state with what a search of some of its poses found, refitted to all; of few poses itself."""
+    with suppress(ArmflexError):  # else it begins with nothing
+        if (some := of_poses(state, LEADING)) is not None:
+            state.reporter.stage(f"beginning with {LEADING} of {len(set(state.groups))} poses")
+            found = search(standing(some), passing).state
+            state.reporter.stage(f"refitting with what they show, to {len(state.rows)} rows")
+            return with_all_of(state, found) if found.known else state
+    return state
 
 
-def _screened(state: State, known: Sequence[Hypothesis] = (), common: Sequence[Hypothesis] = ()) -> Standing:
+def linear(state: State, known: Sequence[Hypothesis] = (), common: Sequence[Hypothesis] = ()) -> Standing:
     """Return a state with the linear problem of these hypotheses and its own: without any, what a trial is worth."""
     bank = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter, state.quiet)
     screen = Screen(known, bank, state.bare)
@@ -296,7 +292,7 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
         state = refitted(here, model)
         if state is None:
             return None
-        trial = _screened(state)
+        trial = linear(state)
         if trial.value > here.value + BETTER or len(state.rows) != count:
             return standing(state, here)
         places = [here.screen.groups[one.number].hypothesis.spot for one in model]
