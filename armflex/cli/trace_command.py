@@ -99,6 +99,8 @@ def command(
             print_trace(found)
             derived = derived_directions(found.arm, measurements, found.rows)
             show_flags((*measurements.flags, *derived, *found.calibration.flags))
+    if ask and not any(found.asked for found in finished):
+        say("No rows are asked for: none would decide what is in question.")
     written = [*(outputs.rows(found) for found in finished if found.asked), output, report_path]
     say(f"Written to {' and '.join(str(path) for path in written if path)}.")
 

@@ -166,7 +166,8 @@ def _values(table: Declaration, law: EffectLaw, called: str) -> dict[str, float]
     if not any(name in values for name in amplitudes):
         one = "" if len(amplitudes) == 1 else "one or more of "
         raise table.fail("parameters", f"{called} needs {one}{listing(amplitudes)}")
-    for amplitude in law.amplitudes:
+    # A fit may take away from what is declared beside it, or end a little below zero: then it has a deviation.
+    for amplitude in law.amplitudes if not table.has("std") else ():
         if amplitude.positive and values.get(amplitude.name, 0.0) < 0.0:
             raise table.fail("parameters", f"{amplitude.name} is {values[amplitude.name]:g}, expected 0 or more")
     return values

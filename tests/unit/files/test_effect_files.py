@@ -228,6 +228,13 @@ def test_a_bad_table_is_refused_with_its_line(folder: Path, table: str, complain
     assert caught.value.place.line == first + line and caught.value.place.file.name == "arm.toml"
 
 
+def test_what_was_fitted_may_be_below_zero(folder: Path) -> None:
+    """A stiffer joint than is declared has less compliance; by hand, without a deviation, that is a slip."""
+    table = 'name = "link_flexure"\nsite = "J2"\naxis = "ry"\nparameters = { C_ry = -1e-9 }\nstd = { C_ry = 1e-10 }'
+    effect = arm_with(folder, table).effects[0]
+    assert effect.named == {"C_ry": -1e-9}
+
+
 @pytest.mark.parametrize("many", [False, True])
 def test_beyond_where_an_effect_was_found_it_is_said(folder: Path, many: bool) -> None:
     thermal = 'name = "thermal_growth"\nsite = "J3"\nparameters = { alpha = 1e-5 }\nseen = { temperature = [15, 25] }'
