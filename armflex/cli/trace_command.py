@@ -98,7 +98,7 @@ def command(
         for found in finished:
             print_trace(found)
             derived = derived_directions(found.arm, measurements, found.rows)
-            show_flags((*measurements.flags, *derived, *found.calibration.flags))
+            show_flags((*measurements.flags, *derived, *found.flags))
     if ask and not any(found.asked for found in finished):
         say("No rows are asked for: none would decide what is in question.")
     written = [*(outputs.rows(found) for found in finished if found.asked), output, report_path]
@@ -261,7 +261,7 @@ def as_json(found: Trace) -> dict[str, Any]:
             | ({} if unit == "m" else {"error": one.error_m, "unit": unit})
             for one in found.outliers
         ],
-        "flags": found.calibration.flags,
+        "flags": found.flags,
         "held_out_chosen_again_rms_mm": found.compared and _before_after(found.compared, stages),
         "held_out_is_of": HELD_OUT_IS_OF if found.compared is not None else "nothing was chosen",
         "families": [

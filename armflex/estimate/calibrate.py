@@ -295,11 +295,6 @@ def fitted_to(
     calibrated = with_posteriors(found.setup.arm, found, certainty)
     calibrated = replace(calibrated, instrument=found.setup.instrument)
     errors = _held_out(placed, found, measurements, scattered or found)
-    sizes = np.where(np.isfinite(found.prior), np.abs(found.values) / found.prior, 0.0).tolist()
-    fitted = zip(found.parameters, sizes, strict=True)
-    open_ = () if calibrated.certainty is None else calibrated.certainty.undetermined
-    known = [(one, size) for one, size in fitted if one.group.kind is not ParameterKind.LAW]
-    pulls = {one.label: size for one, size in known if one.label not in open_}
     judgement = tuple(wrong_sigma(found, about, as_stated))
     flags = (
         *derived,
@@ -307,13 +302,21 @@ def fitted_to(
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
         *judgement,
-        *beyond_priors(pulls),
+        *far_from_declared(found, found.parameters, calibrated),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         *(() if about or judgement or scattered else _worse(errors, found.view.readings.unit)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors, scattered)
+
+
+def far_from_declared(fitted: Fit, some: Sequence[ArmParameter], arm: Arm) -> Iterator[Flag]:
+    """Yield a flag where the first parameters of a fit are absurdly far from what was declared; `arm` came of it."""
+    open_ = () if arm.certainty is None else arm.certainty.undetermined
+    sizes = np.where(np.isfinite(fitted.prior), np.abs(fitted.values) / fitted.prior, 0.0).tolist()
+    known = [(one, size) for one, size in zip(some, sizes, strict=False) if one.group.kind is not ParameterKind.LAW]
+    yield from beyond_priors({one.label: size for one, size in known if one.label not in open_})
 
 
 def _fit(

@@ -16,7 +16,8 @@ from scipy.special import fdtrc, ndtr
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
-from armflex.estimate.calibrate import Calibration
+from armflex.errors import Flag
+from armflex.estimate.calibrate import Calibration, far_from_declared
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import OfCampaign, by_campaign
 from armflex.estimate.learn import with_posteriors
@@ -319,6 +320,12 @@ class Trace(Result):
     def calibration(self) -> Calibration:
         """Before anything was added, lost beams and all."""
         return self.state.calibration
+
+    @property
+    def flags(self) -> tuple[Flag, ...]:
+        """What is doubtful: as the calibration has it, but which values are far off is said of the final fit."""
+        first = [one for one in self.calibration.flags if one.code != "beyond_priors"]
+        return (*first, *far_from_declared(self.state.fit, self.state.first.parameters, self.arm))
 
     @property
     def before(self) -> Fit:
