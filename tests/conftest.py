@@ -22,19 +22,11 @@ MUCH = 1 << 30
 """Bytes of a worker."""
 
 
-ENGINES = "kernel_of_one_row", "loop_kernel"
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the engines once, before the workers start: they would each, and code compiled apart rounds otherwise."""
     if not hasattr(config, "workerinput"):
-        code, root = "from armflex.mechanics import many_rows; many_rows.{}()", Path(__file__).parents[1]
-        compiling = [subprocess.Popen([sys.executable, "-c", code.format(name)], cwd=root) for name in ENGINES]
-        try:
-            assert [process.wait(600) for process in compiling] == [0, 0]
-        finally:
-            for process in compiling:
-                process.kill()
+        command, root = [sys.executable, "-m", "armflex", "compile"], Path(__file__).parents[1]
+        subprocess.run(command, cwd=root, stdout=subprocess.DEVNULL, check=True, timeout=600)
 
 
 @pytest.fixture(scope="session", autouse=True)

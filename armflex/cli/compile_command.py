@@ -11,7 +11,7 @@ import click
 
 from armflex.cli import options
 from armflex.cli.terminal import doing, say
-from armflex.mechanics.many_rows import kernel_of_one_row, loop_kernel
+from armflex.mechanics.many_rows import kernel_of_one_row, tree_kernel
 from armflex.parallel import in_order
 
 
@@ -22,7 +22,7 @@ def command() -> None:
     Small jobs are answered without it.
     """
     doing("compiling")
-    deque(in_order((partial(_made, engine) for engine in (kernel_of_one_row, loop_kernel)), jobs=2), 0)
+    deque(in_order((partial(_made, engine) for engine in (kernel_of_one_row, tree_kernel)), jobs=2), 0)
     options.conclude(lambda: {"compiled": True}, ())
     say("The engine is compiled, and its code is kept.")
 

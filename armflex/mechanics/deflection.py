@@ -37,11 +37,11 @@ from armflex.mechanics.many_rows import (
     chunks,
     displaced_from,
     kernel_pays,
-    loop_kernel_pays,
     responded,
     rigid_tips,
     rotations,
     tips_of,
+    tree_kernel_pays,
 )
 from armflex.mechanics.mechanism import Linear, Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
@@ -375,7 +375,7 @@ class Deflection(_Result[float]):
     @cached_property
     def _gain(self) -> Array:
         """(6, 6 n) change of the tip per change of the flexures' laws."""
-        return np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T
+        return np.asarray(np.linalg.solve(self.tangent.T, self.flexure_jacobian.T).T, float)
 
     @property
     def _mechanics(self) -> Mechanics:
@@ -887,7 +887,7 @@ def _answer(
         if not here:
             found.wrenches[i] = one.wrenches
 
-    if not arm.chain and exact and not case.moves and loop_kernel_pays(count):
+    if not arm.chain and exact and not case.moves and tree_kernel_pays(count):
         for loaded, rows in by_payload(arm, payloads, count):
             part = case.some(rows)
             row = loaded.row(part.q, part.covariates)

@@ -27,7 +27,7 @@ from armflex.errors import (
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import solver_of
-from armflex.mechanics.many_rows import loop_kernel_pays
+from armflex.mechanics.many_rows import tree_kernel_pays
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, integrate
 
@@ -111,7 +111,7 @@ def find_equilibrium(
     mechanics = loaded.mechanics
     loops = isinstance(mechanics, Mechanism)
     compiled = mechanics.ties is not None and (method == "exact" or (loops and method == "newton"))
-    if compiled and not case.moves and loop_kernel_pays(1):
+    if compiled and not case.moves and tree_kernel_pays(1):
         solver = solver_of(loaded, case.wrenches)
         if found := solver.one(loaded.row(case.q, case.covariates)):
             parts = solver.model(found, 0, case.q)

@@ -20,7 +20,7 @@ from armflex.laws import Row
 from armflex.mechanics.chain import FLEXURE, Tree, chain_of
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.many_rows import NO_CHANGES, NOT_PUSHED, ManyRows, Pushes, displaced_from, loop_kernel
+from armflex.mechanics.many_rows import NO_CHANGES, NOT_PUSHED, ManyRows, Pushes, displaced_from, tree_kernel
 from armflex.mechanics.mechanism import Closing, Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
 from armflex.mechanics.spring import CoilSpring
@@ -46,7 +46,7 @@ class Rested(NamedTuple):
 
 def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
     """Return a mechanism in arrays; flexures at closures have no element."""
-    compiled, model = loop_kernel(), flex.model
+    compiled, model = tree_kernel(), flex.model
     carriers = {joint.idx_v: joint.id for joint in list(model.joints)[1:] if joint.nv == 6}
     starts = flex.flexure_v[::6].tolist()
     flexures = np.array([carriers.get(at, -1 - (at - model.nv) // 6) for at in starts], dtype=np.int64)
@@ -119,7 +119,7 @@ class LoopSolver:
         self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
         self._tree, self._nominal = trees(loaded)[:2]
         m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
-        self._idle, self._ask, flex = np.zeros((m, m)), loop_kernel().rest_rows, mechanics.flex
+        self._idle, self._ask, flex = np.zeros((m, m)), tree_kernel().rest_rows, mechanics.flex
         nq, flexures = len(flex.neutral), flex.flexure_v
         self._driven, self._ends = len(flex.q_index), (nq, nq + flex.size)
         self._blank = np.concatenate([flex.neutral, np.zeros(2 * flex.size)])

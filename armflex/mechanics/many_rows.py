@@ -65,8 +65,8 @@ _loading = threading.RLock()
 
 _loaded: list[ModuleType] = []
 
-_loops: list[ModuleType] = []
-"""The engine of arms with loops: who has none need not compile it."""
+_tree: list[ModuleType] = []
+"""The engine of how a tip responds, and of arms with loops."""
 
 _single: list[ModuleType] = []
 """The engine whose answer to one row is compiled, too."""
@@ -94,9 +94,9 @@ def kernel_of_one_row() -> ModuleType:
     return compiled
 
 
-def loop_kernel() -> ModuleType:
-    """Return the same of arms with loops."""
-    return _compiled(_loops, _imported_loops)
+def tree_kernel() -> ModuleType:
+    """Return the same of how a tip responds, and of arms with loops."""
+    return _compiled(_tree, _imported_tree)
 
 
 def _compiled(loaded: list[ModuleType], imported: Callable[[], ModuleType]) -> ModuleType:
@@ -118,9 +118,9 @@ def kernel_pays(rows: int) -> bool:
     return _pays(rows, _loaded, _imported)
 
 
-def loop_kernel_pays(rows: int) -> bool:
+def tree_kernel_pays(rows: int) -> bool:
     """Return the same of arms with loops."""
-    return _pays(rows, _loops, _imported_loops)
+    return _pays(rows, _tree, _imported_tree)
 
 
 def _pays(rows: int, loaded: list[ModuleType], imported: Callable[[], ModuleType]) -> bool:
@@ -157,7 +157,7 @@ def _imported() -> ModuleType:
 
 
 @cache
-def _imported_loops() -> ModuleType:
+def _imported_tree() -> ModuleType:
     _imported()
 
     from armflex.mechanics import tree_kernel as compiled
@@ -308,7 +308,7 @@ def responded(
     loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
     rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
     given = *pushed, *rests, NO_CHANGES if by_load is None else by_load
-    engine = kernel() if state is None else loop_kernel()
+    engine = kernel() if state is None else tree_kernel()
     engine.respond_rows(tree, tangents, *given, at, frames.places, frames.numbers, *found.values(), distance)
     return found[what]
 

@@ -34,7 +34,7 @@ from armflex.mechanics.many_rows import (
     Solution,
     by_payload,
     kernel_pays,
-    loop_kernel_pays,
+    tree_kernel_pays,
 )
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -230,7 +230,7 @@ def respond(
         few = len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q))
         solve = _solved_alone if few else _solved
     else:
-        solve = _solved_loops if loop_kernel_pays(len(q)) else _solved_alone
+        solve = _solved_loops if tree_kernel_pays(len(q)) else _solved_alone
 
     def solved(asked: tuple[LoadedArm, np.ndarray]) -> FewRows | ManyRows:
         loaded, rows = asked

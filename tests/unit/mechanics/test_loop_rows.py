@@ -83,7 +83,7 @@ CASES: dict[str, tuple[Callable[[Path], Arm], str | None]] = {
 @pytest.fixture
 def cold(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many_rows, "LOADED_AFTER", 10**9)
-    monkeypatch.setattr(many_rows, "_loops", [])
+    monkeypatch.setattr(many_rows, "_tree", [])
 
 
 def compiled(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,13 +99,13 @@ def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold
     q = poses(machine, 6) if machine else np.random.default_rng(1).uniform(-0.2, 0.2, (6, len(arm.joint_names)))
     loads = tuple(one for one in LOADS if one.frame in arm.link_names)
     few, alone = arm.deflection(q, wrenches=loads), [arm.deflection(row, wrenches=loads) for row in q]
-    assert not many_rows._loops
+    assert not many_rows._tree
     compiled(monkeypatch)
     fresh = replace(arm)  # nothing of what was asked before
     asked, rest = [], Mechanism.rest
     monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
     many, prepared = fresh.deflection(q, wrenches=loads), fresh.prepared(wrenches=loads)
-    assert many_rows._loops and len(asked) <= 3  # poses of the parallelograms are far from each other
+    assert many_rows._tree and len(asked) <= 3  # poses of the parallelograms are far from each other
     np.testing.assert_allclose(many.displacement, few.displacement, rtol=0, atol=1e-12)
     np.testing.assert_allclose(many.twists, few.twists, rtol=0, atol=1e-12)
     size = np.abs(few.wrenches).max()
@@ -155,7 +155,7 @@ def test_compiled_responses_are_those_of_pinocchio(name: str, tmp_path: Path, co
     loads, end = tuple(one for one in LOADS if one.frame in arm.link_names), arm.link_names[len(arm.link_names) // 2]
     few = respond(arm, q, ["none"], wrenches=loads)
     asked = [{one: getattr(line, one) for one in RESPONSE} for line in (few, few.some(np.array([2, 0])), few.of(end))]
-    assert not many_rows._loops
+    assert not many_rows._tree
     compiled(monkeypatch)
     many = respond(replace(arm), q, ["none"], wrenches=loads)
     for found, line in zip(asked, (many, many.some(np.array([2, 0])), many.of(end)), strict=True):
