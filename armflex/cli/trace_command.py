@@ -85,13 +85,15 @@ def command(
 
             def account(found: Trace) -> None:
                 show_stage("writing what was accepted so far" if found.unfinished else "writing")
-                (passing if found.unfinished else finished).append(found)
+                if not found.unfinished:
+                    finished.append(found)
+                elif report_path:
+                    passing[:] = [found]
                 outputs.write(found, page=not found.unfinished)
-                del passing[:-1]
 
             trace(arm, measurements, None, show_stage, keep, account, doing, anyway, ask or 0, covariates, accepted)
     except BaseException:  # Ctrl-C, too
-        for found in passing if report_path and not finished else ():
+        for found in passing if not finished else ():
             outputs.write(found)
         raise
     finally:  # also where it could not be written

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import accumulate, islice
@@ -114,9 +114,8 @@ class Screen(Evidence):
 
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""
-        rest = iter(more)
-        while piece := list(islice(rest, SOUGHT_AT_ONCE)):
-            self.hold((one, self.made(one.members)) for one in piece)
+        for piece in self._in_pieces(more):
+            self.hold(piece)
 
     def hold(self, more: Iterable[tuple[Hypothesis, Array]]) -> range:
         """Add hypotheses with their (n, k) columns, and return the numbers of those that move what is read."""
@@ -131,10 +130,9 @@ class Screen(Evidence):
 
     def likeliest(self, more: Iterable[Hypothesis], models: Sequence[Model], most: int) -> list[Hypothesis]:
         """Return the hypotheses that are most probable beside any of some models, of many that are made in pieces."""
-        best, rest = list[tuple[float, Hypothesis]](), iter(more)
-        besides = [self.beside(model) for model in models]
-        for piece in iter(lambda: list(islice(rest, SOUGHT_AT_ONCE)), []):
-            groups, columns = self._moving((one, self.made(one.members)) for one in piece)
+        best, besides = list[tuple[float, Hypothesis]](), [self.beside(model) for model in models]
+        for piece in self._in_pieces(more):
+            groups, columns = self._moving(piece)
             if not groups:
                 continue
             block = self._block(groups, columns)
@@ -142,6 +140,12 @@ class Screen(Evidence):
             best += zip(odds.tolist(), (one.hypothesis for one in groups), strict=True)
             best = sorted(best, key=lambda pair: -pair[0])[:most]
         return [one for _, one in best]
+
+    def _in_pieces(self, more: Iterable[Hypothesis]) -> Iterator[list[tuple[Hypothesis, Array]]]:
+        """Yield hypotheses with their (n, k) columns, `SOUGHT_AT_ONCE` at a time."""
+        rest = iter(more)
+        while piece := list(islice(rest, SOUGHT_AT_ONCE)):
+            yield [(one, self.made(one.members)) for one in piece]
 
     def _moving(self, some: Iterable[tuple[Hypothesis, Array]]) -> tuple[list[Group], Array]:
         """Return those of some hypotheses that move what is read, and their (K, n) columns, scaled."""

@@ -52,9 +52,6 @@ from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 MOST_SHAPED = 10
 """Tolerance: places of free shapes at which waves and bumps are sought."""
 
-LEADING = ROWS_AT_ONCE // 2
-"""Tolerance: poses that lead a search almost to where all lead; of twice as many and more it begins with so many."""
-
 
 @dataclass(frozen=True, eq=False)
 class Standing:
@@ -120,10 +117,13 @@ def standing(state: State, last: Standing | None = None) -> Standing:
 
 
 def led(state: State, passing: Callable[[Standing], None]) -> State:
-    """Return a calibrated state with what a search of some of its poses found, refitted to all; of few poses itself."""
+    """Return a calibrated state with what a search of some of its poses found, refitted to all; of few poses itself.
+
+    Half of `ROWS_AT_ONCE` poses lead a search almost to where all lead.
+    """
     with suppress(ArmflexError):  # else it begins with nothing
-        if (some := of_poses(state, LEADING)) is not None:
-            state.reporter.stage(f"beginning with {LEADING} of {len(set(state.groups))} poses")
+        if (some := of_poses(state, ROWS_AT_ONCE // 2)) is not None:
+            state.reporter.stage(f"beginning with {len(set(some.groups))} of {len(set(state.groups))} poses")
             found = search(standing(some), passing).state
             state.reporter.stage(f"refitting with what they show, to {len(state.rows)} rows")
             return with_all_of(state, found) if found.known else state
@@ -203,7 +203,7 @@ def _more_probable(here: Standing) -> Standing | None:
 
 def _anchored_anew(here: Standing) -> Standing | None:
     """Propose a model with one effect more, or another, for which a hose or a magnet in it has its place anew."""
-    if is_full(here) or len(set(here.state.groups)) >= 2 * LEADING:  # some of its poses were asked
+    if is_full(here) or len(set(here.state.groups)) >= ROWS_AT_ONCE:  # some of its poses were asked
         return None
     worth, known = here.screen.log_posterior, spots(here.screen, here.model)
     near = [one for one in anchored_anew(here.screen.beside(here.model)) if worth(one) > here.value - WITHIN]

@@ -73,7 +73,7 @@ def test_a_search_that_some_poses_lead_ends_where_one_of_all_does(
 ) -> None:
     """Its effect, its values and its errors are of all rows."""
     said, poses = list[str](), len(np.unique(whole.rows.pose_number[whole.used]))
-    monkeypatch.setattr(sys.modules["armflex.trace.search"], "LEADING", poses // 2)
+    monkeypatch.setattr(sys.modules["armflex.trace.search"], "ROWS_AT_ONCE", poses)
     led = trace(load_arm(whole.truth.arm), whole.rows, whole.used, report=said.append)
     assert any(one.startswith(f"beginning with {poses // 2} of {poses} ") for one in said)
     (effect,), (other,) = led.arm.effects, whole.finished.arm.effects
