@@ -105,7 +105,8 @@ class Distance(Kind):
         ends = []
         for anchor in begun:
             step = (np.append(anchor, declared[3]) - declared)[free]
-            ends.append(least_squares(errors, step, slopes, loss="soft_l1", ftol=1e-5))  # a fit goes on from it
+            # A fit goes on from it. SciPy infers the type of `jac` from its default, a word.
+            ends.append(least_squares(errors, step, slopes, loss="soft_l1", ftol=1e-5))  # pyright: ignore[reportArgumentType]
         found[free] = min(ends, key=lambda end: end.cost).x
         return found
 
