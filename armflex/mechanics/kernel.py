@@ -745,8 +745,13 @@ ENTRIES = solve_many, respond_rows, rigid_tips
 
 
 def compile_everything() -> None:
-    """Compile what is not yet kept, by asking about no rows: it takes some seconds, and is better done beforehand."""
+    """Compile what is not yet kept: it takes some seconds, and is better done beforehand."""
     compile_responses()
+    compile_chains()
+
+
+def compile_chains() -> None:
+    """Compile where chains rest, by asking about no rows."""
     arm = np.zeros((1, 20)), np.zeros((3, 0), dtype=np.int64), np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9))
     q, twists, tip, nobody = np.zeros((0, 0)), np.zeros((0, 0, 6)), np.zeros((0, 6)), np.zeros(0, dtype=bool)
     with kept_code.compiled_once(solve_many):

@@ -109,6 +109,12 @@ def _compiled(loaded: list[ModuleType], imported: Callable[[], ModuleType]) -> M
     return loaded[0]
 
 
+def compilations() -> tuple[Callable[[], None], ...]:
+    """Return what compiles the engines and keeps their code, in parts for processes side by side, the longest first."""
+    one, tree = _imported(), _imported_tree()
+    return tree.compile_responses, one.compile_chains, tree.compile_mechanisms, one.compile_one
+
+
 def kernel_pays(rows: int) -> bool:
     """Return whether the engine is to answer so many more rows, by how many this process has asked about so far.
 

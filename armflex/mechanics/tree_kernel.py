@@ -1243,6 +1243,11 @@ def compile_responses() -> None:
 def compile_everything() -> None:
     """Compile what is not yet kept."""
     compile_responses()
+    compile_mechanisms()
+
+
+def compile_mechanisms() -> None:
+    """Compile where mechanisms close and rest, likewise."""
     tree, laws, pushed, plain, loads, _ = _nothing()
     arrays = plain, np.zeros((0, 4, 4)), plain, loads, loads, plain, np.zeros((0, 6)), np.zeros(0), loads
     with kept_code.compiled_once(rest_rows):

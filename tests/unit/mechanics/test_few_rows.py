@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -108,6 +109,21 @@ def test_the_kernel_is_loaded_when_rows_add_up_and_compiled_when_they_are_many_m
     assert many_rows.kernel_pays(1)
     stand_in.kept = False
     assert not many_rows.kernel_pays(1) and many_rows.kernel_pays(many_rows.COMPILED_AFTER)
+
+
+def test_parts_that_are_compiled_side_by_side_have_no_function_in_common(monkeypatch) -> None:
+    """One would wait for the other, and say that another process compiles."""
+    asked: list[str] = []
+
+    @contextmanager
+    def noted(*functions):
+        asked.extend(one.__name__ for one in functions)
+        yield
+
+    monkeypatch.setattr("armflex.storage.kept_code.compiled_once", noted)
+    for compiles in many_rows.compilations():
+        compiles()
+    assert sorted(asked) == ["respond_rows", "rest_rows", "rigid_tips", "solve_many", "solve_one"]
 
 
 def test_a_path_is_compensated_and_checked_alike(cold: None, monkeypatch) -> None:

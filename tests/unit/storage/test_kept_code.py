@@ -133,3 +133,36 @@ def test_a_process_that_compiles_for_ever_is_not_waited_for(place: Path, monkeyp
     Path(function._cache.cache_path).mkdir(parents=True, exist_ok=True)
     with FileLock(Path(function._cache.cache_path) / f"{function.__name__}.lock"), compiled_once(function):
         assert function(21) == 42
+
+
+@pytest.mark.slow
+def test_code_is_compiled_again_where_anything_that_it_is_compiled_from_has_changed(tmp_path: Path) -> None:
+    """Of a function only its own file is looked at by numba: one of another module that it calls may be the old one."""
+    parts = {
+        "inner.py": "import numba\nfrom other import SHARE\n@numba.njit\ndef inner(x):\n    return SHARE * x\n",
+        "outer.py": "import numba\nfrom armflex.storage.kept_code import kept\nfrom shape import Shape\n"
+        "from inner import inner\n@kept\n@numba.njit\ndef outer(x):\n    return inner(Shape(x, 2 * x).one)\n",
+        "other.py": "SHARE = 3\ndef python(x):\n    return x\n",
+        "shape.py": "from typing import NamedTuple\nclass Shape(NamedTuple):\n    one: int\n    two: int\n",
+    }
+    changes = {
+        "": ("", "", "3 1"),
+        "other.py": ("SHARE = 3", "SHARE = 5", "5 1"),
+        "inner.py": ("SHARE * x", "SHARE * x + 1", "6 1"),
+        "shape.py": ("    one: int\n    two: int\n", "    two: int\n    one: int\n", "11 1"),
+        "outer.py": ("\n@kept", "\n\n@kept", "11 1"),
+        " other.py": ("return x", "return -x", "11 0"),  # is not compiled
+    }
+    ask = "from outer import outer\nprint(outer(1), sum(outer.stats.cache_misses.values()))"
+    path = os.pathsep.join((str(Path(__file__).parents[3]), str(tmp_path)))
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept"), "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}
+    for name, text in parts.items():
+        (tmp_path / name).write_text(text)
+    for name, (before, after, expected) in changes.items():
+        if name:
+            parts[name.strip()] = parts[name.strip()].replace(before, after)
+            (tmp_path / name.strip()).write_text(parts[name.strip()])
+        for answer in (expected, expected[:-1] + "0"):
+            asked = subprocess.run([sys.executable, "-c", ask], env=env, capture_output=True, text=True, check=True)
+            assert asked.stdout.strip() == answer, name
+    assert len(list((tmp_path / "kept").rglob("outer.*"))) == 2  # nothing is left of what was
