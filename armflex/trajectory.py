@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,7 +26,17 @@ from armflex.measured.forces import (
     force_columns,
     read_loads,
 )
-from armflex.measured.table import NOTHING, Tabular, check_payloads, joint_kinds, read_table, write_table
+from armflex.measured.table import (
+    NOTHING,
+    Tabular,
+    check_asked,
+    check_payloads,
+    check_same_arm,
+    joint_kinds,
+    misspelt,
+    read_table,
+    write_table,
+)
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.result import Result
@@ -405,10 +414,12 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
     kinds |= {name: kinds[own] for name, own in zip(names[TARGET], names["q"], strict=True)}
     table = unnamed.put(read_table(path, kinds))
+    check_same_arm(table, arm)
     table.require(["time", *names["q"]])
     known = [*kinds, *FORCE_TEXTS, "payload", "via"]
     others = [name for name in table.columns if name not in known]
     check_load_names(table, arm, others)
+    check_asked(table, arm, others)
     for name in others:
         if misspelt(name, known) or name.startswith("q_"):
             hint = did_you_mean(name, known)
@@ -461,11 +472,6 @@ def are_remarks(cells: Sequence[str]) -> bool:
     """Return whether the cells of a column that are not empty are words, none of them meant as a number."""
     words = list(filter(None, cells))
     return bool(words) and all(word[0].isalpha() and word.lower() not in (*NOTHING, "inf") for word in words)
-
-
-def misspelt(name: str, known: Iterable[str]) -> bool:
-    """Return whether a column's name is so near to one with a meaning that it counts as a mistake."""
-    return bool(difflib.get_close_matches(name.lower(), [one.lower() for one in known], n=1, cutoff=0.75))
 
 
 @checked_kinds

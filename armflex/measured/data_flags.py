@@ -14,7 +14,8 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.conventions import NUMBER, STANDARD_GRAVITY, Array
 from armflex.errors import Flag, Place, TableError, listing
-from armflex.measured.table import Table
+from armflex.files.effect_file import TEMPERATURE
+from armflex.measured.table import Table, is_nearly
 from armflex.mechanics.loaded import FORCE_BAND
 from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
 
@@ -118,8 +119,12 @@ def in_other_units(q: Array, arm: Arm) -> np.ndarray:
 
 
 def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
-    """Return the flags about rows that were read: covariates that cannot be candidates, their order, repetitions."""
+    """Return the flags about rows that were read: covariates misspelt or no candidates, their order, repetitions."""
     flags = []
+    for name in found.covariates if TEMPERATURE not in found.covariates else ():
+        if is_nearly(name, TEMPERATURE):
+            text = f"column {name!r} is a covariate of that name: did you mean {TEMPERATURE!r}?"
+            flags.append(Flag("covariate_name", f"{Place(table.path, 1)}: {text}"))
     for name, cells in found.covariates.items():
         if not isinstance(cells, tuple) or levels(cells):
             continue

@@ -6,7 +6,6 @@ arm went but nothing was read stay, masked. Every column without a meaning of it
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -40,7 +39,17 @@ from armflex.measured.forces import (
 )
 from armflex.measured.pictures import read_pictures, without_board
 from armflex.measured.points import PointExport, read_points, with_points
-from armflex.measured.table import Table, Tabular, check_payloads, joint_kinds, read_pieces, read_table
+from armflex.measured.table import (
+    Table,
+    Tabular,
+    check_asked,
+    check_payloads,
+    check_same_arm,
+    joint_kinds,
+    misspelt,
+    read_pieces,
+    read_table,
+)
 from armflex.readings import Camera, Kind, Orientation, Position, Readings, touched
 from armflex.result import Result
 from armflex.rows import Rows
@@ -341,6 +350,7 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     """Return the columns that have a meaning, after checking that all needed are there and none is misspelt."""
     known = [*column_kinds(arm), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
     needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
+    check_same_arm(table, arm)
     table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
     for name, column in table.columns.items():
         if name not in known and (sensor := _undeclared(name, arm)):
@@ -351,9 +361,9 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     long = [word for word in lowered if len(word) > 3]  # of a short one every other short word is a misspelling
     unknown = [name for name in table.columns if name not in meant]
     check_load_names(table, arm, unknown)
+    check_asked(table, arm, unknown)
     for name in unknown:
-        near = difflib.get_close_matches(name.lower(), long, n=1, cutoff=0.85)
-        if near or name.lower() in lowered or name.startswith(("q_", "approach_")):
+        if misspelt(name, long, 0.85) or name.lower() in lowered or name.startswith(("q_", "approach_")):
             hint = did_you_mean(name, meant)
             raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
     if not len(table):

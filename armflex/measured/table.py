@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import difflib
 import hashlib
 import io
 import re
@@ -24,7 +25,9 @@ import numpy as np
 from armflex.arm import warn
 from armflex.conventions import LARGEST, NUMBER, UNITS, Array, no_unit, unprintable
 from armflex.errors import Flag, Frame, Place, TableError, UnknownNameError, did_you_mean, listing, shown
+from armflex.laws.effects.in_arm import depended_on
 from armflex.measured import parquet, spreadsheet
+from armflex.rows.rows import APPROACH, LEVEL_OF
 from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:
@@ -48,6 +51,9 @@ DECIMAL_COMMA = re.compile(r"[-+]?[0-9]*,[0-9]+(?:[eE][-+]?[0-9]+)?")
 FORMULA = re.compile("'*[-=+@\t\r]")
 """What a text begins with that a spreadsheet may take for a formula, and run; an apostrophe before it says that it is a
 text."""
+
+DIGITS = re.compile("[0-9]+")
+"""What parts the names of columns of one kind."""
 
 PLAIN = "0123456789+-.eE "
 """Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
@@ -409,6 +415,51 @@ def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
         for joint, some in (*((joint, prefixes) for joint in arm.robot.moving), *beside)
         for prefix in some
     }
+
+
+def check_same_arm(table: Table, arm: Arm) -> None:
+    """Raise `TableError` where most joints of an arm have no column, and as many columns are of joints it has not.
+
+    Names that differ in capitals, and single ones, are misspelt rather than another arm's.
+    """
+    own, found = arm.joint_names, [name for name in table.columns if name.startswith("q_")]
+    known = {f"q_{name}".lower() for name in (*own, *arm.robot.locked)}
+    foreign = [name for name in found if name.lower() not in known]
+    missing = [name for name in own if f"q_{name}".lower() not in map(str.lower, found)]
+    if min(len(missing), len(foreign)) > max(len(own) / 2.0, 1.0):
+        text = f"seems to be of another arm: it has {listing(foreign)}"
+        raise table.fail(f"{text}, and the joints of {arm.robot.urdf.name!r} are called {listing(own)}")
+
+
+def misspelt(name: str, known: Iterable[str], likeness: float = 0.75) -> bool:
+    """Return whether a column's name is so near to one with a meaning that it counts as a mistake.
+
+    That is where their likeness as of `difflib` is as large, or two neighbouring letters are exchanged.
+    """
+    name, lowered = name.lower(), [one.lower() for one in known]
+    exchanged = {name[:i] + name[i + 1] + name[i] + name[i + 2 :] for i in range(len(name) - 1)}
+    return bool(difflib.get_close_matches(name, lowered, n=1, cutoff=likeness)) or not exchanged.isdisjoint(lowered)
+
+
+def check_asked(table: Table, arm: Arm, others: Sequence[str]) -> None:
+    """Raise `TableError` where a column that effects depend on is not there, and one of the `others` is that misspelt.
+
+    `others` have no meaning of their own. One that has the name in it, or other digits, is a column by itself, such as
+    temperature_2 beside temperature, and a direction has a joint's name.
+    """
+    named = [name for name in others if not name.startswith(APPROACH)]
+    for asked in dict.fromkeys(name.partition(LEVEL_OF)[0] for name in depended_on(arm)):
+        for name in named if asked not in table.columns else ():
+            if is_nearly(name, asked):
+                text = f"column {table.columns[name].header!r}, did you mean {asked!r}? The arm's effects depend on it"
+                raise table.fail(text)
+
+
+def is_nearly(name: str, other: str) -> bool:
+    """Return whether a name of a covariate is another one misspelt, neither lengthened nor with other digits."""
+    name, other = name.lower(), other.lower()
+    apart = name == other or (other not in name and DIGITS.sub("", name) != DIGITS.sub("", other))
+    return apart and misspelt(name, [other], 0.85)
 
 
 def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from support.measurement_rows import JOINTS, campaign, codes, written
 
-from armflex import Arm, InputError, read_measurements
+from armflex import Arm, InputError, read_measurements, read_trajectory
 from armflex.arm import Setup
 from armflex.errors import TableError
 from armflex.estimate.view import look
+from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.location import Location
 from armflex.measured.data_flags import duplicates
 from armflex.readings.instrument import Instrument
 from armflex.rows.rows import leaked, pose_groups
@@ -48,6 +51,11 @@ BROKEN = {
     "misspelt": (
         lambda text: text.replace("payload", "pay_load"),
         r"unknown column 'pay_load', did you mean 'payload'",
+    ),
+    "exchanged letters": (lambda text: text.replace("pose,", "psoe,"), r"unknown column 'psoe', did you mean 'pose'"),
+    "another arm": (
+        lambda text: text.replace("q_J", "q_A"),
+        r"seems to be of another arm: it has q_A1, .*q_A6, and the joints of 'heavy_six' are called J1, .*J6",
     ),
     "unit": (lambda text: text.replace(",x,", ",x_inch,"), r"column 'x_inch': 'inch' is no unit of length"),
     "a row cut": (lambda text: text.rstrip().rpartition(",")[0], r"rows.csv:13: has 13 cells, the header has 14"),
@@ -90,6 +98,29 @@ def test_a_gap_in_a_covariate_is_flagged(heavy: Arm, tmp_path: Path) -> None:
     found = read_measurements(written(tmp_path, rows), heavy)
     assert codes(found) == ["covariate_gaps"] and "lines 9" in found.flags[0].text
     assert "not searched" in found.flags[0].text and not [name for name in found.known if "humidity" in name]
+
+
+def test_a_column_that_is_nearly_a_temperature_is_asked_about(heavy: Arm, tmp_path: Path) -> None:
+    for name, asked in {"temprature": True, "tmeperature": True, "temperature_2": False, "cold": False}.items():
+        found = read_measurements(written(tmp_path, [row | {name: i} for i, row in enumerate(campaign())]), heavy)
+        assert codes(found) == (["covariate_name"] if asked else []) and name in found.covariates
+        assert not asked or f"rows.csv:1: column '{name}'" in found.flags[0].text
+    both = [row | {"temprature": i, "temperature": 2 * i} for i, row in enumerate(campaign())]
+    assert not codes(read_measurements(written(tmp_path, both), heavy))
+
+
+def test_a_misspelt_column_that_effects_depend_on_is_refused(heavy: Arm, tmp_path: Path) -> None:
+    law = CATALOGUE["base_thermal"]
+    effect = Effect(law, Location("base", "dx", ("humidity",)), (0.0,) * (len(law.amplitudes) + len(law.inner)))
+    arm = dataclasses.replace(heavy, effects=(effect,))
+    for name in ("humidty", "hunidity", "Humidity"):
+        path = written(tmp_path, [row | {name: i} for i, row in enumerate(campaign())])
+        with pytest.raises(TableError, match=f"rows.csv:1: column '{name}', did you mean 'humidity'.*effects depend"):
+            read_measurements(path, arm)
+        with pytest.raises(TableError, match=f"rows.csv:1: column '{name}', did you mean 'humidity'.*effects depend"):
+            read_trajectory(path, arm)
+    for name in ("humidity_out", "humidity2", "hour"):  # what is missing may be given otherwise
+        read_measurements(written(tmp_path, [row | {name: i} for i, row in enumerate(campaign())]), arm)
 
 
 def test_entries_of_a_text_column_are_known_as_columns(heavy: Arm, tmp_path: Path) -> None:
