@@ -42,8 +42,8 @@ from armflex.parameters import (
     of_targets,
 )
 from armflex.readings import Kind, Orientation, Position, Sensor, Touch
+from armflex.readings.end import skew
 from armflex.readings.instrument import twist_per_value
-from armflex.readings.kind import skew
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,8 @@ from armflex.estimate.view import postures, solved
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response
 from armflex.readings import Position, Touch
+from armflex.readings.end import rigid_motion
 from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, rigid_fit
-from armflex.readings.kind import rigid_motion
 
 COARSEST_TURN = 0.05
 """Tolerance: standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""

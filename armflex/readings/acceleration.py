@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-
-import numpy as np
+from typing import Any
 
 from armflex.conventions import Array
-from armflex.readings.kind import Kind, mounted, skew
+from armflex.declaration import Declaration
+from armflex.readings.end import End, skew, turned
+from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import AXES, MOUNTING, SCALE, Nuisance
+from armflex.readings.sensor import AXES, MOUNTING, SCALE, zero_of
+from armflex.robot import Robot
 
 OPPOSITE = 'reads = "specific_force"', 'reads = "gravity"'
 
@@ -22,30 +23,26 @@ class Acceleration(Kind):
     dimension = 3
     unit, quantity = "m/s^2", "acceleration"
     channels = AXES
-    nuisances = (MOUNTING, Nuisance("bias", AXES, "m/s^2"), SCALE)
+    nuisances = (MOUNTING, zero_of(AXES, "m/s^2"), SCALE)
 
-    def _felt(self, at: Postures) -> tuple[Array, Array, Array]:
-        """Return (N, 3) gravity in the sensor's axes, those in the base (N, 3, 3), and how they change by mounting."""
-        sensor = at.sensors[self.name]
-        axes, changes = mounted(at, sensor.link, at.of(self.name, "mounting"))
-        gain = sensor.sign * (1.0 + at.of(self.name, "scale"))
-        back = gain[:, :, None] * axes.swapaxes(1, 2)
-        return (back @ at.gravities[..., None])[..., 0], back, changes
+    @classmethod
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
+        """Return the link, and whether it reads the opposite."""
+        signs = {"gravity": 1.0, "specific_force": -1.0}
+        return {**super().declared(table, robot), "sign": signs[table.choice("reads", tuple(signs), "gravity")]}
 
-    def predicted(self, at: Postures) -> Array:
-        return self._felt(at)[0] + at.of(self.name, "bias")
+    def _hold(self, at: Postures) -> tuple[End, Array]:
+        """Return where it is, and the (N, 3, 3) change of its numbers with gravity."""
+        end = at.end(self.name)
+        return end, at.sensors[self.name].sign * end.axes.swapaxes(1, 2)
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 3, 6): as the link turns, gravity turns back in its axes."""
-        turned = self._felt(at)[1] @ skew(at.gravities)
-        return {at.sensors[self.name].link: np.concatenate([np.zeros_like(turned), turned], axis=2)}
+    def ideal(self, at: Postures) -> Array:
+        return (self._hold(at)[1] @ at.gravities[..., None])[..., 0]
+
+    def ends(self, at: Postures) -> Ends:
+        """Return the sensor: as it turns, gravity turns back in its axes."""
+        end, back = self._hold(at)
+        return {"end": (end, turned(back @ skew(at.gravities)))}
 
     def by_gravity(self, at: Postures) -> Array:
-        return self._felt(at)[1]
-
-    def by_own(self, at: Postures) -> Array:
-        felt, _, changes = self._felt(at)
-        one = np.broadcast_to(np.eye(3), (len(felt), 3, 3))
-        return np.concatenate(
-            [skew(felt) @ changes, one, (felt / (1.0 + at.of(self.name, "scale")))[:, :, None]], axis=2
-        )
+        return self.gain(at)[..., None] * self._hold(at)[1]

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.readings.kind import Kind, point_of
+from armflex.declaration import Declaration
+from armflex.errors import ArmFileError
+from armflex.readings.end import End, shifted
+from armflex.readings.kind import FURTHEST, Ends, Kind, link_in
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import ANCHOR, POINT, SCALE, Nuisance
+from armflex.readings.sensor import ANCHOR, POINT, SCALE, Nuisance, zero_of
+from armflex.robot import Robot
 
 NEAR = 0.02
 """Standard deviation of an anchor or a zero [m] up to which a fit finds it from where it is declared."""
@@ -20,6 +24,9 @@ ANYWHERE, FALL = 5.0, 5.0
 
 ELSEWHERE, BEYOND = 0.05, 3.0
 """How far from where it is declared [m], and in its standard deviations, an anchor must be to be somewhere else."""
+
+UNKNOWN = ", where the wire begins [m]; of one that nobody measured write [0, 0, 0] and anchor_std = 2.0"
+"""What is said where the anchor is left out: it is found from as far away as its standard deviation says."""
 
 COARSE = 1e-3
 """Standard deviation of a length [m] while nothing else is fitted yet."""
@@ -32,39 +39,41 @@ class Distance(Kind):
     dimension = 1
     unit, quantity = "m", "length"
     channels = ("",)
-    nuisances = (ANCHOR, Nuisance("length_offset", ("",), "m"), POINT, SCALE)
+    nuisances = (ANCHOR, zero_of(("",), "m", "length_offset"), POINT, SCALE)
 
-    def _ends(self, at: Postures) -> tuple[Array, Array, Array, Array, Array | None]:
-        """Return lengths (N,) [m], directions (N, 3) from anchor to point, (N, 3, 6) changes of both ends with their
-        links' motions, that of the anchor None in the base.
-        """
-        sensor = at.sensors[self.name]
-        there, moved = point_of(at, sensor.link, at.of(self.name, "point"))
-        here, carried = at.of(self.name, "anchor"), None
-        if sensor.seen_from is not None:
-            here, carried = point_of(at, sensor.seen_from, here)
-        length = np.maximum(np.linalg.norm(there - here, axis=1), 1e-12)
-        return length, (there - here) / length[:, None], there, moved, carried
+    @classmethod
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
+        """Return the link, and that which the anchor is on."""
+        link = link_in(table, "link", robot)
+        other = link_in(table, "anchor_link", robot, link) if table.has("anchor_link") else None
+        return {"link": link, "seen_from": other}
 
-    def predicted(self, at: Postures) -> Array:
-        length = self._ends(at)[0][:, None]
-        return (1.0 + at.of(self.name, "scale")) * length + at.of(self.name, "length_offset")
+    @classmethod
+    def stated(cls, one: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
+        """Return what is declared; an anchor has to be, and not beyond all reach."""
+        if one is ANCHOR:
+            try:
+                away = float(np.linalg.norm(table.numbers("anchor", (3,))))
+            except ArmFileError as error:
+                raise error if table.has("anchor") else ArmFileError(error.place, f"{error.problem}{UNKNOWN}") from None
+            if away > robot.reach + FURTHEST:
+                text = f"is {away:.3g} m from the base, and the arm reaches {robot.reach:.3g} m"
+                raise table.fail("anchor", f"{text}: millimetres?")
+        return super().stated(one, table, robot)
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 1, 6): what moves along the wire lengthens it."""
-        sensor, (_, towards, _, moved, carried) = at.sensors[self.name], self._ends(at)
-        towards = ((1.0 + at.of(self.name, "scale")) * towards)[:, None]
-        found: dict[str | None, Array] = {sensor.link: towards @ moved}
-        if carried is not None:
-            found[sensor.seen_from] = found.get(sensor.seen_from, 0.0) - towards @ carried
-        return found
+    def _wire(self, at: Postures) -> tuple[End, End, Array, Array]:
+        """Return the point, the anchor, (N,) the length between them [m], and (N, 3) the direction to the point."""
+        end, eye = at.end(self.name), at.end(self.name, "eye")
+        length = np.maximum(np.linalg.norm(end.place - eye.place, axis=1), 1e-12)
+        return end, eye, length, (end.place - eye.place) / length[:, None]
 
-    def by_own(self, at: Postures) -> Array:
-        sensor, (length, towards, _, _, _) = at.sensors[self.name], self._ends(at)
-        along = ((1.0 + at.of(self.name, "scale")) * towards)[:, None]
-        anchor = along if sensor.seen_from is None else along @ at.pose(sensor.seen_from)[:, :3, :3]
-        point, one = along @ at.pose(sensor.link)[:, :3, :3], np.ones((len(length), 1, 1))
-        return np.concatenate([-anchor, one, point, length[:, None, None]], axis=2)
+    def ideal(self, at: Postures) -> Array:
+        return self._wire(at)[2][:, None]
+
+    def ends(self, at: Postures) -> Ends:
+        """Return point and anchor: what moves along the wire lengthens it."""
+        end, eye, _, towards = self._wire(at)
+        return {"end": (end, shifted(towards[:, None])), "eye": (eye, shifted(-towards[:, None]))}
 
     def start(self, at: Postures) -> Array:
         """Return anchor and zero as the lengths have them, lost ones counting less; see `Kind.start`.
@@ -81,32 +90,29 @@ class Distance(Kind):
         from scipy.optimize import least_squares  # not needed to import the package
 
         own, here = self.some(read), at.some(read)
-        there = point_of(here, sensor.link, here.of(self.name, "point"))[0]
-        if sensor.seen_from is not None:  # as the anchor's link sees the points
-            frame = here.pose(sensor.seen_from)
-            there = np.einsum("nij,ni->nj", frame[:, :3, :3], there - frame[:, :3, 3])
-        declared, size = sensor.declared[:4], np.maximum(own.sigma[:, 0], COARSE)
+        size = np.maximum(own.sigma, COARSE)
+
+        def where(step: Array) -> Postures:
+            values = np.zeros(len(sensor.std))
+            values[free] = step
+            return replace(here, sensors={self.name: replace(sensor, found={"": values})})
 
         def errors(step: Array) -> Array:
-            values = declared.copy()
-            values[free] += step
-            length = np.linalg.norm(there - values[:3], axis=1) + values[3]
-            return np.concatenate([(own.values[:, 0] - length) / size, step / sensor.std[free]])
+            off = (own.values - own.predicted(where(step))) / size
+            return np.append(off, step / sensor.std[free])
 
         def slopes(step: Array) -> Array:
-            off = there - declared[:3] - np.bincount(free, step, 4)[:3]
-            towards = off / np.maximum(np.linalg.norm(off, axis=1), 1e-12)[:, None]
-            by_value = np.column_stack([towards, np.full(len(off), -1.0)])[:, free] / size[:, None]
-            return np.concatenate([by_value, np.diag(1.0 / sensor.std[free])])
+            return np.vstack([-own.by_own(where(step))[:, 0, free] / size, np.diag(1.0 / sensor.std[free])])
 
-        begun, middle = [declared[:3]], there.mean(axis=0)
-        normal = np.linalg.svd(there - middle, full_matrices=False)[2][-1]
-        begun.append(declared[:3] - 2.0 * ((declared[:3] - middle) @ normal) * normal)
+        frame = here.end(self.name, "eye").pose  # as the anchor's link sees the points
+        points = np.einsum("nij,ni->nj", frame[:, :3, :3], here.end(self.name).place - frame[:, :3, 3])
+        middle = points.mean(axis=0)
+        normal = np.linalg.svd(points - middle, full_matrices=False)[2][-1]
+        image = -2.0 * ((sensor.declared[:3] - middle) @ normal) * normal
         ends = []
-        for anchor in begun:
-            step = (np.append(anchor, declared[3]) - declared)[free]
+        for step in (np.zeros(4), np.append(image, 0.0)):
             # A fit goes on from it. SciPy infers the type of `jac` from its default, a word.
-            ends.append(least_squares(errors, step, slopes, loss="soft_l1", ftol=1e-5))  # pyright: ignore[reportArgumentType]
+            ends.append(least_squares(errors, step[free], slopes, loss="soft_l1", ftol=1e-5))  # pyright: ignore[reportArgumentType]
         found[free] = min(ends, key=lambda end: end.cost).x
         return found
 

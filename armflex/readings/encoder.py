@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.readings.kind import Kind
+from armflex.declaration import Declaration
+from armflex.readings.end import End, shifted, turned
+from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import SCALE, Nuisance
+from armflex.readings.sensor import SCALE, Shaft, zero_of
+from armflex.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +24,17 @@ class Encoder(Kind):
     dimension = 1
     unit, quantity = "rad", "angle"
     channels = ("",)
-    nuisances = (Nuisance("bias", ("",), "rad"), SCALE)
+    nuisances = (zero_of(("",), "rad"), SCALE)
+
+    @classmethod
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
+        """Return the joint's link, its shaft, and the kind: it slides or turns."""
+        joints = {joint.name: joint for joint in robot.moving}
+        joint = joints[table.choice("joint", tuple(joints))]
+        slides, origin = joint.kind == "prismatic", np.eye(4)
+        origin[:3, :3], origin[:3, 3] = joint.rotation, joint.origin
+        shaft = Shaft(joint.name, joint.parent, slides, np.asarray(joint.axis), origin)
+        return {"kind": SlideEncoder if slides else cls, "link": joint.child, "shaft": shaft}
 
     def _angle(self, at: Postures) -> tuple[Array, Array]:
         """Return the (N, 1) position [rad or m], and the (N, 3) motion in the base that it is of."""
@@ -40,29 +53,20 @@ class Encoder(Kind):
         angles = np.array([pin.log3(turn) for turn in left]).reshape(-1, 3) @ shaft.axis[:, None]
         return q[:, None] + angles, np.array(own).reshape(-1, 3)
 
-    def predicted(self, at: Postures) -> Array:
-        return (1.0 + at.of(self.name, "scale")) * self._angle(at)[0] + at.of(self.name, "bias")
+    def ideal(self, at: Postures) -> Array:
+        return self._angle(at)[0]
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 1, 6): it sees the joint's link turn, or slide, on the one inboard of it."""
-        sensor, shaft = at.sensors[self.name], at.sensors[self.name].shaft
+    def ends(self, at: Postures) -> Ends:
+        """Return the joint's link, which turns or slides, and the one inboard of it."""
+        sensor, shaft, along = at.sensors[self.name], at.sensors[self.name].shaft, self._angle(at)[1][:, None]
         assert shaft is not None
-        along = ((1.0 + at.of(self.name, "scale")) * self._angle(at)[1])[:, None]
-        none = np.zeros_like(along)
+        none = np.zeros((len(along), 3))
+        end, inboard = (End(link, at.pose(link), none, none) for link in (sensor.link, shaft.inboard))
         if not shaft.straight:
-            turning = np.concatenate([none, along], axis=2)
-            return {sensor.link: turning, shaft.inboard: -turning}
+            return {"end": (end, turned(along)), "eye": (inboard, turned(-along))}
         # The way is along an axis that turns with the inboard link.
-        inboard = at.pose(shaft.inboard)
-        lever = np.cross(at.pose(sensor.link)[:, :3, 3] - inboard[:, :3, 3], along[:, 0])[:, None]
-        return {
-            sensor.link: np.concatenate([along, none], axis=2),
-            shaft.inboard: -np.concatenate([along, lever], axis=2),
-        }
-
-    def by_own(self, at: Postures) -> Array:
-        angle = self._angle(at)[0]
-        return np.stack([np.ones_like(angle), angle], axis=2)
+        lever = np.cross((end.place - inboard.place)[:, None], along)
+        return {"end": (end, shifted(along)), "eye": (inboard, -np.concatenate([along, lever], axis=2))}
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,4 +74,4 @@ class SlideEncoder(Encoder):
     """The same of a joint that slides [m]."""
 
     unit, quantity = "m", "length"
-    nuisances = (Nuisance("bias", ("",), "m"), SCALE)
+    nuisances = (zero_of(("",), "m"), SCALE)

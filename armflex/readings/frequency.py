@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class Frequency(Kind):
     positive = True
 
     @classmethod
-    def declared(cls, table: Declaration, robot: Robot) -> tuple[str, Swing]:
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
         """Return the tip, and which mode is meant."""
         number, axis = None, None
         if table.has("mode"):
@@ -65,12 +65,12 @@ class Frequency(Kind):
             if not np.linalg.norm(axis) > 0.0:
                 raise table.fail("axis", "expected a direction in the tip frame, got zeros")
             axis = axis / np.linalg.norm(axis)
-        return robot.tip, Swing(number, axis)
+        return {"link": robot.tip, "about": Swing(number, axis)}
 
     def some(self, rows: np.ndarray) -> Frequency:
         return replace(super().some(rows), mode=None if self.mode is None else self.mode[rows])
 
-    def predicted(self, at: Postures) -> Array:
+    def ideal(self, at: Postures) -> Array:
         found = np.zeros(self.values.shape)
         for row in np.flatnonzero(np.isfinite(self.sigma[:, 0])).tolist():
             with naming(at.place(row)):
@@ -105,7 +105,3 @@ class Frequency(Kind):
             text = f"{self.name} reads {read:.4g} Hz, and no mode is near: the arm has {known} Hz"
             raise InputError(f"{text}; name the mode in a column {self.name}_mode, or `axis` of the instrument")
         return float(frequencies[int(away.argmin())])
-
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return nothing: a frequency does not depend on the pose alone."""
-        return {}

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.readings.kind import Kind, mounted, skew
+from armflex.readings.end import End, turned
+from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import MOUNTING, Nuisance
+from armflex.readings.sensor import MOUNTING, zero_of
 
 STEEPEST = 0.77
 """Sine of the inclination to which levels are made, 50 degrees."""
@@ -23,38 +23,32 @@ class Inclination(Kind):
     dimension = 2
     unit, quantity = "rad", "inclination"
     channels = ("x", "y")
-    nuisances = (MOUNTING, Nuisance("bias", ("x", "y"), "rad"))
+    nuisances = (MOUNTING, zero_of(("x", "y"), "rad"))
 
-    def _tilts(self, at: Postures) -> tuple[Array, Array, Array, Array]:
-        """Return (N, 2) sines and cosines, (N, 3, 3) axes of the level in the base, and how they change by mounting."""
-        axes, changes = mounted(at, at.sensors[self.name].link, at.of(self.name, "mounting"))
-        sine = np.clip((axes.swapaxes(1, 2) @ self._up(at)[..., None])[:, :2, 0], -1.0, 1.0)
-        return sine, np.maximum(np.sqrt(1.0 - sine**2), 1e-6), axes, changes
+    def _tilts(self, at: Postures) -> tuple[End, Array, Array, Array]:
+        """Return where it is, (N, 2, 3) its axes and the (N, 3) or (1, 3) vertical in the base, and (N, 2) sines."""
+        end = at.end(self.name)
+        axes = end.axes.swapaxes(1, 2)[:, :2]
+        up = -at.gravities / np.maximum(np.linalg.norm(at.gravities, axis=1, keepdims=True), 1e-300)
+        return end, axes, up, np.clip((axes @ up[..., None])[..., 0], -1.0, 1.0)
 
-    def _up(self, at: Postures) -> Array:
-        """Return the (N, 3) or (1, 3) vertical in the base."""
-        return -at.gravities / np.maximum(np.linalg.norm(at.gravities, axis=1, keepdims=True), 1e-300)
+    def ideal(self, at: Postures) -> Array:
+        return np.arcsin(self._tilts(at)[3])
 
-    def predicted(self, at: Postures) -> Array:
-        return np.arcsin(self._tilts(at)[0]) + at.of(self.name, "bias")
-
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 2, 6): a turn about what is across axis and vertical tilts the axis."""
-        _, cosine, axes, _ = self._tilts(at)
-        turned = np.cross(axes.swapaxes(1, 2)[:, :2], self._up(at)[:, None]) / cosine[:, :, None]
-        return {at.sensors[self.name].link: np.concatenate([np.zeros_like(turned), turned], axis=2)}
+    def ends(self, at: Postures) -> Ends:
+        """Return the level: a turn about what is across axis and vertical tilts the axis."""
+        end, axes, up, sine = self._tilts(at)
+        return {"end": (end, turned(np.cross(axes, up[:, None]) / _cosine(sine)[..., None]))}
 
     def by_gravity(self, at: Postures) -> Array:
-        sine, cosine, axes, _ = self._tilts(at)
+        _, axes, up, sine = self._tilts(at)
         size = np.maximum(np.linalg.norm(at.gravities, axis=1), 1e-300)
-        across = axes.swapaxes(1, 2)[:, :2] - sine[:, :, None] * self._up(at)[:, None]
-        return -across / cosine[:, :, None] / size[:, None, None]
-
-    def by_own(self, at: Postures) -> Array:
-        _, cosine, axes, changes = self._tilts(at)
-        up = (axes.swapaxes(1, 2) @ self._up(at)[..., None])[..., 0]  # the vertical in the level's axes
-        mounting = (skew(up) @ changes)[:, :2] / cosine[:, :, None]
-        return np.concatenate([mounting, np.broadcast_to(np.eye(2), (len(up), 2, 2))], axis=2)
+        across = axes - sine[:, :, None] * up[:, None]
+        return -across / _cosine(sine)[..., None] / size[:, None, None]
 
     def readable(self, at: Postures) -> np.ndarray:
-        return np.all(np.abs(self._tilts(at)[0]) < STEEPEST, axis=1)
+        return np.all(np.abs(self._tilts(at)[3]) < STEEPEST, axis=1)
+
+
+def _cosine(sine: Array) -> Array:
+    return np.maximum(np.sqrt(1.0 - sine**2), 1e-6)

@@ -8,16 +8,23 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from armflex.conventions import Array
+from armflex.conventions import SMALLEST_STD, Array
 from armflex.declaration import Declaration
+from armflex.readings.end import FIXED, End
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import Nuisance
+from armflex.readings.sensor import LONGEST, Nuisance
 from armflex.robot import Robot
 
 Own = TypeVar("Own", bound="Kind")
+
+Ends = Mapping[str, tuple[End, Array]]
+"""Where an instrument takes hold of the arm, "end" and "eye", each with the (N, d, 6) change of a number per motion of
+its point, base axes [m, rad]."""
+
+FURTHEST = 50.0
+"""Distance from the base [m], beyond the arm's reach, that nothing has that is read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +88,24 @@ class Kind(ABC):
         return tuple(f"{name}_{channel}" if channel else name for channel in cls.channels)
 
     @classmethod
-    def declared(cls, table: Declaration, robot: Robot) -> tuple[str | None, Any] | None:
-        """Return the link that a sensor is on and its `about`, from keys of this kind alone; None where it has none.
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
+        """Return by name what of a `Sensor` the keys of its table say that only its kind knows: its link at least."""
+        return {"link": link_in(table, "link", robot)}
 
-        The link is None where the key `link` has it, as of most kinds.
-        """
-        return None
+    @classmethod
+    def stated(cls, one: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
+        """Return (n,) what a table says of a nuisance, and one standard deviation, in its unit; 0 keeps it so."""
+        value, key = np.zeros(len(one.axes)), f"{one.name}_std"
+        if len(one.axes) == 1:
+            value[:] = table.number(one.name, 0.0)
+        elif table.has(one.name):
+            given = table.numbers(one.name, *((len(one.axes) - less,) for less in range(one.spare + 1)))
+            value[: len(given)] = given
+        std = table.std(key, LONGEST[one.unit] if one.anywhere and not table.has(one.name) else 0.0)
+        if 0.0 < std < SMALLEST_STD or std > LONGEST[one.unit]:
+            expected = f"expected a standard deviation [{one.unit}] up to {LONGEST[one.unit]:g}"
+            raise table.fail(key, f"{expected}, got {std:g}")
+        return value, std
 
     @property
     def headers(self) -> tuple[str, ...]:
@@ -113,16 +132,38 @@ class Kind(ABC):
         return self
 
     @abstractmethod
+    def ideal(self, at: Postures) -> Array:
+        """Return the (N, d) numbers that the instrument would read with no zero and a gain of one, in `unit`."""
+
+    def ends(self, at: Postures) -> Ends:
+        """Return where it takes hold of the arm, and how the `ideal` numbers answer to motions there."""
+        return {}
+
+    def others(self, at: Postures) -> Mapping[str, Array]:
+        """Return by name the (N, d, n) change of a reading per nuisance that is no end's, no gain and no zero."""
+        return {}
+
+    def gain(self, at: Postures) -> Array:
+        """Return (N, 1) by how much the instrument stretches what it reads, dimensionless."""
+        names = [one.name for one in self.nuisances if one.of == "gain"]
+        return 1.0 + at.of(self.name, names[0]) if names else np.ones((len(self.values), 1))
+
     def predicted(self, at: Postures) -> Array:
         """Return the (N, d) numbers that the instrument would read, in `unit`."""
+        zeros = [at.of(self.name, one.name) for one in self.nuisances if one.of == "zero"]
+        return sum(zeros, self.gain(at) * self.ideal(at))
 
     def residual(self, at: Postures) -> Array:
         """Return (N, d) what was read minus what would be read, in `unit`; zero where nothing was."""
         return np.where(np.isfinite(self.sigma), self.values - self.predicted(at), 0.0)
 
-    @abstractmethod
     def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
         """Return by link the (N, d, 6) change of a reading per motion [m, rad] of each it sees; None is the tip."""
+        found: dict[str | None, Array] = {}
+        for end, change in self.ends(at).values():
+            if end.link != FIXED:
+                found[end.link] = found.get(end.link, 0.0) + end.by_link(self.gain(at)[..., None] * change)
+        return found
 
     def by_shift(self, at: Postures) -> Array:
         """Return (N, d) how far each number changes, in `unit`, as what it sees is shifted any way [per m]."""
@@ -142,15 +183,28 @@ class Kind(ABC):
 
     def by_target(self, at: Postures) -> Array:
         """Return (N, d, 3) change per shift [m] of the instrument's target in the tip frame."""
-        return np.zeros((*self.values.shape, 3))
+        found = [end.by_shift(change) for end, change in self.ends(at).values() if end.link is None]
+        return sum(found, np.zeros((*self.values.shape, 3)))
 
     def by_mounting(self, at: Postures) -> Array:
         """Return (N, d, 3) change per rotation vector [rad] of the instrument's target on the tool, in tip axes."""
-        return np.zeros((*self.values.shape, 3))
+        ends = self.ends(at).values()
+        found = [change[:, :, 3:] @ end.pose[:, :3, :3] for end, change in ends if end.link is None]
+        return sum(found, np.zeros((*self.values.shape, 3)))
 
     def by_own(self, at: Postures) -> Array:
         """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units."""
-        return np.zeros((*self.values.shape, 0))
+        found, gain, ends, others = [np.zeros((*self.values.shape, 0))], self.gain(at), self.ends(at), self.others(at)
+        for one in self.nuisances:
+            if one.of in ends:
+                end, change = ends[one.of]
+                moved = end.by_shift(change) if one.unit == "m" else end.by_turn(change)
+                found.append(gain[..., None] * moved)
+            elif one.of == "zero":
+                found.append(np.broadcast_to(np.eye(len(one.axes)), (*self.values.shape, len(one.axes))))
+            else:
+                found.append(self.ideal(at)[..., None] if one.of == "gain" else others[one.name])
+        return np.concatenate(found, axis=2)
 
     @property
     def texts(self) -> tuple[str, ...] | None:
@@ -180,30 +234,9 @@ class Kind(ABC):
         return None
 
 
-def point_of(at: Postures, link: str | None, own: Array) -> tuple[Array, Array]:
-    """Return the (N, 3) place in the base [m] of (N, 3) points of a link, and its (N, 3, 6) change with its motion."""
-    pose = at.pose(link)
-    lever = np.einsum("nij,nj->ni", pose[:, :3, :3], own)
-    return pose[:, :3, 3] + lever, rigid_motion(lever)
-
-
-def mounted(at: Postures, link: str | None, vectors: Array) -> tuple[Array, Array]:
-    """Return the (N, 3, 3) axes in the base of what is turned by (N, 3) rotation vectors [rad] on a link, and what
-    small rotations in those axes come of changes of the vectors, (N, 3, 3).
-    """
-    unique, back = np.unique(vectors, axis=0, return_inverse=True)
-    turns = np.array([pin.exp3(vector) for vector in unique]).reshape(-1, 3, 3)
-    changes = np.array([pin.Jexp3(vector) for vector in unique]).reshape(-1, 3, 3)
-    return at.pose(link)[:, :3, :3] @ turns[back.ravel()], changes[back.ravel()]
-
-
-def rigid_motion(points: Array) -> Array:
-    """Return the (N, 3, 6) change of (N, 3) points per shift [m] and rotation vector [rad] about the origin."""
-    return np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -skew(points)], axis=2)
-
-
-def skew(vectors: Array) -> Array:
-    """Return the (N, 3, 3) matrices whose product with another vector is the cross product with (N, 3) vectors."""
-    x, y, z = vectors.T
-    zero = np.zeros(len(vectors))
-    return np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
+def link_in(table: Declaration, key: str, robot: Robot, other: str | None = None) -> str:
+    """Return the link that a key of an instrument's table names, which is not the `other` that it already is on."""
+    found = table.choice(key, robot.urdf.below(robot.base), problem="the arm has no link {!r}")
+    if found == other:
+        raise table.fail(key, f"{found!r} is the link itself: nothing moves between the two")
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.readings.kind import Kind
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import AXES, SCALE, Nuisance
+from armflex.readings.sensor import AXES, SCALE, Nuisance, zero_of
 from armflex.robot import Robot
 
 
@@ -41,11 +42,11 @@ class Torque(Kind):
     dimension = 1
     unit, quantity = "Nm", "moment"
     channels = ("",)
-    nuisances = (Nuisance("bias", ("",), "Nm"), SCALE, Nuisance("friction", ("",), "Nm"))
+    nuisances = (zero_of(("",), "Nm"), SCALE, Nuisance("friction", ("",), "Nm"))
     by_motion = False
 
     @classmethod
-    def declared(cls, table: Declaration, robot: Robot) -> tuple[str, Drive]:
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
         """Return the joint's link, and the drive."""
         joints = {joint.name: joint for joint in robot.moving}
         joint = joints[table.choice("joint", tuple(joints))]
@@ -58,27 +59,25 @@ class Torque(Kind):
         sign = {"drive": -1.0, "load": 1.0}[table.choice("reads", ("drive", "load"), "drive")]
         axis = np.zeros(6)
         axis[slice(0, 3) if slides else slice(3, 6)] = joint.axis
-        return joint.child, Drive(joint.name, axis, sign / ratio)
+        return {"link": joint.child, "about": Drive(joint.name, axis, sign / ratio)}
 
-    def _held(self, at: Postures) -> tuple[Array, Array]:
-        """Return (N, 1) what the load makes the drive read [Nm], and the (N, 1) direction that its joint came in."""
+    def _drive(self, at: Postures) -> Drive:
         about = at.sensors[self.name].about
         assert isinstance(about, Drive)
-        held = about.ratio * at.load(f"link:{about.joint}") @ about.axis
-        return held[:, None], -np.sign(about.ratio) * at.approach[about.joint][:, None]
+        return about
+
+    def ideal(self, at: Postures) -> Array:
+        """Return (N, 1) what the load makes the drive read [Nm]."""
+        drive = self._drive(at)
+        return (drive.ratio * at.load(f"link:{drive.joint}") @ drive.axis)[:, None]
 
     def predicted(self, at: Postures) -> Array:
-        held, moved = self._held(at)
-        scaled = (1.0 + at.of(self.name, "scale")) * held
-        return scaled + at.of(self.name, "bias") + at.of(self.name, "friction") * moved
+        return super().predicted(at) + at.of(self.name, "friction") * self.others(at)["friction"][..., 0]
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return nothing: a load does not depend on the pose of a link alone."""
-        return {}
-
-    def by_own(self, at: Postures) -> Array:
-        held, moved = self._held(at)
-        return np.stack([np.ones_like(held), held, moved], axis=2)
+    def others(self, at: Postures) -> Mapping[str, Array]:
+        """Return what is against the direction that the joint came in."""
+        drive = self._drive(at)
+        return {"friction": -np.sign(drive.ratio) * at.approach[drive.joint][:, None, None]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,24 +87,18 @@ class Force(Kind):
     dimension = 3
     unit, quantity = "N", "force"
     channels = AXES
-    nuisances = (Nuisance("bias", AXES, "N"),)
+    nuisances = (zero_of(AXES, "N"),)
     by_motion = False
     part = slice(0, 3)
 
     @classmethod
-    def declared(cls, table: Declaration, robot: Robot) -> tuple[str, str]:
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
         """Return the tip, and the site of the load cell."""
-        return robot.tip, table.choice("site", ("base", *robot.joint_names, "tool"), "tool")
+        site = table.choice("site", ("base", *robot.joint_names, "tool"), "tool")
+        return {"link": robot.tip, "about": site}
 
-    def predicted(self, at: Postures) -> Array:
-        return at.load(str(at.sensors[self.name].about))[:, self.part] + at.of(self.name, "bias")
-
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return nothing: a load does not depend on the pose of a link alone."""
-        return {}
-
-    def by_own(self, at: Postures) -> Array:
-        return np.broadcast_to(np.eye(3), (len(self.values), 3, 3)).copy()
+    def ideal(self, at: Postures) -> Array:
+        return at.load(str(at.sensors[self.name].about))[:, self.part]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,5 +106,5 @@ class Moment(Force):
     """(N, 3) moment with it, about the origin of that place [Nm]."""
 
     unit, quantity = "Nm", "moment"
-    nuisances = (Nuisance("bias", AXES, "Nm"),)
+    nuisances = (zero_of(AXES, "Nm"),)
     part = slice(3, 6)

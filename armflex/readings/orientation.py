@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
-from armflex.readings.kind import Kind, mounted
+from armflex.readings.end import turned
+from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import MOUNTING
 
@@ -24,17 +24,11 @@ class Orientation(Kind):
     framed = True
     nuisances = (MOUNTING,)
 
-    def _mounted(self, at: Postures) -> tuple[str | None, Array]:
-        """Return the link that the target is on, and the (N, 3) rotation vector by which it is turned there [rad]."""
-        if self.name:
-            return at.sensors[self.name].link, at.of(self.name, "mounting")
-        return None, at.instrument.mounting_in(at.sessions)
-
     def _turns(self, at: Postures) -> Array:
         """Return the (N, 3, 3) orientations that the instrument would read, dimensionless."""
-        return at.axes @ mounted(at, *self._mounted(at))[0]
+        return at.axes @ at.end(self.name).axes
 
-    def predicted(self, at: Postures) -> Array:
+    def ideal(self, at: Postures) -> Array:
         return np.array([pin.log3(turn) for turn in self._turns(at)]).reshape(-1, 3)
 
     def residual(self, at: Postures) -> Array:
@@ -42,19 +36,10 @@ class Orientation(Kind):
         turns = [pin.log3(pin.exp3(read) @ one.T) for read, one in zip(self.values, self._turns(at), strict=True)]
         return np.where(np.isfinite(self.sigma), np.array(turns).reshape(-1, 3), 0.0)
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 3, 6): the target turns with its link."""
-        return {self._mounted(at)[0]: np.concatenate([np.zeros((len(self.values), 3, 3)), at.axes], axis=2)}
+    def ends(self, at: Postures) -> Ends:
+        """Return the target, which turns with its link; its rotation vector changes by that, see `residual`."""
+        return {"end": (at.end(self.name), turned(at.axes))}
 
     def by_frame(self, at: Postures) -> Array:
         """Return (N, 3, 6): it turns with the frame."""
-        return np.concatenate([np.zeros((len(self.values), 3, 3)), at.turns], axis=2)
-
-    def by_mounting(self, at: Postures) -> Array:
-        """Return (N, 3, 3) the tip's axes as the instrument sees them, nothing of another target."""
-        return np.zeros((len(self.values), 3, 3)) if self.name else at.axes @ at.pose(None)[:, :3, :3]
-
-    def by_own(self, at: Postures) -> Array:
-        """Return (N, 3, 3) the target's axes as the instrument sees them."""
-        axes, changes = mounted(at, *self._mounted(at))
-        return at.axes @ axes @ changes
+        return turned(at.turns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,10 +12,11 @@ from numpy.typing import ArrayLike
 from armflex.conventions import Array
 from armflex.declaration import Declaration
 from armflex.readings.board import Board, read_board
-from armflex.readings.kind import Kind, mounted, point_of, rigid_motion, skew
+from armflex.readings.end import End, rigid_motion
+from armflex.readings.kind import Ends, Kind, link_in
 from armflex.readings.lens import by_lens, projected
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import AXES, SCALE, TURNS, Nuisance
+from armflex.readings.sensor import AXES, TURNS, Nuisance
 from armflex.readings.sighting import Sighting, sighted
 from armflex.robot import Robot
 
@@ -33,10 +35,15 @@ NEAREST = 1e-6
 LENS = (
     Nuisance("focal", ("x", "y"), "px", anywhere=True),
     Nuisance("centre", ("x", "y"), "px", anywhere=True),
-    Nuisance("distortion", ("k1", "k2", "p1", "p2", "k3"), "1"),
+    Nuisance("distortion", ("k1", "k2", "p1", "p2", "k3"), "1", spare=1),
 )
-CAMERA = (Nuisance("anchor", AXES, "m", anywhere=True), Nuisance("mounting", TURNS, "rad", anywhere=True))
-BOARD = (Nuisance("board_at", AXES, "m", anywhere=True), Nuisance("board_turn", TURNS, "rad", anywhere=True))
+CAMERA = (Nuisance("anchor", AXES, "m", "eye", anywhere=True), Nuisance("mounting", TURNS, "rad", "eye", anywhere=True))
+BOARD = (
+    Nuisance("board_at", AXES, "m", "end", anywhere=True),
+    Nuisance("board_turn", TURNS, "rad", "end", anywhere=True),
+)
+SIZE = Nuisance("scale", ("",), "1")
+"""Share by which the board is larger than declared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +67,7 @@ class Pixels(Kind):
 
     unit, quantity = "px", "pixel"
     channels = ("",)
-    nuisances = (*LENS, *CAMERA, *BOARD, SCALE)
+    nuisances = (*LENS, *CAMERA, *BOARD, SIZE)
     apart = 2
 
     @property
@@ -80,71 +87,59 @@ class Pixels(Kind):
         return cls(np.zeros(shape), np.broadcast_to(np.asarray(sigma, dtype=float), shape), name)
 
     @classmethod
-    def declared(cls, table: Declaration, robot: Robot) -> tuple[None, Camera]:
-        """Return the camera."""
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
+        """Return the links that board and camera are on, the base where they are on none, and the camera."""
         if not table.has("board_link") and not table.has("camera_link"):
             text = "give the link that the camera is on or, of a camera that stands beside the arm, board_link"
             raise table.fail("camera_link", f"is missing: {text}")
         corners = table.text("corners", "") if table.has("corners") else ""
         image = table.numbers("image", (2,)) if table.has("image") else None
-        return None, Camera(read_board(table.sub("board")), corners, image)
+        about = Camera(read_board(table.sub("board")), corners, image)
+        board = link_in(table, "board_link", robot) if table.has("board_link") else robot.base
+        eye = link_in(table, "camera_link", robot, board) if table.has("camera_link") else robot.base
+        return {"link": board, "seen_from": eye, "about": about}
 
     def _camera(self, at: Postures) -> Camera:
         about = at.sensors[self.name].about
         assert isinstance(about, Camera)
         return about
 
-    def _seen(self, at: Postures) -> tuple[Array, Array, Array]:
-        """Return (N, C, 3) the points in the camera's frame [m], (N, C, 2) their pictures [px], and (N, C, 2, 3) the
-        change of these with the points.
+    def _seen(self, at: Postures) -> tuple[End, End, Array, Array, Array, Array]:
+        """Return board and camera, (N, C, 3) the points in the base [m], the same in the camera's frame, (N, C, 2)
+        their pictures [px], and (N, C, 2, 3) the change of these with the points in the camera's frame.
         """
-        sensor, points = at.sensors[self.name], self._camera(at).board.points
+        board, eye = at.end(self.name), at.end(self.name, "eye")
         size = 1.0 + at.of(self.name, "scale")[:, :, None]
-        axes = mounted(at, sensor.link, at.of(self.name, "board_turn"))[0]
-        place = point_of(at, sensor.link, at.of(self.name, "board_at"))[0]
-        there = place[:, None] + (size * points) @ axes.swapaxes(1, 2)
-        eye = point_of(at, sensor.seen_from, at.of(self.name, "anchor"))[0]
-        looks = mounted(at, sensor.seen_from, at.of(self.name, "mounting"))[0]
-        own = (there - eye[:, None]) @ looks
+        there = board.place[:, None] + (size * self._camera(at).board.points) @ board.axes.swapaxes(1, 2)
+        own = (there - eye.place[:, None]) @ eye.axes
         own[..., 2] = np.where(np.abs(own[..., 2]) < NEAREST, NEAREST, own[..., 2])
-        return own, *projected(own, *(at.of(self.name, one.name) for one in LENS))
+        return board, eye, there, own, *projected(own, *(at.of(self.name, one.name) for one in LENS))
 
-    def predicted(self, at: Postures) -> Array:
-        return self._seen(at)[1].reshape(self.values.shape)
+    def ideal(self, at: Postures) -> Array:
+        return self._seen(at)[4].reshape(self.values.shape)
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 2 C, 6) of the links that board and camera are on."""
-        sensor, (own, _, change) = at.sensors[self.name], self._seen(at)
-        count, corners = own.shape[:2]
-        looks = mounted(at, sensor.seen_from, at.of(self.name, "mounting"))[0]
-        turned = change @ looks.swapaxes(1, 2)[:, None]  # with the points in the base
-        found: dict[str | None, Array] = {}
-        eye = point_of(at, sensor.seen_from, at.of(self.name, "anchor"))[0]
-        there = eye[:, None] + own @ looks.swapaxes(1, 2)
-        for link, sign in ((sensor.link, 1.0), (sensor.seen_from, -1.0)):
-            lever = (there - at.pose(link)[:, None, :3, 3]).reshape(-1, 3)
-            moved = rigid_motion(lever).reshape(count, corners, 3, 6)
-            found[link] = sign * (turned @ moved).reshape(count, 2 * corners, 6)
-        return found
+    def ends(self, at: Postures) -> Ends:
+        """Return board and camera."""
+        board, eye, there, own, _, change = self._seen(at)
+        there = eye.place[:, None] + own @ eye.axes.swapaxes(1, 2)  # as far before the camera as it is taken to be
+        change = change @ eye.axes.swapaxes(1, 2)[:, None]  # with the points in the base
+
+        def moved(end: End) -> Array:
+            about = rigid_motion((there - end.place[:, None]).reshape(-1, 3)).reshape(*there.shape, 6)
+            return (change @ about).reshape(*self.values.shape, 6)
+
+        return {"end": (board, moved(board)), "eye": (eye, -moved(eye))}
+
+    def others(self, at: Postures) -> Mapping[str, Array]:
+        board, eye, _, own, pixels, change = self._seen(at)
+        lens = by_lens(own, pixels, *(at.of(self.name, one.name) for one in LENS))
+        points = self._camera(at).board.points @ (eye.axes.swapaxes(1, 2) @ board.axes).swapaxes(1, 2)
+        parts = np.split(lens, [2, 4], axis=3), [change @ points[..., None]]
+        each = zip((*LENS, SIZE), (*parts[0], *parts[1]), strict=True)
+        return {one.name: part.reshape(*self.values.shape, -1) for one, part in each}
 
     def by_shift(self, at: Postures) -> Array:
-        return np.linalg.norm(self._seen(at)[2], axis=3).reshape(self.values.shape)
-
-    def by_own(self, at: Postures) -> Array:
-        sensor, (own, pixels, change) = at.sensors[self.name], self._seen(at)
-        count, corners = own.shape[:2]
-        looks, changes = mounted(at, sensor.seen_from, at.of(self.name, "mounting"))
-        back = looks.swapaxes(1, 2)
-        lens = by_lens(own, pixels, *(at.of(self.name, one.name) for one in LENS))
-        anchor, board = (back @ at.pose(link)[:, :3, :3] for link in (sensor.seen_from, sensor.link))
-        mounting = change @ (skew(own.reshape(-1, 3)).reshape(count, corners, 3, 3) @ changes[:, None])
-        axes, turns = mounted(at, sensor.link, at.of(self.name, "board_turn"))
-        axes, points = back @ axes, self._camera(at).board.points
-        size = 1.0 + at.of(self.name, "scale")[:, :, None]
-        turn = -change @ (axes[:, None] @ skew(points) * size[:, :, :, None] @ turns[:, None])
-        scale = change @ (points @ axes.swapaxes(1, 2))[..., None]
-        parts = (lens, -change @ anchor[:, None], mounting, change @ board[:, None], turn, scale)
-        return np.concatenate(parts, axis=3).reshape(count, 2 * corners, -1)
+        return np.linalg.norm(self._seen(at)[5], axis=3).reshape(self.values.shape)
 
     @property
     def look(self) -> Pixels:
@@ -167,15 +162,13 @@ class Pixels(Kind):
         A picture of no size that is declared is twice its centre.
         """
         size, points = self._camera(at).image, self._camera(at).board.points
-        own, pixels, _ = self._seen(at)
+        board, eye, _, own, pixels, _ = self._seen(at)
         edge = 2.0 * at.of(self.name, "centre") if size is None else np.broadcast_to(size, (len(own), 2))
         inside = np.all((pixels > 0.0) & (pixels < edge[:, None]), axis=2)
         shown = (own[..., 2] > NEAREST) & inside
         if not np.ptp(points[:, 2]):  # a print's z points away from who looks at it
-            sensor = at.sensors[self.name]
-            looks = mounted(at, sensor.seen_from, at.of(self.name, "mounting"))[0]
-            axes = mounted(at, sensor.link, at.of(self.name, "board_turn"))[0]
-            shown &= (np.einsum("nij,ni->nj", looks, axes[..., 2]) * own.mean(axis=1)).sum(axis=1, keepdims=True) > 0.0
+            away = np.einsum("nij,ni->nj", eye.axes, board.axes[..., 2])
+            shown &= (away * own.mean(axis=1)).sum(axis=1, keepdims=True) > 0.0
         return np.repeat(shown & (shown.mean(axis=1, keepdims=True) >= SHOWN), 2, axis=1)
 
     def start(self, at: Postures) -> Array:

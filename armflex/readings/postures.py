@@ -10,6 +10,7 @@ from typing import NoReturn
 import numpy as np
 
 from armflex.conventions import STANDARD_GRAVITY, Array
+from armflex.readings.end import FIXED, End
 from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 
@@ -76,6 +77,18 @@ class Postures:
             swing=lambda row: self.swing(int(rows[row])),
             place=lambda row: self.place(int(rows[row])),
         )
+
+    def end(self, name: str, of: str = "end") -> End:
+        """Return where a sensor takes hold of the arm, or its "eye"; '' is the target that the instrument looks at."""
+        if not name:
+            own = self.instrument.target_in(self.sessions), self.instrument.mounting_in(self.sessions)
+            return End(None, self.pose(None), *own)
+        sensor = self.sensors[name]
+        link = sensor.link if of == "end" else sensor.seen_from or FIXED
+        pose = np.tile(np.eye(4), (len(self.sessions), 1, 1)) if link == FIXED else self.pose(link)
+        own = {one.unit: self.of(name, one.name) for one in sensor.kind.nuisances if one.of == of}
+        none = np.zeros((len(pose), 3))
+        return End(link, pose, own.get("m", none), own.get("rad", none))
 
     def of(self, name: str, nuisance: str) -> Array:
         """Return the (N, n) values of a sensor's nuisance in the rows, in its unit."""

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from armflex.conventions import Array
-from armflex.readings.kind import Kind, mounted, point_of, skew
+from armflex.declaration import Declaration
+from armflex.readings.end import shifted, skew
+from armflex.readings.kind import Ends, Kind, link_in
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import ANCHOR, AXES, MOUNTING, POINT
+from armflex.readings.sensor import ANCHOR, AXES, LOOKS, POINT
+from armflex.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,31 +23,21 @@ class RelativePosition(Kind):
     dimension = 3
     unit, quantity = "m", "length"
     channels = AXES
-    nuisances = (ANCHOR, POINT, MOUNTING)
+    nuisances = (ANCHOR, POINT, LOOKS)
 
-    def _seen(self, at: Postures) -> tuple[Array, Array, Array, Array, Array]:
-        """Return (N, 3) vector from eye to point in the base [m], (N, 3, 3) axes of the eye, their change by mounting,
-        and (N, 3, 6) changes of point and eye with their links' motions.
-        """
-        sensor = at.sensors[self.name]
-        there, moved = point_of(at, sensor.link, at.of(self.name, "point"))
-        here, carried = point_of(at, sensor.seen_from, at.of(self.name, "anchor"))
-        axes, changes = mounted(at, sensor.seen_from, at.of(self.name, "mounting"))
-        return there - here, axes, changes, moved, carried
+    @classmethod
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
+        """Return the link that the point is on, and that from which it is seen."""
+        link = link_in(table, "link", robot)
+        return {"link": link, "seen_from": link_in(table, "seen_from", robot, link)}
 
-    def predicted(self, at: Postures) -> Array:
-        away, axes, *_ = self._seen(at)
-        return np.einsum("nij,ni->nj", axes, away)
+    def ideal(self, at: Postures) -> Array:
+        end, eye = at.end(self.name), at.end(self.name, "eye")
+        return np.einsum("nij,ni->nj", eye.axes, end.place - eye.place)
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 3, 6) of both links: the eye's turning moves what it sees."""
-        sensor, (away, axes, _, moved, carried) = at.sensors[self.name], self._seen(at)
-        back = axes.swapaxes(1, 2)
-        turned = np.concatenate([np.zeros((len(away), 3, 3)), back @ skew(away)], axis=2)
-        return {sensor.link: back @ moved, sensor.seen_from: turned - back @ carried}
-
-    def by_own(self, at: Postures) -> Array:
-        sensor, (away, axes, changes, _, _) = at.sensors[self.name], self._seen(at)
-        back = axes.swapaxes(1, 2)
-        anchor, point = (back @ at.pose(link)[:, :3, :3] for link in (sensor.seen_from, sensor.link))
-        return np.concatenate([-anchor, point, skew(np.einsum("nij,nj->ni", back, away)) @ changes], axis=2)
+    def ends(self, at: Postures) -> Ends:
+        """Return point and eye, whose turning moves what it sees."""
+        end, eye = at.end(self.name), at.end(self.name, "eye")
+        back = eye.axes.swapaxes(1, 2)
+        seen = np.concatenate([-back, back @ skew(end.place - eye.place)], axis=2)
+        return {"end": (end, shifted(back)), "eye": (eye, seen)}

@@ -30,17 +30,28 @@ class Nuisance:
         name: What they are: 'anchor', 'bias'.
         axes: One word each, '' for the only one.
         unit: SI unit of each.
+        of: What they do: they shift [m] or turn [rad] an "end" of it on the arm, or the "eye" that looks at that; the
+            "gain" stretches what it reads, and the "zero" is added then; '' of what its kind alone knows.
         anywhere: Whether it is found wherever it is, where neither it nor its `NAME_std` is declared.
+        spare: How many of the last of them are often left out.
     """
 
     name: str
     axes: tuple[str, ...]
     unit: str
+    of: str = ""
     anywhere: bool = False
+    spare: int = 0
 
 
-ANCHOR, POINT = Nuisance("anchor", AXES, "m"), Nuisance("point", AXES, "m")
-MOUNTING, SCALE = Nuisance("mounting", TURNS, "rad"), Nuisance("scale", ("",), "1")
+ANCHOR, LOOKS = Nuisance("anchor", AXES, "m", "eye"), Nuisance("mounting", TURNS, "rad", "eye")
+POINT, MOUNTING = Nuisance("point", AXES, "m", "end"), Nuisance("mounting", TURNS, "rad", "end")
+SCALE = Nuisance("scale", ("",), "1", "gain")
+
+
+def zero_of(axes: tuple[str, ...], unit: str, name: str = "bias") -> Nuisance:
+    """Return what is added to each number of a reading."""
+    return Nuisance(name, axes, unit, "zero")
 
 
 @dataclass(frozen=True)
@@ -145,23 +156,18 @@ class Sensor:
         return tuple((f"{one.name} {axis}".strip(), one.unit) for one in self.kind.nuisances for axis in one.axes)
 
     def of(self, name: str, sessions: Sequence[str]) -> Array:
-        """Return the (N, n) values of a nuisance in rows of N sessions, in its unit."""
-        place, start = slice(0, 0), 0
-        for one in self.kind.nuisances:
-            if one.name == name:
-                place = slice(start, start + len(one.axes))
-            start += len(one.axes)
-        default = self.found.get("", np.zeros(len(self.declared)))
-        if self.sockets is not None:
-            if name == "point":
-                return np.broadcast_to(self.declared[place] + default[place], (len(sessions), 3))
-            socket = {
-                one: self.sockets.declared(one) + self.found.get(one, np.zeros(6))[place]
-                for one in dict.fromkeys(sessions)
-            }
-            return np.array([socket[one] for one in sessions]).reshape(len(sessions), 3)
-        known = {session: self.found.get(session, default)[place] for session in dict.fromkeys(sessions)}
-        return self.declared[place] + np.array([known[session] for session in sessions]).reshape(len(sessions), -1)
+        """Return the (N, n) values of a nuisance in rows of N sessions, or of as many sockets, in its unit."""
+        which = [one.name == name for one in self.kind.nuisances for _ in one.axes]
+        known = {session: self._at(session)[which] for session in dict.fromkeys(sessions)}
+        return np.array([known[session] for session in sessions]).reshape(len(sessions), sum(which))
+
+    def _at(self, session: str) -> Array:
+        """Return the (K,) values of all nuisances in a session or of a socket."""
+        every = self.found.get("", np.zeros(len(self.declared)))
+        if self.sockets is None:
+            return self.declared + self.found.get(session, every)
+        place = self.sockets.declared(session) + self.found.get(session, np.zeros(6))[:3]
+        return np.append(place, self.declared[3:] + every[3:])
 
     def moved(self, session: str, step: Array) -> Sensor:
         """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session.

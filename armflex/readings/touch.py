@@ -8,18 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
-from armflex.conventions import Array
-from armflex.readings.kind import Kind, point_of
+from armflex.conventions import SMALLEST_STD, Array
+from armflex.declaration import Declaration
+from armflex.errors import shown
+from armflex.readings.end import End, shifted
+from armflex.readings.kind import FURTHEST, Ends, Kind, link_in
 from armflex.readings.plane import Plane
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import AXES, POINT, Nuisance
+from armflex.readings.sensor import AXES, LONGEST, POINT, Nuisance
+from armflex.robot import Robot
 
 CARRIED, FEWEST = 20, 3
 """Rows that a known distance is spread over, one of so many and so many at least, so that no part of a campaign is
 without it."""
+
+SHAPES = ("point", "plane", "sphere")
+"""Of what a point is put into, or onto."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +74,38 @@ class Sockets:
         return Plane(self.normal.get(socket, np.array([0.0, 0.0, 1.0])))
 
 
+def read_sockets(table: Declaration) -> Sockets:
+    """Return what an instrument that touches knows of what it is put into."""
+    shapes, normal = table.part("shape"), table.part("normal").by_name(3)
+    of_shape = {name: shapes.choice(name, SHAPES) for name in shapes.table}
+    radius = {name: float(value) for name, value in table.part("radius").by_name().items()}
+    for name, shape in of_shape.items():
+        if shape == "sphere" and not radius.get(name, 0.0) > 0.0:
+            raise table.fail("shape", f"{name!r} is a sphere: give radius = {{ {name} = .. }} [m], above 0")
+    for name, value in normal.items():
+        if np.linalg.norm(value) < SMALLEST_STD:
+            raise table.fail("normal", f"that of {name!r} has no direction")
+    pairs: list[tuple[str, str, float]] = []
+    for one in table.raw("distances") if table.has("distances") else ():
+        match one:
+            case [str(first), str(second), int() | float() as length] if first != second and 0.0 < length < FURTHEST:
+                pairs.append((first, second, float(length)))
+            case _:
+                raise table.fail("distances", f'expected [["one", "other", length in m], ..], got {shown(one)}')
+    surfaces = [end for one, other, _ in pairs for end in (one, other) if of_shape.get(end, "point") == "plane"]
+    if surfaces:
+        raise table.fail("distances", f"{surfaces[0]!r} is a plane: a distance is between points")
+    sizes = [table.std(key, default) for key, default in (("place_std", 1e-3), ("distance_sigma", 1e-4))]
+    for key, size in zip(("place_std", "distance_sigma"), sizes, strict=True):
+        if not SMALLEST_STD <= size <= LONGEST["m"]:
+            raise table.fail(key, f"expected one standard deviation [m], got {size:g}")
+    own_point = table.has("link")
+    if not own_point and (table.has("point") or table.has("point_std")):
+        raise table.fail("point", "needs `link`; without a link the target of [prior] tool touches")
+    places = table.part("place").by_name(3)
+    return Sockets(places, sizes[0], of_shape, radius, normal, tuple(pairs), sizes[1], own_point=own_point)
+
+
 @dataclass(frozen=True, eq=False)
 class Touch(Kind):
     """(N, 3) gaps [m] between point and socket, all read as zero: by axes of the base, or along a surface's normal
@@ -83,6 +123,18 @@ class Touch(Kind):
     nuisances = (Nuisance("place", AXES, "m"), POINT)
 
     @classmethod
+    def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
+        """Return the link, that of the tip where the target touches, and what is known of the sockets."""
+        sockets = read_sockets(table)
+        return {"link": link_in(table, "link", robot) if sockets.own_point else robot.tip, "sockets": sockets}
+
+    @classmethod
+    def stated(cls, one: Nuisance, table: Declaration, robot: Robot) -> tuple[Array, float]:
+        """Return what is declared of a point of its own; places are those of sockets."""
+        own = one is POINT and table.has("link")
+        return super().stated(one, table, robot) if own else (np.zeros(len(one.axes)), 0.0)
+
+    @classmethod
     def columns(cls, name: str) -> tuple[str, ...]:
         """Return its one column, a text."""
         return (name,)
@@ -95,21 +147,17 @@ class Touch(Kind):
     def some(self, rows: np.ndarray) -> Touch:
         return replace(super().some(rows), sockets=tuple(self.sockets[row] for row in rows))
 
-    def point(self, at: Postures) -> tuple[Array, str | None, Array]:
-        """Return (N, 3) the touching point in the base [m], its link, and (N, 3, 6) its change with that."""
-        sensor = at.sensors[self.name]
-        own = sensor.sockets is not None and sensor.sockets.own_point
-        link = sensor.link if own else None
-        on = at.of(self.name, "point") if own else at.instrument.target_in(at.sessions)
-        place, moved = point_of(at, link, on)
-        return place, link, moved
+    def touching(self, at: Postures) -> End:
+        """Return the touching point: the instrument's own, or the target of the tip."""
+        sockets = at.sensors[self.name].sockets
+        return at.end(self.name if sockets is not None and sockets.own_point else "")
 
     def _gap(self, at: Postures) -> tuple[Array, Array, Array]:
         """Return (N, 3) gaps [m], and (N, 3, 3) how they change with the point and with the socket's numbers."""
         sensor = at.sensors[self.name]
         known, count = sensor.sockets or Sockets(), len(self.sockets)
         place = sensor.of("place", self.sockets)
-        points = self.point(at)[0]
+        points = self.touching(at).place
         gap = points - place
         by_point, by_place = np.tile(np.eye(3), (count, 1, 1)), np.tile(-np.eye(3), (count, 1, 1))
         for socket in {one for one in self.sockets if known.of_shape(one) != "point"}:
@@ -129,29 +177,22 @@ class Touch(Kind):
             by_place[rows, 0] = np.column_stack([np.full(rows.sum(), -1.0), points[rows] @ turned])
         return gap, by_point, by_place
 
-    def predicted(self, at: Postures) -> Array:
+    def ideal(self, at: Postures) -> Array:
         """Return the (N, 3) gaps as the arm has them [m]."""
         return self._gap(at)[0]
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return (N, 3, 6): a gap opens as the point moves with its link."""
-        _, link, moved = self.point(at)
-        return {link: self._gap(at)[1] @ moved}
-
-    def by_target(self, at: Postures) -> Array:
-        """Return (N, 3, 3): the target of the tip touches, unless the instrument has a point of its own."""
-        _, link, _ = self.point(at)
-        return np.zeros((len(self.values), 3, 3)) if link is not None else self._gap(at)[1] @ at.pose(None)[:, :3, :3]
+    def ends(self, at: Postures) -> Ends:
+        """Return the touching point: a gap opens as it moves."""
+        return {"end": (self.touching(at), shifted(self._gap(at)[1]))}
 
     def by_key(self, at: Postures, key: str) -> Array:
         """Return (N, 3, 6): a socket's own rows follow its numbers, '' the point that all share."""
-        found = np.zeros((len(self.values), 3, 6))
-        gap, link = self._gap(at), self.point(at)[1]
+        found, (_, by_point, by_place), end = np.zeros((len(self.values), 3, 6)), self._gap(at), self.touching(at)
         if key:
             rows = np.array([one == key for one in self.sockets], dtype=bool)
-            found[rows, :, :3] = gap[2][rows]
-        elif link is not None:
-            found[:, :, 3:] = gap[1] @ at.pose(link)[:, :3, :3]
+            found[rows, :, :3] = by_place[rows]
+        elif end.link is not None:
+            found[:, :, 3:] = end.by_shift(by_point)
         return found
 
     def by_own(self, at: Postures) -> Array:
@@ -165,7 +206,7 @@ class Touch(Kind):
         rows = np.array([one == key for one in self.sockets], dtype=bool) & np.isfinite(self.sigma[:, 0])
         if not key or key in known.place or not rows.any():
             return found
-        points = self.point(at)[0][rows]
+        points = self.touching(at).place[rows]
         found[:3] = points.mean(axis=0)
         if known.of_shape(key) == "plane":
             plane, tilts = known.plane(key), np.zeros(2)
@@ -182,10 +223,10 @@ class SocketDistance(Kind):
     """(N, 1) a known distance between two sockets [m], read in some rows: it is of no pose.
 
     Attributes:
-        ends: Names of the two sockets.
+        between: Names of the two sockets.
     """
 
-    ends: tuple[str, str] = ("", "")
+    between: tuple[str, str] = ("", "")
 
     dimension = 1
     unit, quantity = "m", "length"
@@ -199,21 +240,17 @@ class SocketDistance(Kind):
 
     def _away(self, at: Postures) -> Array:
         """Return (3,) from the first socket to the second [m]."""
-        places: Array = at.sensors[self.name].of("place", self.ends)
+        places: Array = at.sensors[self.name].of("place", self.between)
         return places[1] - places[0]
 
-    def predicted(self, at: Postures) -> Array:
+    def ideal(self, at: Postures) -> Array:
         return np.full((len(self.values), 1), float(np.linalg.norm(self._away(at))))
-
-    def jacobian(self, at: Postures) -> Mapping[str | None, Array]:
-        """Return nothing of any link: sockets stand still."""
-        return {None: np.zeros((len(self.values), 1, 6))}
 
     def by_key(self, at: Postures, key: str) -> Array:
         """Return (N, 1, 6): the way between them follows its two ends."""
         away, found = self._away(at), np.zeros((len(self.values), 1, 6))
-        if key in self.ends:
-            sign = 1.0 if key == self.ends[1] else -1.0
+        if key in self.between:
+            sign = 1.0 if key == self.between[1] else -1.0
             found[:, 0, :3] = sign * away / max(float(np.linalg.norm(away)), 1e-12)
         return found
 

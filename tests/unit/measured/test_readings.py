@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,7 @@ from armflex.readings import (
 from armflex.readings.board import Board
 from armflex.readings.frequency import Swing
 from armflex.readings.instrument import Instrument
+from armflex.readings.kind import Ends
 from armflex.readings.load import Drive
 from armflex.readings.plane import Plane
 from armflex.readings.sensor import Sensor, Shaft
@@ -60,30 +61,24 @@ class Ranging(Kind):
     dimension = 1
     unit = "m"
 
-    def _points(self, at: Postures) -> np.ndarray:
-        return at.instrument.in_session(at.instrument.seen(at.instrument.in_base(at.pose(None))), at.sessions)
+    @property
+    def _position(self) -> Position:
+        return Position.unread(len(self.values))
 
-    def predicted(self, at: Postures) -> np.ndarray:
-        return np.linalg.norm(self._points(at), axis=1, keepdims=True)
+    def ideal(self, at: Postures) -> np.ndarray:
+        return np.linalg.norm(self._position.ideal(at), axis=1, keepdims=True)
 
-    def jacobian(self, at: Postures) -> Mapping[str | None, np.ndarray]:
-        return {None: self._along(at, self._position.jacobian(at)[None])}
+    def ends(self, at: Postures) -> Ends:
+        return {"end": (at.end(""), self._along(at, self._position.ends(at)["end"][1]))}
 
     def by_frame(self, at: Postures) -> np.ndarray:
         return self._along(at, self._position.by_frame(at))
 
     def by_scale(self, at: Postures) -> np.ndarray:
-        return np.linalg.norm(self._points(at), axis=1, keepdims=True) / (1.0 + at.instrument.scale)
-
-    def by_target(self, at: Postures) -> np.ndarray:
-        return self._along(at, self._position.by_target(at))
-
-    @property
-    def _position(self) -> Position:
-        return Position.unread(len(self.values))
+        return self.ideal(at) / (1.0 + at.instrument.scale)
 
     def _along(self, at: Postures, changes: np.ndarray) -> np.ndarray:
-        points = self._points(at)
+        points = self._position.ideal(at)
         return (points / np.linalg.norm(points, axis=1, keepdims=True))[:, None] @ changes
 
 
