@@ -27,7 +27,7 @@ from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
 from armflex.estimate.placement import FEWEST_ROWS, check_enough, first_guess
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.posterior import certainty_of
-from armflex.estimate.robust import ROWS_AT_ONCE, huber_weights, instrument_weights
+from armflex.estimate.robust import ROWS_AT_ONCE, instrument_weights
 from armflex.estimate.view import View, foremost_rms, look
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import Campaign
@@ -288,7 +288,7 @@ def fitted_to(
             scattered = _with_play(found, measurements, rounds, progress, placed)
             values = scattered.values[: len(found.values)]
             view = look(realise(declared, blocks, values), Weighed(measurements, found.factors).measurements, used)
-            found = replace(found, values=values, view=view, weights=huber_weights(view))
+            found = replace(found, values=values, view=view)
     else:
         found, flags = fit_learning(declared, blocks, laws, begun, used, not as_stated, progress)
     certainty = certainty_of(scattered or found)
@@ -406,7 +406,7 @@ def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool =
         return declared, fit(
             declared, frame, measurements, used, np.array([begun.get(one, 0.0) for one in parameters_of(frame)])
         )
-    return declared, Fit(declared, (), np.zeros(0), view, huber_weights(view), ())
+    return declared, Fit(declared, (), np.zeros(0), view)
 
 
 def _held_out(placed: Fit, found: Fit, measurements: Measurements, closest: Fit) -> tuple[float, float] | None:

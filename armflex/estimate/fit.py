@@ -71,7 +71,6 @@ class Fit:
         blocks: What was free.
         values: (P,) deviations from the declared values in the parameters' units, all blocks in order.
         view: The campaign's fitted rows at the solution.
-        weights: (M, d) robust weight of each number, dimensionless, 1 for most.
         history: Objective after each step.
         left: Fall of the cost that was still to be had where the steps ended unsettled, over that which noise as stated
             would make of 1; 0 where they settled.
@@ -82,8 +81,7 @@ class Fit:
     blocks: tuple[Block, ...]
     values: Array
     view: View
-    weights: Array
-    history: tuple[float, ...]
+    history: tuple[float, ...] = ()
     left: float = 0.0
     factors: tuple[float, ...] = ()
 
@@ -91,6 +89,11 @@ class Fit:
     def setup(self) -> Setup:
         """The fitted arm and instrument."""
         return self.view.setup
+
+    @cached_property
+    def weights(self) -> Array:
+        """(M, d) robust weight of each number, dimensionless, 1 for most."""
+        return huber_weights(self.view)
 
     @cached_property
     def labels(self) -> tuple[tuple[str, str], ...]:
@@ -346,40 +349,32 @@ def fit(
         ArmflexError: The arm has no equilibrium at the first guess.
     """
     used = np.flatnonzero(measurements.measured) if rows is None else rows
-    task = _Task(declared, tuple(blocks), measurements, prior_of(blocks))
-    here = task.at(np.zeros(len(task.prior)) if start is None else start, used)
-    here, history, left = _settled(task, here, effort, progress)
-    return Fit(declared, task.blocks, here.values, here.view, huber_weights(here.view), tuple(history), left)
-
-
-def _settled(
-    task: _Task, here: _Iterate, effort: Effort, progress: Progress | None
-) -> tuple[_Iterate, list[float], float]:
-    """Return where steps from an iterate lead to, the objective after each, and what is left of its fall."""
-    history: list[float] = []
+    values = np.zeros(len(parameters_of(blocks))) if start is None else start
+    view = look(realise(declared, blocks, values), measurements, used)
+    here, history = Fit(declared, tuple(blocks), values, view), list[float]()
     damping, limit, fall = 0.0, np.inf, np.inf
     for iteration in range(effort.iterations):
         # A limit that rose and fell with the residuals' median could keep the fit going round in circles.
         limit = np.minimum(limit, robust_limit(here.view))
-        before, problem = task.cost(here, limit), task.problem(here, limit)
+        before, problem = here.cost(limit), _problem(here, limit)
         unit = max(1.0, before / here.view.count)  # while the model is wrong the residual is many times the noise
-        found = task.descend(here, problem, limit, effort.flat, damping)
+        found = _descended(here, problem, limit, effort.flat, damping)
         if found is None:
             left = problem.promised(problem.step(max(damping, LIGHT))) / unit
             if effort.content or left < effort.flat:  # a step that promises nothing need not keep anything
-                return here, history, left if effort.content else 0.0
-            raise task.resisting("calibration finds no better values along its step", here, problem, [before])
+                return replace(here, history=tuple(history), left=left if effort.content else 0.0)
+            raise _resisting("calibration finds no better values along its step", here, problem, [before])
         here, damping = found
-        history.append(task.cost(here, limit))
+        history.append(here.cost(limit))
         if progress:
             progress(iteration + 1, effort.iterations)
         fall = (before - history[-1]) / unit
         # A step that damping halves is short because it must be, not because it has arrived.
         if fall < effort.flat and (damping < 1.0 or not effort.content):
-            return here, history, 0.0
+            return replace(here, history=tuple(history))
     if not effort.content:
-        raise task.resisting("calibration did not settle", here, task.problem(here, limit), history)
-    return here, history, fall
+        raise _resisting("calibration did not settle", here, _problem(here, limit), history)
+    return replace(here, history=tuple(history), left=fall)
 
 
 @dataclass(frozen=True)
@@ -430,85 +425,63 @@ class _Problem:
         return float(step @ (2.0 * self.gradient - self.known.information @ step))
 
 
-@dataclass(frozen=True)
-class _Iterate:
-    """Where a fit has come to: (P,) values, and what is seen there."""
+def _problem(here: Fit, limit: Array | float) -> _Problem:
+    """Return the linear problem about an iterate."""
+    weights = huber_weights(here.view, limit)
+    regressors = whitened_regressors(here.blocks, here.view, weights)
+    residual = whitened_residual(here.view, weights)
+    pull = regressors.T @ residual
+    gradient = pull - here.precision * np.where(np.isfinite(here.prior), here.values, 0.0)
+    bend = np.where(_logarithmic(here.blocks), np.maximum(-pull, 0.0), 0.0)
+    turns = np.array([one.unit == "rad" for one in here.parameters], bool)
+    turning = np.where(turns & np.isinf(here.prior), TURN**-2.0, 0.0)
+    known = LinearGaussian.of(regressors, here.precision)
+    return _Problem(known, gradient, bend, turning, regressors, residual, weights)
 
-    values: Array
-    view: View
+
+def _descended(
+    here: Fit, problem: _Problem, limit: Array | float, least: float, damping: float
+) -> tuple[Fit, float] | None:
+    """Return the iterate after a step, damped until the cost falls or is flat, and the next damping.
+
+    None where steps that promise `least` are none. Laws have kinks, and along some directions only priors hold: a full
+    step may be far too long in a few of them.
+    """
+
+    def stepped(step: Array) -> tuple[Fit, float]:
+        values = moved(here.blocks, here.values, step)
+        view = look(realise(here.declared, here.blocks, values), here.view.driven, here.view.rows)
+        there = replace(here, values=values, view=view)
+        return there, there.cost(limit)
+
+    before, start, promised = here.cost(limit), damping, np.inf
+    while promised > least:
+        step = problem.step(damping)
+        promised = problem.promised(step)
+        more = max(10.0 * damping, LIGHT)
+        with contextlib.suppress(ArmflexError):
+            trial, after = stepped(step)
+            if 2.0 * (before - after) < promised:
+                bent = stepped(problem.bent(step, damping, trial.view))
+                trial, after = min((trial, after), bent, key=lambda pair: pair[1])
+            if after <= before + 1e-9 * abs(before):
+                if 2.0 * (before - after) < promised:  # a step too long may fall, and fall back
+                    return trial, more
+                # What had to be damped more just now is not asked with less at once: it would fail again.
+                less = damping / 10.0
+                return trial, damping if damping > start else less
+        damping = more
+    return None
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What stays the same while a fit goes on."""
-
-    declared: Setup
-    blocks: tuple[Block, ...]
-    measurements: Measurements
-    prior: Array
-
-    def at(self, values: Array, rows: np.ndarray) -> _Iterate:
-        """Return the iterate at (P,) values."""
-        return _Iterate(values, look(realise(self.declared, self.blocks, values), self.measurements, rows))
-
-    def cost(self, here: _Iterate, limit: Array | float) -> float:
-        """Return the cost of an iterate."""
-        return objective(here.view, here.values, self.prior, limit)
-
-    def resisting(self, text: str, here: _Iterate, problem: _Problem, history: Sequence[float]) -> ConvergenceError:
-        """Return the error of a fit that ended unsettled, with the parameters and rows that keep it from settling."""
-        step, names = problem.step(LIGHT) / problem.known.std, parameters_of(self.blocks)
-        most = [int(i) for i in np.argsort(-np.abs(step))[:FEW] if np.isfinite(step[i]) and step[i] != 0.0]
-        moving = ", ".join(f"{names[i].label} by {abs(step[i]):.2g} of its uncertainty" for i in most)
-        view, places = here.view, self.measurements.places
-        squares = (np.nan_to_num(view.residual / view.sigma) ** 2).sum(axis=1)
-        worst = np.argsort(-squares)[:FEW]
-        far = ", ".join(str(places[view.rows[i]] if places else f"row {view.rows[i]}") for i in worst)
-        share = squares[worst].sum() / (float(squares.sum()) or 1.0)
-        still = f"still moving: {moving or 'nothing'}"
-        return ConvergenceError(f"{text}; {still}; {share:.0%} of what is left is at {far}", history)
-
-    def problem(self, here: _Iterate, limit: Array | float) -> _Problem:
-        """Return the linear problem about an iterate."""
-        weights = huber_weights(here.view, limit)
-        regressors, residual = (
-            whitened_regressors(self.blocks, here.view, weights),
-            whitened_residual(here.view, weights),
-        )
-        precision, pull = self.prior**-2.0, regressors.T @ residual
-        gradient = pull - precision * np.where(np.isfinite(self.prior), here.values, 0.0)
-        bend = np.where(_logarithmic(self.blocks), np.maximum(-pull, 0.0), 0.0)
-        turns = np.array([one.unit == "rad" for one in parameters_of(self.blocks)], bool)
-        turning = np.where(turns & np.isinf(self.prior), TURN**-2.0, 0.0)
-        known = LinearGaussian.of(regressors, precision)
-        return _Problem(known, gradient, bend, turning, regressors, residual, weights)
-
-    def descend(
-        self, here: _Iterate, problem: _Problem, limit: Array | float, least: float, damping: float
-    ) -> tuple[_Iterate, float] | None:
-        """Return the iterate after a step, damped until the cost falls or is flat, and the next damping.
-
-        None where steps that promise `least` are none. Laws have kinks, and along some directions only priors hold: a
-        full step may be far too long in a few of them.
-        """
-        before, start, promised = self.cost(here, limit), damping, np.inf
-        while promised > least:
-            step = problem.step(damping)
-            promised = problem.promised(step)
-            more = max(10.0 * damping, LIGHT)
-            with contextlib.suppress(ArmflexError):
-                trial = self.at(moved(self.blocks, here.values, step), here.view.rows)
-                after = self.cost(trial, limit)
-                if 2.0 * (before - after) < promised:
-                    bent = self.at(
-                        moved(self.blocks, here.values, problem.bent(step, damping, trial.view)), here.view.rows
-                    )
-                    trial, after = min((trial, after), (bent, self.cost(bent, limit)), key=lambda pair: pair[1])
-                if after <= before + 1e-9 * abs(before):
-                    if 2.0 * (before - after) < promised:  # a step too long may fall, and fall back
-                        return trial, more
-                    # What had to be damped more just now is not asked with less at once: it would fail again.
-                    less = damping / 10.0
-                    return trial, damping if damping > start else less
-            damping = more
-        return None
+def _resisting(text: str, here: Fit, problem: _Problem, history: Sequence[float]) -> ConvergenceError:
+    """Return the error of a fit that ended unsettled, with the parameters and rows that keep it from settling."""
+    step, names, view = problem.step(LIGHT) / problem.known.std, here.parameters, here.view
+    most = [int(i) for i in np.argsort(-np.abs(step))[:FEW] if np.isfinite(step[i]) and step[i] != 0.0]
+    moving = ", ".join(f"{names[i].label} by {abs(step[i]):.2g} of its uncertainty" for i in most)
+    squares, places = (np.nan_to_num(view.residual / view.sigma) ** 2).sum(axis=1), view.driven.places
+    worst = np.argsort(-squares)[:FEW]
+    far = ", ".join(str(places[view.rows[i]] if places else f"row {view.rows[i]}") for i in worst)
+    share = squares[worst].sum() / (float(squares.sum()) or 1.0)
+    still = f"still moving: {moving or 'nothing'}"
+    return ConvergenceError(f"{text}; {still}; {share:.0%} of what is left is at {far}", history)
