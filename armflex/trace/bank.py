@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from typing import Any
@@ -117,17 +117,6 @@ class Bank:
         """Return the (M, d) whitened and weighted change of the readings with a twist at a site in a (6,) direction."""
         return self.fit.view.to_twist(site) @ direction * self.scale
 
-    def some(self, places: np.ndarray) -> tuple[Part, ...]:
-        """Return the columns at (k,) places in order, part by part, numbered as they come in them."""
-        found, where = list[Part](), np.full(self.starts[-1], -1)
-        where[places] = np.arange(len(places))
-        for part in self.parts:
-            own = np.flatnonzero(where[part.places] >= 0)
-            if len(own):
-                used, of = np.unique(part.of[own], return_inverse=True)
-                found.append(replace(part, places=where[part.places[own]], shapes=part.shapes[used], of=of))
-        return tuple(found)
-
     @property
     def parts(self) -> Iterable[Part]:
         """All columns, part by part."""
@@ -165,7 +154,10 @@ class Bank:
 
     def products(self, others: Array) -> Array:
         """Return the (K, F) products of all columns with (n, F) others."""
-        return products_of(self.parts, others, self.starts[-1])
+        others, found = np.ascontiguousarray(others), np.empty((self.starts[-1], others.shape[1]))
+        for part in self.parts:
+            found[part.places] = part.products(others)
+        return found
 
     def _made(self) -> Iterator[Part]:
         """Yield the columns, those with the same answer of the readings together.
@@ -234,11 +226,3 @@ class Bank:
             regressors = regressors + (np.concatenate(columns, axis=2) * self.scale[:, :, None]).transpose(0, 2, 1)
         regressors = regressors.transpose(1, 0, 2).reshape(len(places), -1).astype(kind, copy=False)
         return Part(groups, places, regressors, np.arange(len(places)), None)
-
-
-def products_of(parts: Iterable[Part], others: Array, count: int) -> Array:
-    """Return the (count, F) products of all columns of some parts with (n, F) others."""
-    others, found = np.ascontiguousarray(others), np.empty((count, others.shape[1]))
-    for part in parts:
-        found[part.places] = part.products(others)
-    return found

@@ -56,18 +56,16 @@ def competing(screen: Screen, model: Model) -> Dense:
     aliased = {number for number, share in screen.single().items() if share is None or share <= ALMOST}
     own, mine = {screen.groups[one.number].hypothesis.members for one in model}, {one.number for one in model}
     screen.extend(_elsewhere(screen, model))
-    found, charges = dict[int, float](), dict[int, float]()
-    for i in range(len(model) + 1):
-        rest = without(model, i)
-        for one in rivals(screen.beside(rest), refine, most=MOST_COMPETING):
+    beside, found, charges = screen.beside(model), dict[int, float](), dict[int, float]()
+    for rest in (*map(beside.without, range(len(model))), beside):
+        for one in rivals(rest, refine, most=MOST_COMPETING):
             if one.chosen.number in aliased:
                 continue
             if screen.groups[one.chosen.number].hypothesis.members in own and one.chosen.number not in mine:
                 continue  # the same again, from the grid: it would count twice
-            number, odds = one.chosen.number, float(screen.beside(rest).odds_at(one.chosen.number).max())
+            number, odds = one.chosen.number, float(rest.odds_at(one.chosen.number).max())
             if one.odds > found.get(number, -np.inf):  # of the amplitudes that it has where it competes most
                 found[number], charges[number] = one.odds, max(odds - one.odds, 0.0)
-    beside = screen.beside(model)
     for one, amplitudes in zip(model, beside.amplitudes, strict=True):
         charges[one.number] = screen.charge(one.number, amplitudes)
     priors = np.array([screen.prior(number) - charge for number, charge in charges.items()])

@@ -13,7 +13,7 @@ import numpy as np
 from armflex.conventions import RESOLUTION, Array
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import sensible, size_prior
-from armflex.trace.bank import Bank, products_of
+from armflex.trace.bank import Bank
 from armflex.trace.columns import Columns
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
@@ -85,10 +85,10 @@ class Screen(Evidence):
             visible = left > ALMOST * self.unit
             marked = marked[at] * scale[at, None] / np.sqrt(np.where(visible, left, 1.0))[:, None]
             self.groups = _named(self.groups, alone.numbers[visible], marked[visible])
-        self._held, self._scanned = Columns(bank, projection, scale), np.zeros(0, dtype=int)
+        self._held = Columns(bank, projection, scale)
         rows = self._held.with_bank(bank.products, scale)
-        self._catalogue, self._narrow = Block(batches, scores[:, 0] * scale, prior_of(self.groups), rows), None
-        self.blocks = [self._catalogue, self._block((), self._held.further)]
+        catalogue = Block(batches, scores[:, 0] * scale, prior_of(self.groups), rows)
+        self.blocks = [catalogue, self._block((), self._held.further)]
         self._charges: dict[tuple, float] = {}
         self._sized: dict[int, Array] = {}
         self._short: dict[tuple, float] = {}
@@ -97,10 +97,10 @@ class Screen(Evidence):
     def forget(self) -> None:
         """Drop what can be made again: a campaign of many rows has room for the columns of one fit only."""
         self._known.clear()
+        self.across.clear()
         self.bank.forget()
         rows = self._held.with_bank(self.bank.products, self._held.scale)
-        self._catalogue, self._narrow = replace(self._catalogue, gram=rows, axes={}), None
-        self.blocks = [self._catalogue, replace(self.blocks[1])]  # as if never scanned
+        self.blocks = [replace(self.blocks[0], gram=rows, axes={}), replace(self.blocks[1])]  # as if never scanned
 
     def _scaled(self, squares: Array) -> Array:
         moves = np.isfinite(squares) & (squares > MOTIONLESS)
@@ -182,7 +182,7 @@ class Screen(Evidence):
         None where that moves nothing that is read, nor is more than rounding beside that of the place where its law
         does most: an axis through the target moves it by 1e-17, not by nothing.
         """
-        if (alone := _alone(self._catalogue.batches)) is None:
+        if (alone := _alone(self.blocks[0].batches)) is None:
             return {}
         kinds, most = list[tuple[tuple, float]](), dict[tuple, float]()
         for group in (self.groups[i] for i in alone.numbers.tolist()):
@@ -208,19 +208,6 @@ class Screen(Evidence):
         columns, left = self.columns_of(places)
         return columns.T @ left, columns.T @ self.projection.residual
 
-    def narrow(self, some: bool) -> None:
-        self.blocks[0] = self._catalogue
-        if not some:
-            return
-        numbers = self.ranked[self.ranked < len(self._catalogue.priors)]
-        if self._narrow is None or not np.array_equal(numbers, self._scanned):
-            batches, kept = self._catalogue.narrowed(numbers)
-            parts = self.bank.some(kept)
-            gram = self._held.with_bank(lambda own: products_of(parts, own, len(kept)), self._held.scale[kept])
-            self._scanned = numbers
-            self._narrow = Block(batches, self._catalogue.scores[kept], self._catalogue.priors, gram)
-        self.blocks[0] = self._narrow
-
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""
         left, held = self.projection.left_of(residuals), self._held
@@ -229,7 +216,8 @@ class Screen(Evidence):
     def with_readings(self, scores: Array, objective: float) -> Self:
         """Return the same hypotheses with other readings: (K,) scores of all columns, and J0."""
         other = copy(self)
-        vars(other).pop("_known", None)
+        for held in ("_known", "across"):
+            vars(other).pop(held, None)
         pairs = zip(self.blocks, self.parted(scores), strict=True)
         other.blocks, other.objective = [replace(block, scores=own) for block, own in pairs], objective
         return other

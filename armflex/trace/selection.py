@@ -22,8 +22,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations, pairwise, takewhile
-from typing import Any, NamedTuple
+from itertools import combinations, pairwise
+from typing import NamedTuple
 from weakref import WeakKeyDictionary, ref
 
 import numpy as np
@@ -50,9 +50,6 @@ missing."""
 
 MOST_COMPETING = 40
 """Tolerance: hypotheses that compete for a place at most, and of waves, bumps and products of each kind."""
-
-RANKED = 512
-"""Tolerance: the best of a scan, among which an exchange is sought once a climb has changed the model."""
 
 MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
@@ -136,7 +133,6 @@ class Block:
         priors: (H, T) log prior probability of every hypothesis at each of its scales.
         gram: Returns the (K, k) products X'MX of their columns with some of all columns.
         axes: By size, eigenvalues and -vectors of a batch beside nothing: whatever is read, they are the same.
-        last: What the block was scanned beside last, and how; see `Beside.across`.
     """
 
     batches: tuple[Batch, ...]
@@ -144,7 +140,6 @@ class Block:
     priors: Array
     gram: Callable[[np.ndarray], Array]
     axes: dict[int, tuple[Array, Array]] = field(default_factory=dict, repr=False)
-    last: list[Any] = field(default_factory=lambda: [(), np.empty((0, 0))], init=False, repr=False)
 
     def joined(self, more: Block, gram: Callable[[np.ndarray], Array]) -> Block:
         """Return this block with another behind it."""
@@ -156,16 +151,6 @@ class Block:
             by_size[places.shape[1]] = batch
         scores, priors = np.append(self.scores, more.scores), np.concatenate([self.priors, more.priors])
         return Block(tuple(by_size.values()), scores, priors, gram)
-
-    def narrowed(self, some: np.ndarray) -> tuple[tuple[Batch, ...], np.ndarray]:
-        """Return the batches of some of the hypotheses, under their numbers, and which columns those have, in order."""
-        kept, batches, count = [np.zeros(0, dtype=int)], list[Batch](), 0
-        for one in self.batches:
-            batch = Batch(*(part[np.isin(one.numbers, some)] for part in one))
-            kept.append(batch.places.ravel())
-            batches.append(batch._replace(places=count + np.arange(batch.places.size).reshape(batch.places.shape)))
-            count += batch.places.size
-        return tuple(batches), np.concatenate(kept)
 
 
 def prior_of(some: Iterable[Group]) -> Array:
@@ -183,7 +168,6 @@ class Evidence(ABC):
         objective: J0.
         freedom: Degrees of freedom n: readings less what is fitted to them anyway.
         constant: Log likelihood that all models share, by which states of a search differ.
-        ranked: Numbers of the hypotheses that were among the best of any scan of all since a climb began.
     """
 
     groups: list[Group]
@@ -191,7 +175,6 @@ class Evidence(ABC):
     objective: float
     freedom: float
     constant: float = 0.0
-    ranked: np.ndarray = np.zeros(0, dtype=int)
 
     @abstractmethod
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
@@ -204,10 +187,6 @@ class Evidence(ABC):
     def sized(self, number: int) -> Array | float:
         """Return the (T,) log of how much likelier a scale of a hypothesis is than where all are equally likely."""
         return 0.0
-
-    def narrow(self, some: bool) -> None:
-        """Scan only what is `ranked` from now on, or all: where all are few, all."""
-        return
 
     def block_of(self, number: int) -> tuple[Block, int]:
         """Return the block that a hypothesis is in, and its number there."""
@@ -229,6 +208,11 @@ class Evidence(ABC):
 
     @cached_property
     def _known(self) -> dict[Model, Beside]:
+        return {}
+
+    @cached_property
+    def across(self) -> dict[Beside, WeakKeyDictionary[Block, Array]]:
+        """What `Beside.across` holds."""
         return {}
 
     def beside(self, model: Model) -> Beside:
@@ -268,6 +252,7 @@ class Beside:
         self.inverse = dtrtri(self.root, lower=1)[0] if len(self.root) else self.root
         self.pull = self.inverse @ scores
         self.volume = 2.0 * float(np.log(np.diag(self.root)).sum()) - float(np.log(self.held).sum())
+        self._whole: tuple[Beside, Array] | None = None
         self._reduced = WeakKeyDictionary[Block, tuple[list[Array], Array]]()
         self._odds = WeakKeyDictionary[Block, Array]()
 
@@ -322,11 +307,11 @@ class Beside:
         return self.odds_in(block)[own] + self.evidence.sized(number)
 
     def odds_in(self, block: Block) -> Array:
-        """Return the `odds` of a block's hypotheses; of those that are in no batch none."""
+        """Return the `odds` of a block's hypotheses."""
         if block in self._odds:
             return self._odds[block]
         freedom, (insides, scores) = self.evidence.freedom, self.reduced(block)
-        found = np.full(block.priors.shape, -np.inf)
+        found = np.empty(block.priors.shape)
         here, tight = float(log_likelihood(self.left, freedom)), SCALES[:, None] ** -2.0
         known = {} if self.model else block.axes
         for (numbers, places, _, signed), inside in zip(block.batches, insides, strict=True):
@@ -346,38 +331,46 @@ class Beside:
         self._odds[block] = found + block.priors
         return self._odds[block]
 
+    def without(self, place: int) -> Beside:
+        """Return the problem beside the model without one hypothesis, which a scan of the whole model makes quick."""
+        found = self.evidence.beside(without(self.model, place))
+        if found.model and found._whole is None:
+            found._whole = self, self.inverse[:, slice(*self._ends[place : place + 2])]
+        return found
+
     def reduced(self, block: Block) -> tuple[list[Array], Array]:
         """Return what the model leaves of the (g, k, k) information of every batch, and of the (K,) scores."""
         if block not in self._reduced:
-            across, found = self.across(block), list[Array]()
-            squares = np.einsum("km,km->k", across, across)
-            for _, places, inside, _ in block.batches:
+            if self._whole is None:
+                insides, scores, sign = [one.inside for one in block.batches], block.scores, -1.0
+                across, pull = self.across(block), self.pull
+            else:  # what the hypothesis that is gone took of them, given the rest, is left again
+                (whole, axes), sign = self._whole, 1.0
+                insides, scores = whole.reduced(block)
+                own = axes @ np.linalg.inv(np.linalg.cholesky(axes.T @ axes)).T
+                across, pull = whole.across(block) @ own, own.T @ whole.pull
+            squares, found = sign * np.einsum("km,km->k", across, across), list[Array]()
+            for (_, places, *_), inside in zip(block.batches, insides, strict=True):
                 if places.shape[1] == 1:
-                    found.append(inside - squares[places][:, :, None])
+                    found.append(inside + squares[places][:, :, None])
                 else:
                     own = across[places]
-                    found.append(inside - own @ own.transpose(0, 2, 1))
-            self._reduced[block] = found, block.scores - across @ self.pull
+                    found.append(inside + sign * own @ own.transpose(0, 2, 1))
+            self._reduced[block] = found, scores + sign * across @ pull
         return self._reduced[block]
 
     def across(self, block: Block) -> Array:
         """Return (K, k) products of a block's columns with those of the model, by the root's inverse.
 
-        Squares of it are what the model takes of their information. Columns of what the last model begins with, too,
-        stand as they are: a climb adds at the end, and takes out one hypothesis after the other from there.
+        Squares of it are what the model takes of their information. It is held of the last model that was asked.
         """
-        size, (last, found) = len(self.places), block.last
-        own = list(zip(self.places.tolist(), self.held.tolist(), strict=True))
-        if len(found) != len(block.scores) or found.shape[1] < size:
-            last, found = (), np.empty((len(block.scores), size + size // 2))
-        first = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(own, last, strict=False)))
-        if first < size:
-            inverse = self.inverse[first:, first:]  # of a triangle's end the inverse is the end of its inverse
-            before = found[:, :first] @ (inverse @ self.root[first:, :first]).T
-            found[:, first:size] = block.gram(self.places[first:]) @ inverse.T
-            found[:, first:size] -= before
-        block.last[:] = own, found
-        return found[:, :size]
+        held = self.evidence.across
+        if self not in held:
+            held.clear()
+        own = held.setdefault(self, WeakKeyDictionary[Block, Array]())
+        if block not in own:
+            own[block] = block.gram(self.places) @ self.inverse.T
+        return own[block]
 
     def rough(self, top: float) -> float:
         """Return the least log odds on a grid with which a hypothesis may come as near to some others as `WITHIN`."""
@@ -431,7 +424,6 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
     best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
     some = np.flatnonzero(best >= -WITHIN)
     order = some[np.argsort(-best[some], kind="stable")]
-    evidence.ranked = np.union1d(evidence.ranked, order[:RANKED])
     top, least = -WITHIN, beside.rough(-WITHIN)
     for number in order.tolist():
         if len(found) + len(rough) >= 4 * most or best[number] < least:
@@ -463,8 +455,7 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
     Nor does one hypothesis for each of two drives make it so in place of one for all drives. It begins with a model and
     has so many hypotheses at most; those that are refined are added to the evidence.
     """
-    worth, begun, first = evidence.log_posterior, evidence.log_posterior(model), set(model)
-    evidence.ranked = np.zeros(0, dtype=int)
+    worth, begun = evidence.log_posterior, evidence.log_posterior(model)
 
     def extended(model: Model, only: Only | None = None) -> Model:
         for rival in rivals(evidence.beside(model), refine, only)[:2] if len(model) < most else ():
@@ -474,15 +465,14 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
         return model
 
     def swept(model: Model) -> Model:  # one after the other, and round again until none can go or be exchanged
-        i, tried, start = 0, -1, model
+        i, tried = 0, -1
         while tried < len(model):
-            evidence.narrow(tried >= 0 and model is not start)
             if tried < 0:
                 longer = extended(model)
                 model, tried = longer, 0 if longer is model else -1
                 continue
             i, tried = (i if 0 < i <= len(model) else len(model)) - 1, tried + 1
-            some = rivals(evidence.beside(without(model, i)), refine)[:2]
+            some = rivals(evidence.beside(model).without(i), refine)[:2]
             trials = [without(model, i), *((*model[:i], one.chosen, *model[i + 1 :]) for one in some)]
             trial = max(trials, key=worth)
             if worth(trial) > worth(model) + BETTER:
@@ -498,13 +488,11 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
     while some:
         gone = some.pop(0)
         only = (lambda one: not one.family) if len(gone) == 1 else None
-        evidence.narrow(set(model) != first)
         trial = extended(extended(without(model, *gone), only), only)
         if worth(trial) > worth(model) - WITHIN and set(trial) != set(model):
             trial = swept(trial)
         if worth(trial) > worth(model) + BETTER:
             model, some = trial, exchangeable(trial)
-    evidence.narrow(False)
     return model
 
 

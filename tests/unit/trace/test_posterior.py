@@ -17,19 +17,21 @@ from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import sampled
 from armflex.trace.projection import Projection
 from armflex.trace.screen import Dense
-from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals
+from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals, without
 
 ROWS = 40
 
 
-def problem(columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None = None, signed: int = -1) -> Dense:
-    """Return columns as hypotheses of one amplitude each; `signed` is the number of one that must be positive."""
+def problem(
+    columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None = None, signed: int = -1, size: int = 1
+) -> Dense:
+    """Return columns as hypotheses of `size` amplitudes; `signed` is the number of one that must be positive."""
     groups = []
-    for i in range(columns.shape[1]):
+    for i in range(columns.shape[1] // size):
         law, term = (BASE_COMPLIANCE, 0) if i == signed else (BACKLASH, 0)
         candidate = Candidate(law, Location(f"J{i}", "rz", (), (term,)), ())
         prior = np.log(0.1) if priors is None else float(priors[i])
-        groups.append(Group(Hypothesis((candidate,), prior), i, np.ones(1)))
+        groups.append(Group(Hypothesis((candidate,), prior), size * i, np.ones(size)))
     return Dense(groups, columns, of_readings(readings), prior_of(groups))
 
 
@@ -103,19 +105,20 @@ def test_a_climb_finds_what_is_there_among_many_and_nothing_in_noise() -> None:
     assert {one.number for one in model} == {7, 150, 210}
 
 
-def test_a_scan_beside_a_part_of_another_model_is_that_of_its_own() -> None:
-    """Whatever was scanned before: models that lack some of the last one, have more, or share nothing with it."""
+@pytest.mark.parametrize("size", [1, 3])
+def test_a_scan_without_one_hypothesis_by_that_of_the_whole_is_that_of_its_own(size: int) -> None:
+    """Of hypotheses of one column and of several, of which one is all but like another in the model."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(200, 60))
     columns[:, 30:] += 2.0 * columns[:, :30]
+    columns[:, 33] = columns[:, 3] + 1e-4 * columns[:, 33]
     readings = 3.0 * rng.normal(size=200)
-    evidence = problem(columns, readings)
-    for numbers in ((), (3,), (3, 40), (3, 40, 33), (3, 33), (33,), (33, 5), (33, 5, 3, 4), (5, 4), (4, 5), (33,)):
-        model = tuple(Chosen(number, number % 4) for number in numbers)
-        other = problem(columns, readings)
-        alone = other.beside(model)
-        np.testing.assert_allclose(evidence.beside(model).odds, alone.odds, atol=1e-10)
-        assert evidence.log_posterior(model) == alone.log_posterior
+    evidence, other = problem(columns, readings, size=size), problem(columns, readings, size=size)
+    model = tuple(Chosen(number // size, number % 4) for number in (3, 40, 33, 12))
+    for i in range(len(model)):
+        alone, part = other.beside(without(model, i)), evidence.beside(model).without(i)
+        np.testing.assert_allclose(part.odds, alone.odds, rtol=1e-7, atol=1e-7)
+        assert part.log_posterior == alone.log_posterior
 
 
 GOLDEN_LOG_SCORE = -0.361
