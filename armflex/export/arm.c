@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 /* ---- Interface ------------------------------------------------------------------------------------------------- */
 
@@ -171,13 +172,6 @@ static void cross(const double *a, const double *b, double *out)
     out[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static void copy(const double *from, double *to, int count)
-{
-    for (int i = 0; i < count; i++) {
-        to[i] = from[i];
-    }
-}
-
 /* Add a vector in the axes of a frame to a point. */
 static void shift(double point[3], double turn[3][3], const double *by, double times)
 {
@@ -239,8 +233,8 @@ static void walk(const element *elements, int count, const double *q, double tur
             continue;
         }
         if (here->kind == FLEXES) {
-            copy(tip, s->origin[carrier], 3);
-            copy(turn[0], s->turn[carrier][0], 9);
+            memcpy(s->origin[carrier], tip, sizeof s->origin[carrier]);
+            memcpy(s->turn[carrier], turn, sizeof s->turn[carrier]);
         }
         if (carrier >= 0) {
             for (int i = 0; i < 3; i++) {
@@ -251,7 +245,7 @@ static void walk(const element *elements, int count, const double *q, double tur
 #if PULLS
         for (int p = 0; p < PULLS; p++) {
             if (pulls[p].element == k) {
-                copy(tip, s->point[p], 3);
+                memcpy(s->point[p], tip, sizeof s->point[p]);
                 shift(s->point[p], turn, pulls[p].point, 1.0);
             }
         }
@@ -344,7 +338,7 @@ static void pull_at(const pull *from, const double *here, double *force)
         size = from->size / fmax(distance * distance + from->reach * from->reach, 1e-6) / fmax(distance, 1e-9);
         break;
     default: /* CONSTANT: the anchor is the force */
-        copy(from->anchor, way, 3);
+        memcpy(way, from->anchor, sizeof way);
         size = from->size;
         break;
     }
@@ -444,8 +438,8 @@ static double factor_at(const factor *f, double x)
 /* Write what the laws are at the state's joint positions: the same under every load, and needed once. */
 static void know_laws(arm_state *s)
 {
-    copy(constant_offset[0], s->offset[0], 6 * FLEXURES);
-    copy(constant_compliance[0][0], s->compliance[0][0], 36 * FLEXURES);
+    memcpy(s->offset, constant_offset, sizeof s->offset);
+    memcpy(s->compliance, constant_compliance, sizeof s->compliance);
 #if FACTORS
     for (int f = 0; f < FACTORS; f++) {
         int column = factors[f].column;
@@ -651,7 +645,7 @@ static int draw(arm_state *s, double slowest, int patience)
     int code = NO_EQUILIBRIUM;
     for (int step = 0; step < MOST_STEPS; step++) {
         double square = step_of(s, moved);
-        copy(moved[0], s->twist[0], 6 * FLEXURES);
+        memcpy(s->twist, moved, sizeof(twists));
         if ((step > 0) && (square <= AT_REST) && (square * square <= NEXT_STEP * before)) {
             code = FINE;
             break;
@@ -670,7 +664,7 @@ static void loads_by_twist(arm_state *s)
 {
     twists load;
     weigh(s);
-    copy(s->load[0], load[0], 6 * FLEXURES);
+    memcpy(load, s->load, sizeof(twists));
     for (int j = 0; j < COORDINATES; j++) {
         double kept = s->twist[j / 6][j % 6];
         s->twist[j / 6][j % 6] = kept + TWISTED_BY;
@@ -794,7 +788,7 @@ static int newton(arm_state *s)
         for (int j = 0; j < COORDINATES; j++) {
             step[j] = left[j / 6][j % 6];
         }
-        copy(s->twist[0], from[0], COORDINATES);
+        memcpy(from, s->twist, sizeof(twists));
         if (solve(s, step) != FINE) {
             return NO_EQUILIBRIUM;
         }
@@ -816,19 +810,20 @@ static int newton(arm_state *s)
     return (largest <= BALANCED) ? FINE : NO_EQUILIBRIUM;
 }
 
-/* Factor a positive matrix into a lower triangle times its transpose, in place; return whether it is positive. */
-static int factored(double *matrix, int size, int stride)
+/* Factor a positive matrix into a lower triangle times its transpose, in place; return whether it is positive. Its
+ * columns begin at the first. */
+static int factored(double matrix[][COORDINATES], int first, int size)
 {
     for (int k = 0; k < size; k++) {
         for (int j = 0; j <= k; j++) {
-            double sum = matrix[k * stride + j];
+            double sum = matrix[k][first + j];
             for (int c = 0; c < j; c++) {
-                sum -= matrix[k * stride + c] * matrix[j * stride + c];
+                sum -= matrix[k][first + c] * matrix[j][first + c];
             }
             if (j < k) {
-                matrix[k * stride + j] = sum / matrix[j * stride + j];
+                matrix[k][first + j] = sum / matrix[j][first + j];
             } else if (sum > 0.0) {
-                matrix[k * stride + k] = sqrt(sum);
+                matrix[k][first + k] = sqrt(sum);
             } else {
                 return 0;
             }
@@ -841,7 +836,7 @@ static int factored(double *matrix, int size, int stride)
  * of minus the loads by the twists, I + L' G L is positive. For a law that is not symmetric this is enough, and more. */
 static int least_energy(arm_state *s)
 {
-    double by[FLEXURES][6][6], root[FLEXURES][6][6];
+    double by[FLEXURES][6][6], root[6][COORDINATES]; /* the triangles of all flexures beside each other */
     loads_by_twist(s);
     twists_by_load(s, by);
     for (int k = 0; k < FLEXURES; k++) {
@@ -851,20 +846,20 @@ static int least_energy(arm_state *s)
             double softest = fmax(fmax(by[k][first][first], by[k][first + 1][first + 1]), by[k][first + 2][first + 2]);
             for (int b = 0; b < 6; b++) {
                 given[a][b] = by[k][a][b];
-                root[k][a][b] = 0.5 * (by[k][a][b] + by[k][b][a]);
+                root[a][6 * k + b] = 0.5 * (by[k][a][b] + by[k][b][a]);
             }
-            root[k][a][a] += STIFF * fmax(softest, STIFF * STIFF);
+            root[a][6 * k + a] += STIFF * fmax(softest, STIFF * STIFF);
         }
-        if (factored(root[k][0], 6, 6) == 0) {
+        if (factored(root, 6 * k, 6) == 0) {
             return 0;
         }
         for (int b = 0; b < 6; b++) { /* the triangle's inverse times the law's tangent */
             for (int a = 0; a < 6; a++) {
                 double sum = given[a][b];
                 for (int c = 0; c < a; c++) {
-                    sum -= root[k][a][c] * by[k][c][b];
+                    sum -= root[a][6 * k + c] * by[k][c][b];
                 }
-                by[k][a][b] = sum / root[k][a][a];
+                by[k][a][b] = sum / root[a][6 * k + a];
             }
         }
     }
@@ -873,7 +868,7 @@ static int least_energy(arm_state *s)
             for (int b = 0; b < 6; b++) {
                 double sum = 0.0;
                 for (int c = b; c < 6; c++) {
-                    sum += s->room[i][6 * k + c] * root[k][c][b];
+                    sum += s->room[i][6 * k + c] * root[c][6 * k + b];
                 }
                 s->room[i][6 * k + b] = sum;
             }
@@ -885,7 +880,7 @@ static int least_energy(arm_state *s)
             s->room[i][j] = 0.5 * (s->room[i][j] + s->room[j][i]);
         }
     }
-    return factored(s->room[0], COORDINATES, COORDINATES);
+    return factored(s->room, 0, COORDINATES);
 }
 #endif
 
@@ -895,10 +890,10 @@ static int settle(arm_state *s)
 #if UNPROVEN
     twists begin_at;
     int code;
-    copy(s->twist[0], begin_at[0], 6 * FLEXURES);
+    memcpy(begin_at, s->twist, sizeof(twists));
     code = draw(s, SLOWEST, PATIENCE);
     for (int trial = 0; (trial < 2) && (code != FINE); trial++) { /* a law that is not smooth is no matter for Newton */
-        copy(begin_at[0], s->twist[0], 6 * FLEXURES);
+        memcpy(s->twist, begin_at, sizeof(twists));
         code = (trial == 0) ? newton(s) : draw(s, RUNS_AWAY, 1);
     }
 #else
@@ -954,7 +949,7 @@ static int stays(arm_state *s)
             }
         }
     }
-    copy(rest[0], s->twist[0], 6 * FLEXURES);
+    memcpy(s->twist, rest, sizeof(twists));
 #if UNPROVEN
     if (!(ratio < 1.0) && (least_energy(s) != 0)) { /* it is stiffened by the load, and swings from probe to probe */
         ratio = 0.0;
@@ -974,7 +969,7 @@ static int rest_at(arm_state *s)
 /* Write where the flexed arm's tip is [m]. */
 static void flexed_tip(arm_state *s, double tip[3])
 {
-    copy(s->tip, tip, 3);
+    memcpy(tip, s->tip, sizeof s->tip);
     for (int k = FLEXURES - 1; k >= 0; k--) {
         double from[3] = {tip[0], tip[1], tip[2]};
         screw_of(s, k);
@@ -1214,7 +1209,7 @@ int NAME_compensate(const double *q, int payload, double *out)
         code = stays(&s);
     }
     if (code == FINE) {
-        copy(s.q, out, JOINTS);
+        memcpy(out, s.q, sizeof s.q);
     }
     return code;
 }

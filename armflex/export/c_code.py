@@ -379,7 +379,7 @@ def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
     lines = [
         f"The tip of the manipulator {robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
         "",
-        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h alone (link with -lm).",
+        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h and string.h (link with -lm).",
         f"Base frame {robot.base!r}, tip {robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
         "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
         "threads may ask at once. The covariates, where there are any, are read alone.",
