@@ -24,7 +24,7 @@ from armflex.laws.effects.in_arm import BoundTwist, Pulling, depended_on
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
-from armflex.laws.terms import Factor, Neurons, Of, Term
+from armflex.laws.terms import Factor, Of, Term
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree, link_frame
 from armflex.version import __version__
 
@@ -193,7 +193,7 @@ def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
     refused = []
     for number, law in arm.stack.parts:
         try:
-            terms = [one for term in law.terms() for one in (term.single() if isinstance(term, Neurons) else (term,))]
+            terms = [one for term in law.terms() for one in term.single()]
             for factor in {factor for term in terms for factor in term.factors if factor.kind is Of.CHEBYSHEV}:
                 joint, (middle, reach, _) = arm.joint_index[factor.column.removeprefix("q_")], factor.numbers
                 if max(arm.robot.upper[joint] - middle, middle - arm.robot.lower[joint]) > (1.0 + TRAVEL) * reach:
@@ -379,7 +379,7 @@ def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
     lines = [
         f"The tip of the manipulator {robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
         "",
-        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h and string.h (link with -lm).",
+        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h, string.h (link with -lm).",
         f"Base frame {robot.base!r}, tip {robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
         "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
         "threads may ask at once. The covariates, where there are any, are read alone.",

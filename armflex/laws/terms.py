@@ -255,6 +255,10 @@ class Term:
         features = tuple(one.carried(action) for one in self.features)
         return Term(action @ self.along, matrix, features, self.factors, _carried(self.window, action))
 
+    def single(self) -> Iterator[Term]:
+        """Yield it: it has no neurons."""
+        yield self
+
     def twist(self, load: Array) -> Array:
         """Return the (..., 6) twist under (..., 6) loads but for its factors."""
         value = self.along if self.matrix is None else self.along + load @ self.matrix.T

@@ -20,7 +20,6 @@ import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.mechanics.equilibrium import Equilibrium
-from armflex.mechanics.laws import LawStack
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import (
@@ -178,11 +177,3 @@ def _closed(
     by_pin = -linear.by_load @ turned - linear.by_gap @ opened
     by_gap, ways = linear.by_gap @ linear.rows, linear.rows.T @ linear.ways
     return configuration, (linear.by_law, linear.by_load, by_gap, by_pin, linear.turned, ways), -torque
-
-
-def tangents_of(stack: LawStack, loaded: LoadedArm, case: LoadCase, loads: Array) -> Array:
-    """Return the (M, n, 6, 6) tangents of the laws under (M, n, 6) loads in the rows of a case."""
-    row = loaded.row(case.q, case.covariates)
-    whole = stack.tangent(loads.reshape(len(loads), -1), row)
-    n = loads.shape[1]
-    return np.einsum("mkikj->mkij", whole.reshape(len(loads), n, 6, n, 6))

@@ -76,6 +76,13 @@ class LawStack:
             total[..., place, place] = law.tangent(wrenches[..., place], row)
         return total
 
+    def tangents(self, loads: Array, row: Row) -> Array:
+        """Return the (..., n, 6, 6) derivative of every flexure's twist by its load, of (..., n, 6) [m/N, rad/Nm]."""
+        found = np.empty((*loads.shape, 6))
+        for i, law in enumerate(self.laws):
+            found[..., i, :, :] = law.tangent(loads[..., i, :], row)
+        return found
+
     def change_with_position(self, wrenches: Array, row: Row) -> Array:
         """Return the (..., 6 n, nq) derivative of the twists [m, rad] by the joint positions at given loads."""
         change = np.zeros((*wrenches.shape, row.q.shape[-1]))

@@ -29,22 +29,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 
 from armflex.conventions import Array
 from armflex.errors import ClosureError, ConvergenceError
 from armflex.laws import Row
 from armflex.mechanics.laws import LawStack
-from armflex.mechanics.pinocchio_model import (
-    FlexModel,
-    Load,
-    LoadCase,
-    Mechanics,
-    integrate,
-    log3,
-    place_frames,
-    rnea,
-)
+from armflex.mechanics.pinocchio_model import FlexModel, Load, LoadCase, Mechanics, integrate, rnea
 from armflex.mechanics.spring import Spring
 from armflex.mechanics.ties import Ties
 from armflex.robot import Corrections, Robot
@@ -481,20 +471,9 @@ class Mechanism(Mechanics):
         """Return (n_cylinders,) lengths between the pins [m]."""
         return self.tied.place(configuration)[0][self.true.lengths]
 
-    def displacement(self, configuration: Array, q: Array) -> Array:
-        """See `Mechanics`; the rigid mechanism is closed."""
-        free = self.nominal.closed(q)
-        place_frames(self.model, self.data, configuration)
-        place_frames(self.rigid.model, self._rigid_data, self.nominal.configuration(q, free))
-        found = np.empty(6)
-        np.subtract(self._shift, self._rigid_shift, found[:3])
-        found[3:] = log3(self._turn.dot(self._rigid_turn))
-        return found
-
-    def rigid_tip_pose(self, q: Array) -> pin.SE3:
-        """See `Mechanics`."""
-        place_frames(self.rigid.model, self._rigid_data, self.nominal.configuration(q, self.nominal.closed(q)))
-        return self._rigid_data.oMf[self.rigid.tip].copy()
+    def _controlled(self, q: Array) -> Array:
+        """See `Mechanics`; the loops are closed."""
+        return self.nominal.configuration(q, self.nominal.closed(q))
 
     def joint_loads(self, configuration: Array, case: LoadCase, torque: Array | None = None) -> Array:
         """See `Mechanics`; of a cylinder its tension along x."""

@@ -412,11 +412,15 @@ class Mechanics:
     def displacement(self, configuration: Array, q: Array) -> Array:
         """Return the (6,) displacement of the tip from where the rigid arm has it at (nq,) positions [m, rad]."""
         place_frames(self.model, self.data, configuration)
-        place_frames(self.rigid.model, self._rigid_data, q)
+        place_frames(self.rigid.model, self._rigid_data, self._controlled(q))
         found = np.empty(6)
         np.subtract(self._shift, self._rigid_shift, found[:3])
         found[3:] = log3(self._turn.dot(self._rigid_turn))
         return found
+
+    def _controlled(self, q: Array) -> Array:
+        """Return the rigid model's configuration at (nq,) positions, where the controller knows it to be."""
+        return q
 
     def frame_pose(self, configuration: Array, frame: int) -> pin.SE3:
         """Return a frame's pose in the base."""
@@ -425,7 +429,7 @@ class Mechanics:
 
     def rigid_tip_pose(self, q: Array) -> pin.SE3:
         """Return the tip's pose of the rigid arm at joint positions (nq,)."""
-        pin.forwardKinematics(self.rigid.model, self._rigid_data, q)
+        pin.forwardKinematics(self.rigid.model, self._rigid_data, self._controlled(q))
         return pin.updateFramePlacement(self.rigid.model, self._rigid_data, self.rigid.tip).copy()
 
     def link_poses(self, configuration: Array) -> dict[str, Array]:

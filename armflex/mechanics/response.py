@@ -22,7 +22,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small, find_equilibrium
-from armflex.mechanics.few_rows import FewRows, linearised, tangents_of
+from armflex.mechanics.few_rows import FewRows, linearised
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.loop_rows import responding, solver_of
@@ -290,7 +290,7 @@ def _solved_alone(
     """Return the same of few rows, each by Pinocchio."""
     found = Solution.empty(len(rows), len(loaded.arm.sites))
     each = _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
-    tangents = tangents_of(loaded.arm.stack, loaded, case, found.wrenches)
+    tangents = loaded.arm.stack.tangents(found.wrenches, loaded.row(case.q, case.covariates))
     part = linearised(loaded, rows, case, each, tangents)
     into[rows] = part.by_law(None, case.q, found.twists)
     return part, found

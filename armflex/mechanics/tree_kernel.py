@@ -13,7 +13,7 @@ without G in the first step, with it as it was there from the second on. What do
 is all that needs to be said.
 
 **It stays** where 1_y + Z' G Z is positive along the motions Z that its loops allow, by coordinate of laws. A norm of
-Z' G Z below 1 is a proof. With V the twists of elements, G is
+Z' G Z below 1 is a proof, as Cholesky's factor is. With V the twists of elements, G is
 
     Z' G Z = - sum_k (V x s) . F - sum_bodies V . dw + sum_ties (V2 - V1) . dh
 
@@ -650,15 +650,15 @@ def _settle(tree, compliance, offset, scale, links, wrenches, q, free, idle, her
 
 @bare
 def _distance(tree, here, room, links, wrenches, changes, real, driven):
-    """Fill `stiff`, and return the norm of Z' G Z; `matrix` is that without G still."""
-    total, laws, stiff, rank = len(real), room.laws, room.stiff, here.rank[0]
-    p, square = total - rank, 0.0
+    """Fill `stiff`, and return the bound on Z' G Z that `_proof` has; `matrix` is that without G still."""
+    total, laws, stiff, rank, form = len(real), room.laws, room.stiff, here.rank[0], room.inverse
+    p = total - rank
     laws[:] = 0.0
     for c in range(rank):
         laws[p + c, c] = 1.0
     _solve(room.matrix, room.order, laws)
     _stiffen(tree, here, room, links, wrenches, changes, real, driven)
-    half, whole = room.small, room.small[total]
+    half = room.small
     for b in range(0, laws.shape[1], WIDE):
         for z in range(total):
             put_pack(half[z], b, _sum(stiff[z], laws, b, laws.shape[1], total))
@@ -666,17 +666,15 @@ def _distance(tree, here, room, links, wrenches, changes, real, driven):
             value = laws[0, c] * pack(half[0], b)
             for z in range(1, total):
                 value = value + laws[z, c] * pack(half[z], b)
-            put_pack(whole, 0, value)
-            for a in range(WIDE):
-                square += whole[a] ** 2
-    return math.sqrt(square)
+            put_pack(form[c], b, value)
+    return _proof(form[:rank], half)
 
 
 @bare
 def _proof(stiff, left):
-    """Return a bound on how negative G is, by coordinate of laws: below 1 is a proof that the arm stays.
+    """Return a bound on how negative G or Z' G Z is, by coordinate of laws: below 1 is a proof that the arm stays.
 
-    That is G's norm, or a share of the unit matrix with which G is positive; `left` is to work in.
+    That is its norm, or a share of the unit matrix with which it is positive; `left` is to work in.
     """
     norm = 0.0
     for a in range(len(stiff)):

@@ -125,6 +125,18 @@ def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold
         assert found.load_factor == pytest.approx(expected.load_factor, rel=1e-6)
 
 
+def test_a_mechanism_that_its_loads_stiffen_is_proven_in_compiled_code(tmp_path: Path, cold: None, monkeypatch) -> None:
+    """What they change is too much for its norm to be a proof, and stiffens it."""
+    arm, pull = CRANE.load(tmp_path), Wrench("jib", np.array([1e5, 0.0, 0.0]), np.zeros(3))
+    few = arm.deflection(poses("crane", 8), wrenches=(pull,), allow_large=True)
+    compiled(monkeypatch)
+    asked, rest = [], Mechanism.rest
+    monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
+    found = replace(arm).deflection(few.q, wrenches=(pull,), allow_large=True)
+    assert len(asked) < len(few.q)
+    np.testing.assert_allclose(found.displacement, few.displacement, rtol=0, atol=1e-12)
+
+
 def test_pinocchio_solves_every_row_once(tmp_path: Path, cold: None, monkeypatch) -> None:
     arm = declared(PARALLELOGRAM, tmp_path, kind=SPHERICAL)
     q = poses("parallelogram", 4)
