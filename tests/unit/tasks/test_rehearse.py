@@ -12,6 +12,7 @@ from support.small_arms import joint, link, robot
 
 import armflex
 from armflex.cli.main import armflex as group
+from armflex.cli.rehearse_command import print_rehearsal
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect, full
 from armflex.tasks.rehearse import Rehearsal, simulated
@@ -91,6 +92,22 @@ def test_a_trace_finds_what_the_rehearsal_promises(
     amplitude = 1e-7 * one.size / float(np.sqrt(((trial.position - still.position) ** 2).sum(axis=1).mean()))
     found = armflex.trace(arm, campaign(amplitude))
     assert [(each.effect.law.name, each.effect.location.site) for each in found.found] == [(name, one.location.site)]
+
+
+def test_the_table_has_one_way_of_naming_and_calibration_beside_the_names(
+    rehearsed: Rehearsal, capsys: pytest.CaptureFixture[str]
+) -> None:
+    print_rehearsal(rehearsed)
+    lines = capsys.readouterr().out.splitlines()
+    head = next(line for line in lines if "hidden effect" in line)
+    assert " ".join(head.split()) == "hidden effect places size mm own name calibration another mostly in set"
+    cells = {line.split()[0]: line.split() for line in lines if line.split()[:1] and line.split()[0] in EVERY}
+    assert set(cells) == {one.effect for one in rehearsed.effects}
+    for name, (_, _, _, *chances) in cells.items():
+        assert 98 <= sum(int(chance.rstrip("%")) for chance in chances[:3]) <= 102, name
+    assert int(cells["encoder_offset"][4].rstrip("%")) > int(cells["encoder_offset"][3].rstrip("%"))
+    legend = " ".join(lines)
+    assert all(f"{word}: " in legend for word in ("size", "own name", "calibration", "another", "in set"))
 
 
 def test_the_command_writes_what_the_function_returns(folder: Path) -> None:
