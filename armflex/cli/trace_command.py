@@ -94,7 +94,7 @@ def command(
             trace(arm, measurements, None, show_stage, keep, account, doing, anyway, ask or 0, covariates, accepted)
     except BaseException:  # Ctrl-C, too
         for found in passing if not finished else ():
-            outputs.write(found)
+            outputs.write(found, ended=True)
         raise
     finally:  # also where it could not be written
         for found in finished:
@@ -120,10 +120,10 @@ class Outputs:
         """Return where the rows go that were asked for, None where none were."""
         return None if found.asked is None else self.arm.parent / f"{found.asked.stem}.csv"
 
-    def write(self, found: Trace, page: bool = True) -> None:
+    def write(self, found: Trace, page: bool = True, ended: bool = False) -> None:
         """Write all of them or none, the page where it is asked for.
 
-        A search that goes on is not ended by a full disk: it says so.
+        A search that goes on is not ended by a full disk: it says so. Where it was `ended` before, that error counts.
 
         Raises:
             FileError: A file of the finished account cannot be written.
@@ -144,7 +144,7 @@ class Outputs:
         except Exception as error:
             if not found.unfinished:
                 raise
-            warn(f"{error}; the search goes on")
+            warn(f"{error}; {'the files stay as they were before' if ended else 'the search goes on'}")
 
 
 def print_trace(found: Trace) -> None:

@@ -34,6 +34,7 @@ from armflex.errors import (
     listing,
 )
 from armflex.files.calibration_table import (
+    REMARKS,
     Campaign,
     calibration_table,
     doubts,
@@ -501,7 +502,10 @@ def write_arm(
         document["effect"].append(table)
     with together():
         calibration = with_covariance(calibration_table(arm, campaign, unfinished), path)
-        document.append("calibration", tomlkit.item(calibration))
+        fitted = tomlkit.item(calibration)
+        for name in REMARKS.keys() & calibration.keys():
+            fitted[name].comment(REMARKS[name])
+        document.append("calibration", fitted)
         for file in _passing(path):
             if file.name != calibration.get("covariance_file"):
                 remove(file)

@@ -51,6 +51,16 @@ LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
 UNFINISHED = "written while `armflex trace` was still searching: more effects may be missing, none was compared"
 
+REMARKS = {
+    "joint_offset": "added to the controller's positions [rad or m]",
+    "geometry": "shift [m] and rotation vector [rad] before the joint",
+    "compliance": "natural logarithms of the factors on the declared compliances dx dy dz rx ry rz: 0 is as declared",
+    "mass": "natural logarithms of the factors on the declared masses: 0 is as declared",
+    "spring": "by which share the rate or pressure is higher, and how much longer the spring is [m]",
+    "sessions": "shift [m] and rotation vector [rad] of the instrument's frame",
+    "targets": "shift [m] and rotation vector [rad] of the target on the tool",
+}
+"""What the tables of a written [calibration] say of their numbers, in a comment."""
 
 SHAPES = {"mean": (6,), "precision": (6, 6), "loads": (2, 6), "load_scale": (6,), "twist_scale": (6,)}
 """Names and shapes of a `Seen`'s arrays."""

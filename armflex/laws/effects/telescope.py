@@ -64,7 +64,10 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
 TELESCOPE = TwistLaw(
     name="unnamed_telescope",
     words=Words(
-        "a telescope that bends", "a telescopic joint gives as a beam, the more the further it is out", "B(L) w / EI"
+        "bending of a telescope",
+        "a telescopic joint gives as a beam that is as long as it is out; a compliance that was declared holds at one "
+        "length, beyond which this adds to it and short of which it takes away from it",
+        "(B(L) − B(L_d)) w / EI",
     ),
     instead="hang the same weight on the joint's link with the joint in, half out and out",
     plausible=Plausible(0.05, 0.02, "slender booms sag by a hundredth of their length"),

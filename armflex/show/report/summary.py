@@ -71,9 +71,10 @@ def further(trace: Trace) -> list[str]:
         )
     for one in trace.found:
         if one.proof.survives < 1.0:
-            share = f"{one.proof.survives:.0%}"
+            name, share = called(one.effect, one.number), f"{one.proof.survives:.0%}"
             said.append(
-                f"Without a fifth of the poses, {called(one.effect, one.number)} is selected in {share} of folds."
+                f"With all poses the probability of {name} is {one.probability:.0%}. Without a fifth of them it is "
+                f"selected in {share} of folds; what the other folds select in its place is not kept."
             )
     if trace.undecided is not None:
         said.append(trace.undecided.text)

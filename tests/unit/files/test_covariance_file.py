@@ -13,7 +13,8 @@ from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm
 from armflex.errors import ArmFileError
-from armflex.files.calibration_table import LAYOUT
+from armflex.files.arm_file import write_arm
+from armflex.files.calibration_table import LAYOUT, Campaign
 from armflex.storage.array_file import write_arrays
 
 LABELS = ("joint_offset A1", "joint_offset A2", "joint_offset A3")
@@ -44,6 +45,15 @@ def test_there_and_back(tmp_path: Path) -> None:
     found = loaded(calibrated(tmp_path)).certainty
     assert found.labels == LABELS
     np.testing.assert_array_equal(found.covariance, MATRIX)
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_what_is_written_says_what_its_numbers_are(tmp_path: Path) -> None:
+    calibrated(tmp_path)
+    arm = replace(load_arm(tmp_path / "arm.toml"), factors={"A2": np.array([0, 0, 0, 0, -0.5, 0])})
+    lines = write_arm(tmp_path / "arm.toml", arm, Campaign("", 1, 0.0), tmp_path / "again.toml").read_text().split("\n")
+    assert any(line.startswith("[calibration.compliance] # natural logarithms of the factors") for line in lines)
+    np.testing.assert_array_equal(load_arm(tmp_path / "again.toml").factors["A2"], arm.factors["A2"])
 
 
 @pytest.mark.filterwarnings("ignore")

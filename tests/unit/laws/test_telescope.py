@@ -61,6 +61,14 @@ def test_it_bends_as_a_beam_beyond_what_was_declared(tarm, position):
     np.testing.assert_allclose(found.tangent(wrench, row), whole - declared, rtol=1e-9, atol=1e-20)
 
 
+def test_it_adds_to_what_was_declared_or_takes_away_as_its_words_say(tarm):
+    """Out of its vertical the end sags by more beyond the declared length, and by less short of it."""
+    side = np.array([1000.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    sags = [telescope(tarm, 2.0).twist(side, Row(np.array([q]), {"M1": 0}))[0] for q in (1.0, 2.0, 3.0)]
+    assert sags[0] < -1e-9 and abs(sags[1]) < 1e-15 and sags[2] > 1e-9
+    assert "beyond which this adds to it and short of which it takes away" in TELESCOPE.words.meaning
+
+
 def test_driven_in_it_is_a_beam_the_other_way_that_gets_shorter(tarm):
     wrench, row = np.array([300.0, -200.0, -4000.0, 700.0, 900.0, -90.0]), Row(np.array([0.5]), {"M1": 0})
     mirrored = cantilever(CLAMPED - 0.5)

@@ -191,6 +191,9 @@ def test_a_full_disk_ends_no_search_and_spoils_no_file(
     outputs.write(whole.accounts[0])
     said = capsys.readouterr().err
     assert f"{outputs.arm}: cannot be written: No space left on device; the search goes on" in said
+    outputs.write(whole.accounts[0], ended=True)
+    said = capsys.readouterr().err
+    assert "No space left on device; the files stay as they were before" in said and "goes on" not in said
     with pytest.raises(FileError, match=r"t\.toml: cannot be written: No space left on device"):
         outputs.write(whole.finished)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -18,6 +18,8 @@ from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.measured.points import read_points
+from armflex.show.report.summary import further
+from armflex.show.report.words import called
 from armflex.trace.findings import Unexplained
 
 pytestmark = pytest.mark.slow
@@ -103,6 +105,16 @@ def test_the_terminal_says_on_what_an_effect_depends_and_how_often_it_is_chosen_
     (line,) = [line for line in lines if f"{truth.effects[0].site}  " in line and "->" in line]
     assert one["covariates"][0] in line and f"{one['chosen_again']:.0%}" in line
     assert any("the share of folds that select the effect" in line for line in lines)
+
+
+def test_a_name_that_folds_do_not_select_is_not_said_to_be_sure_beside_that(ran) -> None:
+    found = ran[2]
+    (one,) = found.found
+    rarely = dataclasses.replace(one, proof=dataclasses.replace(one.proof, survives=0.2))
+    said = " ".join(further(dataclasses.replace(found, found=(rarely,))))
+    assert f"With all poses the probability of {called(one.effect)} is {one.probability:.0%}." in said
+    assert "selected in 20% of folds; what the other folds select in its place is not kept." in said
+    assert "of folds" not in " ".join(further(found))
 
 
 def test_held_out_errors_are_of_what_was_chosen_without_the_poses(ran) -> None:
