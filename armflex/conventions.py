@@ -101,7 +101,8 @@ def parse_quantity(text: str, kind: str) -> float:
     match = _QUANTITY.fullmatch(text)
     known = UNITS[kind]
     if match is None or not match[2]:
-        example = f"5{next(iter(known))}"
+        unit = next(iter(known))
+        example = f"5{SHOWN.get(unit, (unit,))[0]}"
         article = "an" if kind[0] in "aeiou" else "a"
         raise UnitError(f"{text!r}: expected {article} {kind} with its unit, such as {example} ({', '.join(known)})")
     if match[2] not in known:

@@ -193,13 +193,14 @@ class UnknownNameError(InputError, KeyError):
 
 
 class MissingCovariateError(InputError):
-    """An effect depends on something that was not given: `name`; `given` lists what was."""
+    """An effect depends on something that was not given: `name`; `given` lists what was, `remedy` says what to do."""
 
-    def __init__(self, name: str, given: Iterable[str], asker: str = "") -> None:
+    def __init__(self, name: str, given: Iterable[str], asker: str = "", remedy: str = "") -> None:
         self.name, self.given = name, tuple(given)
         who = f"effect {asker!r}" if asker else "the arm"
-        hint = did_you_mean(name, self.given)
-        super().__init__(f"{who} needs the covariate {name!r}, which is not given{hint} (given: {listing(self.given)})")
+        hint = did_you_mean(name, [one for one in self.given if ("=" in one) == ("=" in name)])  # a column or a level
+        text = f"{who} needs the covariate {name!r}, which is not given{hint} (given: {listing(self.given)})"
+        super().__init__(text + remedy)
 
 
 class ConvergenceError(ArmflexError):

@@ -428,7 +428,13 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     warn(
         [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]
     )
-    covariates = {name: table.numbers(name) for name in others if name not in remarks}
+    try:
+        covariates = {name: table.numbers(name) for name in others if name not in remarks}
+    except TableError as error:
+        if not {"x", "y", "z"} <= set(others):
+            raise
+        text = "a path has no readings x y z: is this a campaign? `predict` and `calibrate` read one"
+        raise TableError(error.place, f"{error.problem}; {text}") from None
     try:
         for name, values in covariates.items():
             for value in dict.fromkeys(values.tolist()):

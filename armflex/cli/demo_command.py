@@ -59,7 +59,8 @@ def command(output: Path) -> None:
     compensated = _sag_and_path(arm, folder, output)
     presets = _paper_joint(folder)
 
-    heading("5. Measured, and not where it should be: armflex trace robots/tarm_like/measured.toml campaign.csv ...")
+    command = "armflex trace robots/tarm_like/measured.toml robots/tarm_like/campaign.csv ..."
+    heading(f"5. Measured, and not where it should be: {command}")
     measured = load_arm(folder / "measured.toml")
     with progress("tracing"):
         traced = trace(measured, read_measurements(folder / "campaign.csv", measured), progress=doing)

@@ -79,8 +79,10 @@ def history(arms: Mapping[str, Arm], dates: Sequence[float]) -> History:
         InputError: Fewer than two arms; dates that do not ascend; as `fleet.said`.
     """
     time = np.array(dates, dtype=float)
-    if len(arms) < 2 or len(time) != len(arms) or not (np.diff(time) > 0.0).all():
-        raise InputError(f"expected two calibrations or more with dates that ascend, got {len(arms)}: {list(dates)}")
+    if len(arms) < 2:
+        raise InputError(f"expected two calibrations or more to compare, got {len(arms)}")
+    if len(time) != len(arms) or not (np.diff(time) > 0.0).all():
+        raise InputError(f"expected dates that ascend, one for each of {len(arms)} calibrations, got {list(dates)}")
     parameters, scale, sisters, _ = said(arms)
     covariances = [np.linalg.inv(one.information + np.eye(len(scale))) for one in sisters]
     values = np.array([known @ one.pull for known, one in zip(covariances, sisters, strict=True)]) * scale

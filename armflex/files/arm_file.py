@@ -539,8 +539,10 @@ def accepted_effects(declared: Path, path: Path, sha256: str) -> tuple[Effect, .
         sha256: Of the campaign.
 
     Raises:
-        FileError: It is no arm.toml of an unfinished trace, or that of another campaign or another arm.
+        FileError: It is not there, or no arm.toml of an unfinished trace, or that of another campaign or another arm.
     """
+    if not path.exists():
+        raise FileError(Place(path), "does not exist: there is nothing to resume")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that it is unfinished
         arm = load_arm(path)

@@ -15,7 +15,17 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armflex.conventions import LARGEST, NUMBER, UNITS, Array
-from armflex.errors import InputError, ManyErrors, Place, TableError, UnknownNameError, UrdfError, did_you_mean, listing
+from armflex.errors import (
+    FEW,
+    InputError,
+    ManyErrors,
+    Place,
+    TableError,
+    UnknownNameError,
+    UrdfError,
+    did_you_mean,
+    listing,
+)
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
 from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
@@ -165,9 +175,12 @@ def intake(
     if not wrong and (len(logs) != 1 or len(pictures) > 1 or (not points and not pictures and len(sources) > 1)):
         text = f"{len(logs)} files have joints and {len(points)} have x y z"
         text += f", {len(pictures)} are pictures" if pictures else ""
-        wrong.append(f"{text}: give one log and one export, or one file of both")
+        wrong.append(f"{listing(map(str, paths), FEW)}: {text}: give one log and one export, or one file of both")
     if points and sigma is None:
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
+    for one in sources if wrong else ():
+        if {"x", "y", "z"} <= {*one.header} and any(name.startswith("sigma") for name in one.header):
+            wrong.append(f"{one.path}: has x y z and sigma, as a campaign in SI: calibrate and trace read one as it is")
     declared, shown, beside = "", list[str](), beside or (sources[logs[0]].path.parent if logs else Path())
     if board is not None and not pictures:
         wrong.append("--board: no folder of pictures and no table of corners is among the files")

@@ -245,7 +245,8 @@ def derived_directions(arm: Manipulator, rows: Rows, asked: np.ndarray) -> tuple
         unknown = asked[unclear[asked]]
         if len(unknown) and name not in asker.derived:
             with naming(rows.places[unknown[0]] if rows.places else f"row {unknown[0]}"):
-                raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived)), asker.name)
+                remedy = ": no row before moves that joint. Give the column, of -1, 0 or 1, or rows that drive there"
+                raise MissingCovariateError(name, sorted(set(rows.known) - set(rows.derived)), asker.name, remedy)
         flags[name] = derived_direction(name, len(unknown))
     return tuple(flags.values())
 

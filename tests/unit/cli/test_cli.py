@@ -266,7 +266,7 @@ BAD = {
     "missing trajectory": (["check", A, "none.csv", "--tolerance", "5mm"], "none.csv: cannot be read"),
     "another arm's trajectory": (
         ["check", A, HEAVY / "trajectory.csv", "--tolerance", "5mm"],
-        "trajectory.csv:1: has no column 'q_M1'",
+        "trajectory.csv:1: seems to be of another arm: it has q_J1",
     ),
     "unknown joint": (["deflect", A, "--q", "A9=1"], "no joint named 'A9', did you mean 'A"),
     "joint twice": (["deflect", A, "--q", "A1=1,A1=2"], "joint 'A1' is given twice"),
@@ -284,7 +284,7 @@ BAD = {
     "force of two": (["deflect", A, "--force", "tool=0,-5N"], "is not of the form LINK=FX,FY,FZ"),
     "force at no link": (["deflect", A, "--force", "tol=0,0,-5N"], "no link named 'tol', did you mean 'tool'"),
     "unknown method": (["deflect", A, "--method", "newtn"], "'newtn' is not known, did you mean 'newton'"),
-    "tolerance without unit": (["check", A, T, "--tolerance", "5"], "'5': expected a length with its unit, such as 5m"),
+    "tolerance without unit": (["check", A, T, "--tolerance", "5"], "length with its unit, such as 5mm"),
     "tolerance of angle": (["check", A, T, "--tolerance", "5mrad"], "'mrad' is no unit of length"),
     "endless tolerance": (["check", A, T, "--tolerance", "1e400mm"], "'1e400mm' is not a finite length"),
     "no tolerance": (["check", A, T, "--tolerance", "0mm"], "tolerance must be positive"),

@@ -52,8 +52,11 @@ def test_what_changed_and_since_when(tmp_path: Path, zeros: list[float], change:
 
 
 def test_dates_ascend(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="dates that ascend"):
-        history({}, [])
+    some = dict.fromkeys("ab", armflex.load_arm(moved_machine.declare(tmp_path, PRIOR)))
+    with pytest.raises(InputError, match=r"expected dates that ascend, one for each of 2 calibrations, got \[3, 2\]"):
+        history(some, [3, 2])
+    with pytest.raises(InputError, match="expected two calibrations or more to compare, got 1"):
+        history(dict.fromkeys("a", some["a"]), [0])
 
 
 @pytest.mark.slow

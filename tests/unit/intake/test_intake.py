@@ -44,6 +44,13 @@ def test_an_open_unit_is_asked_for_or_refused_with_everything_else(tmp_path: Pat
     assert intake(paths, 5e-5, taken).columns["q_J1"][0] == pytest.approx(0.1)
 
 
+def test_a_campaign_as_it_is_needs_no_intake(tmp_path: Path) -> None:
+    path = tmp_path / "campaign.csv"
+    path.write_text("q_J1,x,y,z,sigma\n" + "\n".join(f"0.{i},1,2,3,1e-4" for i in range(5)))
+    with pytest.raises(InputError, match="has x y z and sigma, as a campaign in SI: calibrate and trace read one as"):
+        intake([path], 5e-5)
+
+
 def test_two_targets_are_two_instruments(tmp_path: Path) -> None:
     both = "Name;X [mm];Y [mm];Z [mm]\n" + "\n".join(
         f"{n}_T{t};{';'.join(map(comma, p + 100 * t))}" for n, p in zip(NAMES, XYZ, strict=True) for t in (1, 2)

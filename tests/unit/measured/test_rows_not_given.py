@@ -10,7 +10,7 @@ from support.effect_arms import arm_with
 from support.measurement_rows import campaign, written
 
 from armflex import Arm, Measurements, calibrate, predict, read_measurements
-from armflex.errors import MissingCovariateError
+from armflex.errors import InputError, MissingCovariateError
 from armflex.laws.effects.in_arm import derived_directions
 
 BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.6e-4 }'
@@ -34,6 +34,14 @@ def test_a_direction_that_nothing_before_tells_is_an_error(tmp_path: Path) -> No
     for ask in (predict, calibrate):
         with pytest.raises(MissingCovariateError, match=asked):
             ask(arm, rows_of(tmp_path, arm))
+    with pytest.raises(MissingCovariateError, match=r"given \(given: .*no row before moves that joint. Give"):
+        predict(arm, rows_of(tmp_path, arm, where="approaching"))  # a level of a text column is no direction
+
+
+def test_a_campaign_whose_readings_are_to_be_filled_in_is_named(heavy: Arm, tmp_path: Path) -> None:
+    blank = dict.fromkeys("xyz", "")
+    with pytest.raises(InputError, match=r"rows.csv: 0 measured rows, expected .* its readings to be filled in yet"):
+        calibrate(heavy, rows_of(tmp_path, heavy, **blank))
 
 
 def test_only_rows_that_were_read_need_a_direction(tmp_path: Path) -> None:

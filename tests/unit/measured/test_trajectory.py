@@ -141,6 +141,12 @@ def test_a_further_column_near_a_known_name_is_refused(tarm: Arm, tmp_path: Path
         read_trajectory(table(tmp_path, (HEADER, f"{HEADER},{name}"), rows=rows), tarm)
 
 
+def test_a_campaign_given_as_a_path_is_called_one(tarm: Arm, tmp_path: Path) -> None:
+    rows = (ROWS[0] + ",,,", *(row + ",1,2,3" for row in ROWS[1:]))
+    with pytest.raises(TableError, match=r":2: column 'x' is empty; a path has no readings x y z: is this a campaign"):
+        read_trajectory(table(tmp_path, (HEADER, f"{HEADER},x,y,z"), rows=rows), tarm)
+
+
 def test_velocities_come_for_every_joint_or_not_at_all(tarm: Arm, tmp_path: Path) -> None:
     rows = tuple(row + ",0" for row in ROWS)
     with pytest.raises(TableError, match="no column 'v_M1'"):

@@ -216,7 +216,7 @@ def test_row27_quantities(text, kind, value):
     [("5", "length", "with its unit, such as 5m"), ("5kg", "length", "'kg' is no unit of length"),
      ("mm", "length", "5m"), ("5Nm", "force", "no unit of force"), ("5mM", "length", "did you mean 'mm'"),
      ("1_0mm", "length", "5m"),
-     ("nanmm", "length", "5m"), ("5mm2", "length", "5m"), ("1,5mm", "length", "5m"), ("", "angle", "5rad")],
+     ("nanmm", "length", "5m"), ("5mm2", "length", "5m"), ("1,5mm", "length", "5m"), ("", "angle", "5mrad")],
 )  # fmt: skip
 def test_row27_quantities_without_a_proper_unit(text, kind, words):
     with pytest.raises(UnitError, match=words):
