@@ -11,7 +11,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import number, print_table, progress, say, show_flags
+from armflex.cli.terminal import number, print_table, progress, say, say_written, show_flags
 from armflex.conventions import RESOLUTION, SHOWN
 from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
@@ -89,7 +89,7 @@ def command(
     if axes:
         print_laws(axes, samples)
     show_flags((*measurements.flags, *found.flags))
-    say(f"Written to {' and '.join(str(path) for path in (output, report_path) if path)}.")
+    say_written(output, report_path)
 
 
 def print_calibration(found: Calibration, show_all: bool = False) -> None:

@@ -11,7 +11,7 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import complain, doing, say, show_flags
+from armflex.cli.terminal import complain, doing, say, say_written, show_flags
 from armflex.errors import InputError, listing
 from armflex.export import Exported
 from armflex.measured.forces import UNLOADED, Unnamed
@@ -112,5 +112,4 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     show_flags(found.flags)
     for line in found.notes:
         complain(line) if output is None else say(line)
-    if output is not None:
-        say(f"Written to {output}.")
+    say_written(output)

@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from armflex.cli import options
-from armflex.cli.terminal import number, print_table, say
+from armflex.cli.terminal import number, print_table, say, say_written
 from armflex.errors import InputError
 from armflex.estimate.history import history
 from armflex.files.arm_file import load_arm
@@ -72,5 +72,4 @@ def command(paths: tuple[Path, ...], dates: str | None, output: Path | None) -> 
     for one, step, std in found.between(*last) if len(paths) > 2 else ():
         text = f"{number(step, 3)} ± {number(std, 2)} {one.parameter.unit}"
         say(f"Between {labels[last[0]]} and {labels[last[1]]}: {one.parameter.label} by {text}.")
-    if output is not None:
-        say(f"Written to {output}.")
+    say_written(output)

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from armflex.cli import options
-from armflex.cli.terminal import say
+from armflex.cli.terminal import say, say_written
 from armflex.errors import InputError
 from armflex.measured.table import write_table
 from armflex.storage.whole_file import together, write_whole
@@ -59,7 +59,7 @@ def command(
     stands still are used. How every column is read is printed first. A unit that is stated nowhere is asked for on a
     terminal, and is an error elsewhere.
     """
-    from armflex.intake.pictures import board_of, is_pictures  # imports scipy
+    from armflex.intake.picture_files import board_of, is_pictures  # imports scipy
 
     board = None if board is None else board_of(board)
     if arm_path is not None and arm_path.resolve().parent != output.resolve().parent and any(map(is_pictures, paths)):
@@ -87,4 +87,4 @@ def command(
         if arm_path is not None and found.arm is not None:
             write_whole(arm_path, found.arm.encode())
         options.conclude(lambda: {"joined": found.joined, "taken": found.taken, "notes": found.notes}, ())
-    say(f"Written to {' and '.join(str(path) for path in (output, arm_path) if path)}.")
+    say_written(output, arm_path)

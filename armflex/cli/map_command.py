@@ -11,7 +11,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.main import was_interrupted
-from armflex.cli.terminal import complain, number, print_table, progress, say
+from armflex.cli.terminal import complain, number, print_table, progress, say, say_written
 from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
@@ -88,6 +88,7 @@ def command(
             map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
         options.conclude(lambda: as_json(found, limit), found.flags, arm)
     print_map(found, limit)
+    say_written(output, picture, page)
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
 
 

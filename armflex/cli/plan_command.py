@@ -9,7 +9,7 @@ import click
 
 from armflex.cli import options
 from armflex.cli.options import InputPath, OutputPath, Quantity
-from armflex.cli.terminal import number, print_table, progress, say
+from armflex.cli.terminal import number, print_table, progress, say, say_written
 from armflex.errors import InputError
 from armflex.files.arm_file import load_arm
 from armflex.files.dh_table import in_dh_words
@@ -115,7 +115,7 @@ def command(
             draw_plan(found, picture)
         options.conclude(lambda: as_json(found), found.flags)
     print_plan(found)
-    say(f"Written to {' and '.join(str(path) for path in (output, picture) if path)}.")
+    say_written(output, picture)
 
 
 def print_plan(found: Plan) -> None:

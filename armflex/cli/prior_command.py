@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from armflex.cli import options
-from armflex.cli.terminal import number, print_table, say
+from armflex.cli.terminal import number, print_table, say, say_written
 from armflex.errors import InputError, listing
 from armflex.estimate.fleet import common
 from armflex.files.arm_file import load_arm, write_prior
@@ -61,4 +61,4 @@ def command(paths: tuple[Path, ...], output: Path, show_all: bool) -> None:
         say(f"As declared, because others do the same to every reading: {listing((p.label for p in found.held), 8)}.")
     for name, odds in found.strangers.items():
         say(f"Left out: {name} is no sister of the others (odds of 1 to {number(10 ** min(odds / 2.3026, 300), 2)}).")
-    say(f"Written to {output}.")
+    say_written(output)

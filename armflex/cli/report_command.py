@@ -9,7 +9,7 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import doing, print_table, say
+from armflex.cli.terminal import doing, print_table, say, say_written
 from armflex.errors import InputError
 from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
@@ -59,8 +59,7 @@ def command(
             again = "" if one.repeatability is None else f", dRP {millimetres(one.repeatability)}"
             say(f"{one.pose}: {name} {millimetres(one.accuracy)}{again} ({one.number} {one.of}).")
     say("", *found.remarks)
-    if output is not None:
-        say(f"Written to {output}.")
+    say_written(output)
 
 
 def as_json(found: PosePerformance) -> dict[str, Any]:

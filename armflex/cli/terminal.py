@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
@@ -58,6 +59,12 @@ def say(*lines: str) -> None:
     with _alone():
         for line in lines:
             out.print(printable(line))
+
+
+def say_written(*paths: Path | None) -> None:
+    """Print where the result is, in those files that were asked for."""
+    if there := [str(path) for path in paths if path is not None]:
+        say(f"Written to {' and '.join(there)}.")
 
 
 def heading(text: str) -> None:

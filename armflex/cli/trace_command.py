@@ -12,7 +12,7 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.calibrate_command import campaigns_json, outlier_json, print_campaigns, scaled
-from armflex.cli.terminal import doing, number, print_table, say, show_flags, show_stage, warn
+from armflex.cli.terminal import doing, number, print_table, say, say_written, show_flags, show_stage, warn
 from armflex.conventions import SHOWN
 from armflex.errors import InputError, enough_memory, listing
 from armflex.files.arm_file import accepted_effects
@@ -104,7 +104,7 @@ def command(
     if ask and not any(found.asked for found in finished):
         say("No rows are asked for: none would decide what is in question.")
     written = [*(outputs.rows(found) for found in finished if found.asked), output, report_path]
-    say(f"Written to {' and '.join(str(path) for path in written if path)}.")
+    say_written(*written)
 
 
 @dataclass(frozen=True)

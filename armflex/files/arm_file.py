@@ -47,7 +47,7 @@ from armflex.files.effect_file import read_effect
 from armflex.files.link_table import read_link
 from armflex.files.linkage_table import read_linkage
 from armflex.files.sensor_table import read_sensors
-from armflex.files.spring_table import read_spring
+from armflex.files.spring_table import positive, read_spring
 from armflex.laws import read_law
 from armflex.laws.declared import law_name, soft
 from armflex.laws.effects.effect import Effect
@@ -355,11 +355,7 @@ def _by_joint_stiffness(table: Declaration, joint: Joint) -> Declaration:
     if joint.kind not in MOVING:
         text = f"joint {joint.name!r} is {joint.kind} and has no axis of its own: give a stiffness of 6 numbers"
         raise table.fail(key, text)
-    value = table.number(key)
-    if value <= 0.0:
-        unit = "N/m" if joint.kind == "prismatic" else "Nm/rad"
-        raise table.fail(key, f"expected more than 0 {unit}, got {value:g}")
-    drive = drive_of(joint)
+    value, drive = positive(table, key, "N/m" if joint.kind == "prismatic" else "Nm/rad"), drive_of(joint)
     values = {name: given for name, given in table.table.items() if name != key}
     values["compliance"] = (np.outer(drive, drive) / value).tolist()
     derived = Declaration(values, table.keys, table.source)

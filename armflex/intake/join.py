@@ -29,7 +29,7 @@ from armflex.errors import (
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
 from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
-from armflex.intake.pictures import camera, joined_by_number
+from armflex.intake.picture_files import camera, joined_by_number
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced

@@ -24,7 +24,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, Place, TableError, UnsupportedError, listing, shown
-from armflex.intake.pictures import is_pictures, of_corners, read_folder
+from armflex.intake.picture_files import is_pictures, of_corners, read_folder
 from armflex.intake.sources import Cells, Source, read_table_source
 from armflex.measured.table import text_lines
 

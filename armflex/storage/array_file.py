@@ -21,7 +21,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from armflex.errors import FileError, Place
-from armflex.storage.schema import Numbers, check_numbers, check_shapes, strict_json, typed
+from armflex.storage.schema import Numbers, check_arrays, check_numbers, check_shapes, strict_json, typed
 from armflex.storage.whole_file import write_whole
 
 KEY = "armflex"
@@ -86,8 +86,7 @@ def write_arrays(path: Path, layout: Layout, arrays: Mapping[str, np.ndarray], a
         declared, sizes = layout.of(typed(layout.about, json.loads(said), "it"))
         laid = {name: np.asarray(values, order="C") for name, values in arrays.items()}
         laid = {name: values.astype(values.dtype.newbyteorder("<"), copy=False) for name, values in laid.items()}
-        check_shapes({name: (values.dtype.str[1:], values.shape) for name, values in laid.items()}, declared, sizes)
-        check_numbers(laid, declared)
+        check_arrays(laid, declared, sizes)
     except (TypeError, ValueError) as error:
         raise layout.error(Place(path), f"{layout.what} was not written: {error}") from None
     content = {"format": layout.format, **about}

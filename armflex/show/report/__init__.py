@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["render_report", "write_report"]
 
 PAGES = {
-    "Trace": ("account", "page.html"),
+    "Trace": ("traced", "page.html"),
     "Calibration": ("cover", "calibration.html"),
     "PosePerformance": ("performance", "iso9283.html"),
     "History": ("courses", "history.html"),
