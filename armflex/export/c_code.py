@@ -76,7 +76,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     }
     text = text.replace("/*@head*/", _head(arm, tables, stack)).replace("/*@constants*/", _constants(arm, tables))
     text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
-    notes = [f"{arm!r} as C, payloads {', '.join(tables.payloads)}"]
+    notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(tables.payloads)}"]
     if tables.covariates:
         notes.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
     for payload in tables.unproven:

@@ -261,6 +261,7 @@ def reach_of(
         empty = any(payload.mass == 0.0 for payload in arm.payloads.values())
         payloads = (*arm.payloads, *(() if empty else ("none",)))
     else:
+        payloads = (payloads,) if isinstance(payloads, str) else payloads
         if not payloads or len(set(payloads)) < len(payloads):
             raise InputError(f"payloads {list(payloads)}: expected one name or several different ones")
         for name in payloads:

@@ -359,6 +359,7 @@ def test_the_command_writes_the_file_and_says_what_it_needs(armflex: Run, tmp_pa
     traced(tmp_path)
     said = fine(armflex("export", tmp_path / "arm.toml", "--to", "c", "-o", tmp_path / "six.c", "--name", "six"))
     assert "set six_covariates before you ask: approach_J2, temperature_lagged_5s" in said.stdout
+    assert said.stdout.startswith("heavy_six as C, payloads ")
     assert "int six_tip(const double *q, int payload, double *pose);" in (tmp_path / "six.c").read_text()
 
 

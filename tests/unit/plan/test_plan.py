@@ -386,6 +386,7 @@ def test_what_effects_depend_on_is_set_to_given_values(six: Arm, tmp_path: Path)
         ({"sigma": -1.0}, "sigma"),
         ({"payloads": ()}, "payloads"),
         ({"payloads": ("p12",)}, "did you mean 'p120'"),
+        ({"payloads": "p12"}, "no payload named 'p12', did you mean 'p120'"),
         ({"floor": np.nan}, "floor"),
     ],
 )
