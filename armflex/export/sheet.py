@@ -36,6 +36,8 @@ from armflex.export.rigid import (
 )
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act
+from armflex.laws.effects.in_arm import BoundTwist
+from armflex.laws.effects.location import resolve
 from armflex.measured.measurements import read_measurements
 from armflex.measured.table import csv_text
 from armflex.parameters import ParameterKind, fitted_group
@@ -278,7 +280,8 @@ def _compliances(arm: Arm) -> dict[Key, tuple[float, Array]]:
 
     Effects that are compliances themselves, whatever else is known of a row, have their part in it.
     """
-    linear = [effect for effect in arm.effects if effect.law.act is Act.TWIST and effect.law.linear]
+    twists = [one for one in arm.effects if one.law.act is Act.TWIST and not one.law.changes_model]
+    linear = [one for one in twists if BoundTwist(one, resolve(one.location, arm.robot, arm.flexures)).proportional]
     usable = tuple(effect for effect in linear if not needs_columns(arm, effect))
     joints, found = {joint.name: joint for joint in arm.robot.moving}, {}
     for flexure in replace(arm, effects=usable).modelled:

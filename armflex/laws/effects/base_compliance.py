@@ -35,5 +35,4 @@ BASE_COMPLIANCE = TwistLaw(
         *crossed_terms(),
     ],
     loaded=True,
-    linear=True,
 )

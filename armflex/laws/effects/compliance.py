@@ -19,6 +19,5 @@ COMPLIANCE = TwistLaw(
     ),
     terms=lambda here, inner: [*compliances(here.direction, ()), *each_axis()],
     loaded=True,
-    linear=True,
     stands_for=("compliance", "law"),
 )

@@ -17,5 +17,4 @@ CREEP = TwistLaw(
     direction=on_axis,
     inner=(Inner("t0", "s", of_column(lambda hold: float(hold.max()) * np.array([0.01, 0.05, 0.2, 1.0]))),),
     loaded=True,
-    linear=True,
 )

@@ -28,6 +28,5 @@ CROSS_COUPLING = TwistLaw(
     amplitudes=(Amplitude("C", "{m}/{across}"),),
     terms=_terms,
     loaded=True,
-    linear=True,
     symmetric=True,
 )

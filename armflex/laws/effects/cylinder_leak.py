@@ -17,5 +17,4 @@ CYLINDER_LEAK = TwistLaw(
     terms=lambda here, inner: compliances(here.direction, powers("hold", 1)),
     direction=on_axis,
     loaded=True,
-    linear=True,
 )

@@ -212,8 +212,7 @@ class EffectLaw(ABC):
         amplitudes: Linear parameters.
         inner: Nonlinear parameters.
         direction: (here, inner) -> the (6,) twist of which every twist is a multiple, None where there is no such.
-        loaded: Whether a twist depends on the wrench.
-        linear: Whether it is proportional to it, at given positions and covariates, where the flexure's own law is.
+        loaded: Whether a twist depends on the wrench; that it is proportional to it is said by its terms.
         memory: State it needs, if any.
         possible: Whether it is plausible of a context and an arm with its values, beyond the bounds of its amplitudes.
         constant: Whether it depends on nothing: nothing is plainer.
@@ -241,7 +240,6 @@ class EffectLaw(ABC):
     inner: tuple[Inner, ...] = ()
     direction: Callable[[Here, Values], Array | None] = lambda here, inner: None
     loaded: bool = False
-    linear: bool = False
     memory: Memory | None = None
     possible: Callable[[Effect, Context, Manipulator], bool] = lambda effect, context, arm: True
     constant: bool = False

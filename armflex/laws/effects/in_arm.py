@@ -62,6 +62,12 @@ class BoundTwist(WithoutParameters):
         known = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
         return [term.times(value) for value, each in known if value for term in each]
 
+    @cached_property
+    def proportional(self) -> bool:
+        """Whether the twist is a compliance times the load, at given positions and covariates."""
+        terms = self.known_terms
+        return terms is not None and all(term.linear and term.loaded for term in terms)
+
     def compliance_bound(self, ranges: Ranges) -> Array | None:
         """Return zero where the effect does not depend on the load."""
         terms = self.known_terms

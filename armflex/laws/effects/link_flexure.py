@@ -24,5 +24,4 @@ LINK_FLEXURE = TwistLaw(
     ),
     terms=lambda here, inner: [*each_axis(), *crossed_terms()],
     loaded=True,
-    linear=True,
 )

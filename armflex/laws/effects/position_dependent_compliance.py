@@ -23,5 +23,4 @@ POSITION_DEPENDENT_COMPLIANCE = TwistLaw(
     terms=lambda here, inner: compliances(here.direction, *(powers(own_column(here), exponent) for exponent in (1, 2))),
     direction=on_axis,
     loaded=True,
-    linear=True,
 )

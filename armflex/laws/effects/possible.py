@@ -133,7 +133,7 @@ def _given(effect: Effect, view: Solved, context: Context) -> Array:
     row = context.row.some(view.rows[some])
     own = np.broadcast_to(bound.tangent(view.load_at(site)[some], row), (len(some), 6, 6))
     given = np.abs(np.einsum("rii->ri", own)) * largest
-    if not law.linear:  # what is saturated gives less
+    if not bound.proportional:  # what is saturated gives less
         given = np.minimum(given, np.abs(bound.twist(np.broadcast_to(largest, given.shape), row)))
     return given / most
 
@@ -161,7 +161,7 @@ def _gives(effect: Effect, view: Solved, context: Context, declared: Manipulator
         total = np.zeros((6, 6)) if here.base_law is None else here.base_law.tangent(wrenches, row)
         total = np.broadcast_to(total, own.shape) + own
         along = np.einsum("rii->ri", total)
-        if not law.linear:  # a polynomial's slope turns around long before its twist does
+        if not bound.proportional:  # a polynomial's slope turns around long before its twist does
             features = law.features(effect.location, effect.inner, view, context)[some]
             twists, loaded = np.einsum("mkn,k->mn", features, effect.acting), np.abs(wrenches) > 0.0
             slopes = np.divide(twists, wrenches, where=loaded, out=np.zeros_like(wrenches))

@@ -86,6 +86,5 @@ TELESCOPE = TwistLaw(
         Inner("declared_at", "m", of_column(lambda q: (float(q.mean()),)), positive=False),
     ),
     loaded=True,
-    linear=True,
     shape="telescope",
 )

@@ -46,5 +46,4 @@ THERMAL_SOFTENING = TwistLaw(
     inner=WARM,
     loaded=True,
     memory=LAGGED,
-    linear=True,
 )
