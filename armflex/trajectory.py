@@ -413,7 +413,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     names = {prefix: [f"{prefix}_{joint}" for joint in arm.joint_names] for prefix in ("q", "v", "a", TARGET)}
     kinds = {"time": "time"} | joint_kinds(arm, "qva") | FORCE_KINDS
     kinds |= {name: kinds[own] for name, own in zip(names[TARGET], names["q"], strict=True)}
-    table = unnamed.put(read_table(path, kinds))
+    table = read_table(path, kinds)
     check_same_arm(table, arm)
     table.require(["time", *names["q"]])
     known = [*kinds, *FORCE_TEXTS, "payload", "via"]
@@ -443,7 +443,8 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         raise table.fail(str(error)) from None
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
-    payload = table.texts("payload") if "payload" in table.columns else ("none",) * len(table)
+    payload = table.texts("payload") if "payload" in table.columns else ("",) * len(table)
+    payload = tuple(name or unnamed.payload for name in payload)
     check_payloads(table, payload, arm)
     q, places = table.matrix(names["q"]), tuple(Place(table.path, line) for line in table.lines)
     check_joint_units(q, arm, places)
@@ -463,13 +464,13 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
         arm.joint_names,
         time,
         q,
-        tuple(name or "none" for name in payload),
+        payload,
         table.texts("via") if "via" in table.columns else ("",) * len(table),
         moved["v"],
         moved["a"],
         covariates=covariates,
         places=places,
-        wrenches=read_loads(table, arm),
+        wrenches=read_loads(table, arm, unnamed.force),
         target=moved[TARGET],
     )
 

@@ -172,13 +172,6 @@ def branch_flags(table: Table, arm: Arm) -> tuple[Flag, ...]:
     return (Flag("branch_held", f"{Place(table.path, 1)}: {text}"),) if held else ()
 
 
-def first_nan(table: Table, name: str) -> tuple[Place, str] | None:
-    """Return the first cell of a column that is nan or inf, and its place."""
-    cells = zip(table.lines, table.texts(name), strict=True)
-    odd = ((line, cell) for line, cell in cells if cell.lower().lstrip("+-") in ("nan", "inf", "infinity"))
-    return next(((Place(table.path, line), cell) for line, cell in odd), None)
-
-
 def duplicates(found: Measurements) -> np.ndarray:
     """Return the numbers of measured rows that repeat an earlier one to the last digit, time and covariates included.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 from armflex.arm import SLACK, Arm, outside_limits
 from armflex.conventions import UNITS, WRENCH_NAMES, Array
 from armflex.errors import Frame, InputError, Place, TableError, UnknownNameError, did_you_mean
-from armflex.measured.table import IN_BRACKETS, Column, Table, read_table
+from armflex.measured.table import Table, read_table, split_header
 from armflex.rows.branch import Branch, branches
 from armflex.rows.wrench import Wrench
 
@@ -37,8 +37,7 @@ def check_load_names(table: Table, arm: Arm, names: Iterable[str]) -> None:
     asked = {name for effect in arm.effects for name in effect.location.covariates}
     units = {*UNITS["force"], *UNITS["moment"]}
     for name in (name for name in names if name not in asked):
-        bracketed = IN_BRACKETS.fullmatch(name)
-        base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
+        base, unit = split_header(name)
         if found := _A_LOAD.fullmatch(base if unit in units else name):
             meant = f"force_{'f' if found[1] else 'm'}{found[2].lower()}"
             text = f"column {table.columns[name].header!r} is called as a load but would be a covariate"
@@ -46,7 +45,17 @@ def check_load_names(table: Table, arm: Arm, names: Iterable[str]) -> None:
             raise table.fail(f"{text}: {wanted}; what is no load needs another name")
 
 
-def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
+class Unnamed(NamedTuple):
+    """What loads rows that name none: a payload's name, and a load from outside that is the same in all, or None."""
+
+    payload: str = "none"
+    force: Wrench | None = None
+
+
+UNLOADED = Unnamed()
+
+
+def read_forces(table: Table, arm: Arm, unnamed: Wrench | None = None) -> tuple[Wrench, ...]:
     """Return the known loads from outside of a table's rows, for all N rows each, zero where a row has none.
 
     `force_fx` .. `force_mz` are in N and Nm, or as their headers say; a column that is not there is zero, and so is a
@@ -56,6 +65,7 @@ def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     Args:
         table: Read with `FORCE_KINDS` among its kinds.
         arm: The arm that is pulled at.
+        unnamed: What pulls at it in rows whose cells are all empty.
 
     Returns:
         A wrench for every link and axes that occur; none where no row has a force.
@@ -66,11 +76,11 @@ def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     """
     names = [name for name in FORCES if name in table.columns]
     texts = [name for name in FORCE_TEXTS if name in table.columns]
-    if not names:
+    if not names and unnamed is None:
         if texts:
             raise table.fail(f"has {texts[0]!r} but none of {FORCES[0]} .. {FORCES[-1]}")
         return ()
-    there = table.given(names)
+    there = table.given(names) if names else np.zeros(len(table), dtype=bool)
     loads = np.zeros((len(table), 6))
     for name in names:
         loads[:, FORCES.index(name)] = table.numbers_where(name, there)
@@ -78,6 +88,10 @@ def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
         [cell or default for cell in table.texts(name)] if name in texts else [default] * len(table)
         for name, default in zip(FORCE_TEXTS, (arm.robot.tip, "base"), strict=True)
     )
+    if unnamed is not None:
+        loads[~there] = np.concatenate([unnamed.force, unnamed.moment])
+        own = next(name for name, meant in FORCE_AXES.items() if meant == unnamed.axes)
+        frames, axes = np.where(there, [frames, axes], [[unnamed.frame], [own]]).tolist()
     for line, frame, axis in zip(table.lines, frames, axes, strict=True):
         if frame not in arm.link_names:
             problem = f"force_frame: {UnknownNameError('link', frame, arm.link_names)}"
@@ -93,14 +107,16 @@ def read_forces(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     return tuple(found)
 
 
-def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
+def read_loads(table: Table, arm: Arm, unnamed: Wrench | None = None) -> tuple[Wrench, ...]:
     """Return what loads a table's rows beside their payloads: known forces, and branches whose joints have columns.
+
+    `unnamed` is as of `read_forces`.
 
     Raises:
         TableError: As `read_forces`; a position off the chain is no number, beyond its joint's limits, or not where the
             joint that it mimics puts it; or its joint carries none of the chain, or moves what is read or pulled at.
     """
-    forces, robot = read_forces(table, arm), arm.robot
+    forces, robot = read_forces(table, arm, unnamed), arm.robot
     given: dict[str, Array] = {}
     for name in (name for name in robot.locked if f"q_{name}" in table.columns):
         joint, header = robot.urdf.joints[name], table.columns[f"q_{name}"].header
@@ -123,43 +139,6 @@ def read_loads(table: Table, arm: Arm) -> tuple[Wrench, ...]:
     if stray := robot.stray(given):
         raise table.fail(stray[1], stray[0])
     return (*forces, *branches(robot, given)) if given else forces
-
-
-class Unnamed(NamedTuple):
-    """What loads rows that name none: a payload's name, and a load from outside that is the same in all, or None."""
-
-    payload: str = "none"
-    force: Wrench | None = None
-
-    def put(self, table: Table) -> Table:
-        """Return a table with these in the rows whose cells for them are empty, or which has no such columns."""
-        columns = dict(table.columns)
-
-        def column(name: str) -> Column:
-            return columns.get(name, Column(name, "", 1.0, ("",) * len(table)))
-
-        if self.payload != "none":
-            own = column("payload")
-            columns["payload"] = replace(own, cells=tuple(cell.strip() or self.payload for cell in own.cells))
-        if self.force is not None:
-            given = [table.texts(name) for name in FORCES if name in columns]
-            named = [any(cells) for cells in zip(*given, strict=True)] if given else [False] * len(table)
-
-            def put(name: str, text: str, blank: str = "") -> None:
-                """Put a text into the rows that name no force, and into those that do for what they leave out."""
-                own = column(name)
-                cells = (cell or blank if force else text for cell, force in zip(own.cells, named, strict=True))
-                columns[name] = replace(own, cells=tuple(cells))
-
-            for name, value in zip(FORCES, [*self.force.force.tolist(), *self.force.moment.tolist()], strict=True):
-                put(name, repr(value / column(name).factor), "" if name in columns else "0")
-            axes = next(name for name, meant in FORCE_AXES.items() if meant == self.force.axes)
-            for name, text in zip(FORCE_TEXTS, (self.force.frame, axes), strict=True):
-                put(name, text)
-        return replace(table, columns=columns)
-
-
-UNLOADED = Unnamed()
 
 
 FAR = 20.0

@@ -13,7 +13,7 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.conventions import TWIST_NAMES, UNITS, WRENCH_NAMES, Array, finite_array, no_unit
 from armflex.errors import Frame, NotFiniteError, Place, ShapeError, TableError, UnitError, did_you_mean, listing
-from armflex.measured.table import IN_BRACKETS, Table, Tabular, read_table
+from armflex.measured.table import Table, Tabular, read_table, split_header
 from armflex.result import Result
 
 KINDS = {
@@ -169,8 +169,7 @@ def _meant(name: str) -> str | None:
     The names have two letters, so most short words are near one: `day` is not `dy`. A slip is assumed where the unit
     fits, as in `mxx_Nm`, or where the letters are the same, as in `xd`.
     """
-    bracketed = IN_BRACKETS.fullmatch(name)
-    base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
+    base, unit = split_header(name)
     has_unit = any(unit in units for units in UNITS.values())
     stem = (base if has_unit else name).lower()
     if stem.partition("_")[0] in KINDS:

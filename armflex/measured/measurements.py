@@ -22,7 +22,6 @@ from armflex.measured.data_flags import (
     branch_flags,
     check_joint_units,
     check_one_unit,
-    first_nan,
     force_flags,
     in_other_units,
     table_flags,
@@ -65,6 +64,7 @@ KINDS = {
     "hold": "time",
     **FORCE_KINDS,
 }
+NO_NUMBERS = ("nan", "inf", "infinity")
 TEXTS = ("pose", "session", "payload", *FORCE_TEXTS)
 
 
@@ -240,12 +240,17 @@ def read_measurements(
             given in part; some rows are in another unit; a payload or link is unknown; points do not match the rows.
     """
     export = points if isinstance(points, PointExport) or points is None else read_points(points)
-    table = unnamed.put(read_table(path, column_kinds(arm)))
+    table = read_table(path, column_kinds(arm))
     known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
-    found = _measurements(table, arm)
-    covariates = {name: _covariate(table, name) for name in table.columns if name not in known}
+    found = _measurements(table, arm, unnamed)
+    covariates: dict[str, Array | tuple[str, ...]] = {}
+    for name in (name for name in table.columns if name not in known):
+        column = _Covariate(name)
+        column.add(table)
+        column.check()
+        covariates[name] = table.numbers(name) if column.numeric else table.texts(name)
     sha256, frame = table.sha256, ""
     found = replace(found, covariates=covariates)
     check_joint_units(found.q, arm, found.places)
@@ -288,29 +293,28 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
     far_places: list[Place] = []
     places: list[Place] = []
-    seen: dict[str, _Seen] = {}
+    seen: dict[str, _Covariate] = {}
     asked: list[tuple[Flag, ...]] = []
-    for table in map(unnamed.put, read_pieces(path, kinds, most)):
-        known, found = _known_columns(table, arm, True, None), _measurements(table, arm)
+    for table in read_pieces(path, kinds, most):
+        known, found = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
         asked.append(unit_flags(table, arm))
         for name in (name for name in table.columns if name not in known):
-            seen.setdefault(name, _Seen()).add(table, name)
+            seen.setdefault(name, _Covariate(name)).add(table)
         odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.positioned)
         far.append(found.q[odd])
         if found.readings.of(Position):
             positions.append(found.position[there])
         far_places += [found.places[row] for row in odd]
         places += [found.places[row] for row in there]
-    for name, column in seen.items():
-        if column.nan and column.numbers:
-            raise TableError(column.nan[0], f"column {name!r} is {column.nan[1]!r}, not a finite number")
+    for column in seen.values():
+        column.check()
     check_joint_units(np.vstack(far), arm, far_places)
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
     warn(asked[0] if all(asked) and not places else ())
     before: tuple[Array, Array] | None = None
     first = 0
-    for table in map(unnamed.put, read_pieces(path, kinds, most)):
-        found = _measurements(table, arm, first, before)
+    for table in read_pieces(path, kinds, most):
+        found = _measurements(table, arm, unnamed, first, before)
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():
             if not column.numeric:
@@ -319,26 +323,34 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
         yield replace(found, covariates=known)
 
 
-class _Seen:
-    """What a covariate's column holds, as far as it was read."""
+class _Covariate:
+    """What a column without a meaning holds, as far as it was read: `numeric` where every cell is a number."""
 
-    def __init__(self) -> None:
-        self.count, self.numbers, self.numeric, self.nan = 0, 0, True, None
+    def __init__(self, name: str) -> None:
+        self.name, self.count, self.numbers, self.numeric = name, 0, 0, True
+        self._nan: tuple[Place, str] | None = None
         self._texts: set[str] = set()
 
-    def add(self, table: Table, name: str) -> None:
+    def add(self, table: Table) -> None:
         """Look at some more of its rows."""
-        cells = table.texts(name)
+        cells = table.texts(self.name)
         self.count += len(cells)
         if len(self._texts) <= MOST_LEVELS:
             self._texts.update(cells)
-        if table.plain(name) is not None:
+        if table.plain(self.name) is not None:
             self.numbers += len(cells)
             return
         fine = [bool(NUMBER.fullmatch(cell)) for cell in cells]
         self.numbers += sum(fine)
         self.numeric &= all(fine) and all(abs(float(cell)) <= LARGEST for cell in cells)
-        self.nan = self.nan or first_nan(table, name)
+        pairs = zip(table.lines, cells, strict=True)
+        odd = ((Place(table.path, line), cell) for line, cell in pairs if cell.lower().lstrip("+-") in NO_NUMBERS)
+        self._nan = self._nan or next(odd, None)
+
+    def check(self) -> None:
+        """Raise `TableError` where nan or inf stands among its numbers."""
+        if self._nan and self.numbers:
+            raise TableError(self._nan[0], f"column {self.name!r} is {self._nan[1]!r}, not a finite number")
 
     @property
     def levels(self) -> tuple[str, ...]:
@@ -384,7 +396,9 @@ def _undeclared(name: str, arm: Arm) -> str:
     return base if name != base and arm.sensors else ""
 
 
-def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, Array] | None = None) -> Measurements:
+def _measurements(
+    table: Table, arm: Arm, unnamed: Unnamed, first: int = 0, before: tuple[Array, Array] | None = None
+) -> Measurements:
     """Return the rows of a table without covariates; `first` is the first's number, `before` as of `last_motion`."""
     q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _vectors(table, POSITION)
@@ -398,7 +412,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         cells = table.texts(column) if column in table.columns else ("",) * len(table)
         return tuple(cell or (str(i) if default is None else default) for i, cell in enumerate(cells, first))
 
-    payload = named("payload", "none")
+    payload = named("payload", unnamed.payload)
     check_payloads(table, payload, arm)
     # Recorded directions; where a joint has none, that of its last change of position.
     approach, directions = last_motion(q, before), [f"approach_{joint}" for joint in arm.joint_names]
@@ -433,7 +447,7 @@ def _measurements(table: Table, arm: Arm, first: int = 0, before: tuple[Array, A
         hold=table.numbers("hold") if "hold" in table.columns else None,
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
-        wrenches=read_loads(table, arm),
+        wrenches=read_loads(table, arm, unnamed.force),
     )
 
 
@@ -471,10 +485,13 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
                 sigma = _deviations(table, (f"sigma_{name}",), there, name, "m", np.inf)
             found += touched(name, texts, sigma, sensor.sockets)
             continue
-        if isinstance(sensor.about, Camera):
-            found.append(read_pictures(table, sensor))
-            continue
-        read, values = _vectors(table, columns)
+        if isinstance(sensor.about, Camera):  # of a board it may see some corners
+            values = read_pictures(table, sensor)
+            each = np.isfinite(values)
+        else:
+            read, values = _vectors(table, columns)
+            each = np.broadcast_to(read[:, None], values.shape)
+        read = each.any(axis=1)
         if f"sigma_{name}" in table.columns:
             sigma = _deviations(table, (f"sigma_{name}",), read, name, sensor.kind.unit, np.inf)
         low = read & ~(values > 0.0).all(axis=1)
@@ -488,8 +505,7 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
             for row in np.flatnonzero(there & ((counts != np.round(counts)) | (counts < 1.0)))[:1]:
                 raise table.fail(f"{column} is {counts[row]:g}, expected a whole number from 1 on", row)
             beside[key] = np.where(there, counts, 0.0).astype(int)
-        each = np.where(read[:, None], np.broadcast_to(sigma, values.shape), np.inf)
-        found.append(sensor.kind(values, each, name, **beside))
+        found.append(sensor.kind(np.where(each, values, 0.0), np.where(each, sigma, np.inf), name, **beside))
     return tuple(found)
 
 
@@ -565,17 +581,3 @@ def _deviations(
         problem = f"{names[0].removesuffix('_x')} must be positive, {SMALLEST_STD:g} {unit} at least"
         raise table.fail(problem, bad.argmax())
     return np.where(read[:, None], sigma, elsewhere)
-
-
-def _covariate(table: Table, name: str) -> Array | tuple[str, ...]:
-    """Return a column as numbers where every cell is one, else as text; nan among numbers is an error."""
-    plain = table.plain(name)
-    if plain is not None:
-        return plain
-    found = first_nan(table, name)
-    if found and any(NUMBER.fullmatch(cell) for cell in table.texts(name)):
-        raise TableError(found[0], f"column {name!r} is {found[1]!r}, not a finite number")
-    try:
-        return table.numbers(name)
-    except TableError:
-        return table.texts(name)

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from armflex.conventions import SMALLEST_STD, Array
+from armflex.conventions import Array
 from armflex.errors import Flag, Place, TableError, UnsupportedError, did_you_mean, listing
 from armflex.measured.table import Table, read_table
-from armflex.readings import Camera, Kind, Pixels, Sensor
+from armflex.readings import Camera, Pixels, Sensor
 from armflex.readings.board import Board
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ MARGIN = 5
 """Half the side of the window [px] in which a corner of a tag is refined."""
 
 
-def read_pictures(table: Table, sensor: Sensor) -> Kind:
-    """Return what a camera saw in the rows of a campaign.
+def read_pictures(table: Table, sensor: Sensor) -> Array:
+    """Return the (N, 2 C) corners u, v [px] that a camera saw in the rows of a campaign, not a number where it did not.
 
     Args:
         table: The campaign: the column NAME names pictures, or NAME_u0 NAME_v0 NAME_u1 .. hold the corners.
@@ -71,15 +71,7 @@ def read_pictures(table: Table, sensor: Sensor) -> Kind:
     if half.any():
         row, corner = (int(one) for one in np.argwhere(half)[0])
         raise table.fail(f"corner {corner} of {name} has only one of u and v", row)
-    sigma = np.full((len(table), 1), sensor.sigma)
-    if f"sigma_{name}" in table.columns:
-        there = np.any(np.isfinite(values), axis=1)
-        sigma = np.where(there, table.numbers_where(f"sigma_{name}", there), np.inf)[:, None]
-        if not (sigma >= SMALLEST_STD).all():
-            row = (sigma[:, 0] < SMALLEST_STD).argmax()
-            raise table.fail(f"sigma_{name} must be positive, {SMALLEST_STD:g} px at least", row)
-    read = np.isfinite(values)
-    return Pixels(np.where(read, values, 0.0), np.where(read, sigma, np.inf), name)
+    return values
 
 
 def without_board(found: Measurements, table: Table, name: str) -> Iterator[Flag]:

@@ -230,7 +230,13 @@ def _tables(
     _, header = next(rows, (0, None))
     if header is None:
         raise TableError(Place(path), f"is empty, expected a header row with columns such as {listing(kinds)}")
-    _check_header(path, header, kinds)
+    numbers = sum(bool(NUMBER.fullmatch(cell.strip())) for cell in header)
+    if 2 * numbers >= len(header):
+        wanted = f"expected columns such as {listing(kinds)}; found: {listing(header)}"
+        raise TableError(Place(path, 1), f"has no header row: {numbers} cells of the first row are numbers ({wanted})")
+    blank = [str(index + 1) for index, cell in enumerate(header) if not cell.strip()]
+    if blank:
+        raise TableError(Place(path, 1), f"column {', '.join(blank)} has no name")
     body = list(islice(rows, most))
     while True:
         for line, cells in body:
@@ -337,22 +343,18 @@ def text_lines(path: Path) -> Iterator[str]:
         raise TableError(Place(path), "is not UTF-8 text, nor UTF-16 or Windows-1252") from None
 
 
-def _check_header(path: Path | Frame, header: list[str], expected: Iterable[str]) -> None:
-    wanted = f"expected columns such as {listing(expected)}; found: {listing(header)}"
-    numbers = sum(bool(NUMBER.fullmatch(cell.strip())) for cell in header)
-    if 2 * numbers >= len(header):
-        raise TableError(Place(path, 1), f"has no header row: {numbers} cells of the first row are numbers ({wanted})")
-    blank = [str(index + 1) for index, cell in enumerate(header) if not cell.strip()]
-    if blank:
-        raise TableError(Place(path, 1), f"column {', '.join(blank)} has no name")
+def split_header(name: str) -> tuple[str, str]:
+    """Return what of a header may be a name, and what its unit: `L_mm`, `L [mm]`."""
+    bracketed = IN_BRACKETS.fullmatch(name)
+    base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
+    return base, unit
 
 
 def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tuple[str, str, float]:
     name = header.strip()
     if name in kinds:
         return name, "", 1.0
-    bracketed = IN_BRACKETS.fullmatch(name)
-    base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
+    base, unit = split_header(name)
     if base not in kinds:
         return name, "", 1.0
     units = UNITS[kinds[base]]
