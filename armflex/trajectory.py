@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -91,9 +91,26 @@ class Points(NamedTuple):
 
     def some(self, rows: np.ndarray) -> Points:
         """Return the points of (M,) numbers."""
-        v, a, target = (None if values is None else values[rows] for values in (self.v, self.a, self.target))
-        payload, known = [self.payload[int(i)] for i in rows], {n: x[rows] for n, x in self.covariates.items()}
-        return Points(self.time[rows], self.q[rows], payload, v, a, known, target, wrenches_in(self.wrenches, rows))
+        payload = [self.payload[int(i)] for i in rows]
+        return self.each(payload, wrenches_in(self.wrenches, rows), lambda values: values[rows])
+
+    def each(
+        self,
+        payload: Sequence[str],
+        wrenches: tuple[Wrench, ...],
+        of: Callable[[Array], Array],
+        of_side: Callable[[Array], Array] | None = None,
+    ) -> Points:
+        """Return points with other loads, and what `of` makes of each column of numbers, (M, ...) in its unit.
+
+        Of the sides that joints come from `of_side` is asked, where it is given.
+        """
+        v, a, target = (None if values is None else of(values) for values in (self.v, self.a, self.target))
+        known = {
+            name: (of_side if of_side and name.startswith(APPROACH) else of)(values)
+            for name, values in self.covariates.items()
+        }
+        return Points(of(self.time), of(self.q), payload, v, a, known, target, wrenches)
 
     @property
     def asked(self) -> dict[str, Any]:
@@ -196,20 +213,9 @@ class Trajectory(Result):
             # At its end a stretch is at the next row to the last digit.
             return np.where(steps == 1.0, there, values[segments] + steps * (there - values[segments]))
 
-        def known(name: str, values: Array) -> Array:
-            # On the way to a row the joints move as they do when they get there.
-            return values[segments + 1] if name.startswith(APPROACH) else part(values)
-
-        return Points(
-            part(self.time),
-            part(self.q),
-            [self.payload[i] for i in segments.tolist()],
-            None if self.v is None else part(self.v),
-            None if self.a is None else part(self.a),
-            {name: known(name, values) for name, values in self.covariates.items()},
-            None if self.target is None else part(self.target),
-            tuple(one.each(part) for one in self.wrenches),
-        )
+        payload, pulled = [self.payload[i] for i in segments.tolist()], tuple(one.each(part) for one in self.wrenches)
+        # On the way to a row the joints move as they do when they get there.
+        return self.points.each(payload, pulled, part, lambda values: values[segments + 1])
 
     @property
     def points(self) -> Points:
@@ -364,31 +370,16 @@ class Trajectory(Result):
         """Return the trajectory with a row inserted halfway along each segment marked in a (N - 1,) mask."""
         after = np.flatnonzero(segments) + 1
 
-        def insert(values: Array, next_one: bool = False) -> Array:
-            middle = values[after] if next_one else 0.5 * (values[after - 1] + values[after])
-            return np.insert(values, after, middle, axis=0)
+        def insert(values: Array) -> Array:
+            return np.insert(values, after, 0.5 * (values[after - 1] + values[after]), axis=0)
 
-        payload, via = list(self.payload), list(self.via)
-        for place in reversed(after.tolist()):
-            payload.insert(place, payload[place - 1])
-            via.insert(place, "")
-        covariates = {name: insert(values, name.startswith(APPROACH)) for name, values in self.covariates.items()}
-        v, a, target = (None if values is None else insert(values) for values in (self.v, self.a, self.target))
-        time, q = insert(self.time), insert(self.q)
-        wrenches = tuple(one.each(insert) for one in self.wrenches)
-        return replace(
-            self,
-            time=time,
-            q=q,
-            payload=tuple(payload),
-            via=tuple(via),
-            v=v,
-            a=a,
-            covariates=covariates,
-            places=(),
-            wrenches=wrenches,
-            target=target,
+        payload = tuple(np.insert(np.array(self.payload, dtype=object), after, [self.payload[i - 1] for i in after]))
+        via = tuple(np.insert(np.array(self.via, dtype=object), after, ""))
+        pulled = tuple(one.each(insert) for one in self.wrenches)
+        found = self.points.each(
+            payload, pulled, insert, lambda values: np.insert(values, after, values[after], axis=0)
         )
+        return replace(self, **found._asdict(), via=via, places=())
 
 
 def as_trajectory(found: Trajectory | Tabular, arm: Arm) -> Trajectory:
