@@ -150,18 +150,11 @@ def as_pose(pose: Any, name: str = "pose") -> pin.SE3:
     """
     array = real_array(pose.homogeneous if isinstance(pose, pin.SE3) else pose, name)
     if array.shape == (7,):
-        return _from_quaternion(finite_array(array, name, (7,)), name)
-    return _from_matrix(finite_array(array, name, (4, 4)), name)
-
-
-def _from_quaternion(values: Array, name: str) -> pin.SE3:
-    norm = float(np.linalg.norm(values[3:]))
-    if abs(norm - 1.0) > 1e-6:
-        raise PoseError(f"{name}: quaternion has norm {norm:.9g}, expected 1 (order x y z w)")
-    return pin.XYZQUATToSE3(values)
-
-
-def _from_matrix(matrix: Array, name: str) -> pin.SE3:
+        norm = float(np.linalg.norm(finite_array(array, name, (7,))[3:]))
+        if abs(norm - 1.0) > 1e-6:
+            raise PoseError(f"{name}: quaternion has norm {norm:.9g}, expected 1 (order x y z w)")
+        return pin.XYZQUATToSE3(array)
+    matrix = finite_array(array, name, (4, 4))
     rotation = matrix[:3, :3]
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6:
         raise PoseError(f"{name}: rotation part is not orthonormal")

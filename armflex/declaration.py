@@ -51,6 +51,11 @@ class Source:
             keys = keys[:-1]
         return Place(self.path, self.lines.get(keys, 0))
 
+    def comma_in(self, line: int) -> str:
+        """Return the question whether a line has a decimal comma, '' where it has none."""
+        comma = _DECIMAL_COMMA.search(self.text.split("\n")[line - 1]) if line else None
+        return "" if comma is None else f": a decimal comma? TOML has points, {comma[1]}.{comma[2]}"
+
     @cached_property
     def lines(self) -> dict[Keys, int]:
         """Line of every table header and key."""
@@ -233,9 +238,7 @@ class Declaration:
         except ValueError:
             raise self.fail(key, f"rows of different length, expected {expected}") from None
         if array.dtype.kind not in "fiu" or array.shape not in shapes or _has_bool(value):
-            line = self.place(key).line
-            comma = _DECIMAL_COMMA.search(self.source.text.split("\n")[line - 1]) if line and array.ndim else None
-            hint = "" if comma is None else f": a decimal comma? TOML has points, {comma[1]}.{comma[2]}"
+            hint = self.source.comma_in(self.place(key).line) if array.ndim else ""
             raise self.fail(key, f"expected {expected}, got {shown(value)}{hint}")
         array = array.astype(float)
         if not np.isfinite(array).all():
@@ -307,9 +310,7 @@ def read_toml(path: Path) -> Declaration:
     except tomllib.TOMLDecodeError as error:
         found = re.search(r"line (\d+)", str(error))
         line = int(found[1]) if found else 0
-        comma = _DECIMAL_COMMA.search(text.split("\n")[line - 1]) if line else None
-        hint = "" if comma is None else f": a decimal comma? TOML has points, {comma[1]}.{comma[2]}"
-        raise ArmFileError(Place(path, line), f"not valid TOML: {error}{hint}") from None
+        raise ArmFileError(Place(path, line), f"not valid TOML: {error}{source.comma_in(line)}") from None
     except RecursionError:
         raise ArmFileError(Place(path), f"nested deeper than {MAX_DEPTH} tables or lists") from None
     except ValueError:  # Python's own limit on the digits of an integer
