@@ -328,3 +328,8 @@ NO_ANSWER: dict[str, type[ArmflexError]] = {
     "beyond_training": ExtrapolationError,
 }
 """Why a configuration may have no answer. Whatever else goes wrong is wrong with the question."""
+
+
+def no_answer(error: ArmflexError) -> str:
+    """Return which of `NO_ANSWER` an error is."""
+    return next(name for name, kind in NO_ANSWER.items() if isinstance(error, kind))

@@ -19,6 +19,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from armflex.errors import NO_ANSWER, ArmflexError
+
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
 
@@ -36,6 +38,22 @@ _begun: set[object] = set()
 def in_pieces(rows: np.ndarray, most: int) -> list[np.ndarray]:
     """Return rows, in their order, so many at most at a time."""
     return [rows[first : first + most] for first in range(0, len(rows), most)]
+
+
+def in_halves(
+    work: Callable[[np.ndarray], Result], rows: np.ndarray
+) -> Iterator[tuple[np.ndarray, Result | ArmflexError]]:
+    """Yield rows with what work makes of them together; one without an answer comes alone, with its error instead.
+
+    Where one has none (`NO_ANSWER`) halves are asked, until it stands alone.
+    """
+    try:
+        yield rows, work(rows)
+    except tuple(NO_ANSWER.values()) as error:
+        if len(rows) == 1:
+            yield rows, error
+        for half in np.array_split(rows, 2) if len(rows) > 1 else ():
+            yield from in_halves(work, half)
 
 
 def in_threads(work: Callable[[Piece], Result], pieces: Iterable[Piece]) -> Generator[Result, None, None]:

@@ -11,9 +11,11 @@ import numpy as np
 from armflex.arm import Arm, Setup
 from armflex.configurations import Configurations
 from armflex.conventions import Array
-from armflex.errors import NO_ANSWER, InputError, listing
+from armflex.errors import ArmflexError, InputError, listing, no_answer
 from armflex.estimate.view import View, look
+from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
+from armflex.parallel import in_halves
 from armflex.readings import Kind, Position, Readings, Touch, touched
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
@@ -303,18 +305,18 @@ def _held(arm: Arm, rows: Rows) -> tuple[np.ndarray, Counter[str]]:
     """
     known, dropped = known_rows(arm, rows), Counter[str]()
 
+    def deflected(some: np.ndarray) -> DeflectionBatch:
+        here, given = rows.some(some), {name: values[some] for name, values in known.items()}
+        return arm.deflection(here.q, here.payload, covariates=given, wrenches=here.wrenches, enforce_limits=False)
+
     def asked(some: np.ndarray) -> list[np.ndarray]:
-        """Where one row is refused, halves are asked until it stands alone."""
-        given = {name: values[some] for name, values in known.items()}
-        try:
-            here = rows.some(some)
-            arm.deflection(here.q, here.payload, covariates=given, wrenches=here.wrenches, enforce_limits=False)
-        except tuple(NO_ANSWER.values()) as error:
-            if len(some) == 1:
-                dropped[next(name for name, kind in NO_ANSWER.items() if isinstance(error, kind))] += 1
-                return []
-            return [part for half in np.array_split(some, 2) for part in asked(half)]
-        return [some]
+        parts = []
+        for part, found in in_halves(deflected, some):
+            if isinstance(found, ArmflexError):
+                dropped[no_answer(found)] += 1
+            else:
+                parts.append(part)
+        return parts
 
     held: list[np.ndarray] = []
     for payload in dict.fromkeys(rows.payload):

@@ -19,10 +19,11 @@ import numpy as np
 
 from armflex.arm import Arm, ManyRows
 from armflex.conventions import Array
-from armflex.errors import NO_ANSWER, ClosureError, Flag
+from armflex.errors import NO_ANSWER, ArmflexError, ClosureError, Flag, no_answer
 from armflex.estimate.tip_uncertainty import tip_covariance
-from armflex.mechanics.deflection import length_sigma
+from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.many_rows import kernel_pays
+from armflex.parallel import in_halves
 from armflex.storage.array_file import Layout
 from armflex.storage.schema import Numbers
 from armflex.storage.store import PieceForm
@@ -156,11 +157,11 @@ def answers(question: Question, q: Array) -> Answer:
     flags: dict[str, Flag] = {}
     worst = np.full(len(q), -np.inf)
     for other, payload in product(others, question.payloads):
-        for some, _, displacement, reason, _ in _outcomes(other, payload, question.options, q, np.arange(len(q))):
+        for some, _, displacement, reason, _ in _outcomes(other, payload, question.options, q):
             worst[some] = np.maximum(worst[some], np.inf if reason else displacement)
     reasons = list(NO_ANSWER)
     for number, payload in enumerate(question.payloads):
-        for some, tip, displacement, reason, met in _outcomes(arm, payload, question.options, q, np.arange(len(q))):
+        for some, tip, displacement, reason, met in _outcomes(arm, payload, question.options, q):
             counted = np.zeros((len(some), 1 + len(reasons)), dtype=np.int64)
             counted[:, reasons.index(reason) if reason else -1] = 1
             tally = Tally(
@@ -185,59 +186,46 @@ Outcome = tuple[np.ndarray, Array, Array, str, tuple[Flag, ...]]
 where refused, why it was, '' where it was not, and the flags met."""
 
 
-def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array, rows: np.ndarray) -> Iterator[Outcome]:
-    """Yield what becomes of rows of q; where one of them is refused, halves are asked until it stands alone."""
-    try:
+def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array) -> Iterator[Outcome]:
+    """Yield what becomes of rows of q."""
+
+    def asked(rows: np.ndarray) -> DeflectionBatch:
         some: ManyRows = q[rows]
-        found = arm.deflection(some, payload, **options)
-    except tuple(NO_ANSWER.values()) as error:
-        if len(rows) == 1 and isinstance(error, ClosureError):
-            return  # the loops let no drive come here: it is no configuration
-        if len(rows) > 1:
-            for half in np.array_split(rows, 2):
-                yield from _outcomes(arm, payload, options, q, half)
-            return
-        reason = next(name for name, kind in NO_ANSWER.items() if isinstance(error, kind))
-        yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), reason, ()
-        return
-    flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in found.flags)  # without "row 7: "
-    yield rows, found.rigid_pose[:, :3, 3], np.linalg.norm(found.displacement[:, :3], axis=1), "", flags
+        return arm.deflection(some, payload, **options)
+
+    for rows, found in in_halves(asked, np.arange(len(q))):
+        if not isinstance(found, ArmflexError):
+            flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in found.flags)  # without "row 7: "
+            yield rows, found.rigid_pose[:, :3, 3], np.linalg.norm(found.displacement[:, :3], axis=1), "", flags
+        elif not isinstance(found, ClosureError):  # there the loops let no drive come
+            yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), no_answer(found), ()
 
 
 def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:
     """Return the (n,) standard uncertainties of displacements that were found, and flags about them.
+
+    They are NaN at the brink of what has an answer, where nobody states any, and where they have no end.
 
     Args:
         question: What was asked.
         q: (n, nq) configurations.
         payload: (n,) numbers of the payloads.
     """
-    found, flags = np.full(len(q), np.nan), {}
-    for number, name in enumerate(question.payloads):
-        rows = np.flatnonzero(payload == number)
-        if len(rows):
-            found[rows], own = _sigmas(question, q[rows], name)
-            flags |= {flag.code: flag for flag in own}
-    return found, tuple(flags.values())
+    arm, sigma, flags = _kept(question)[0], np.full(len(q), np.nan), dict[str, Flag]()
+    known, pulled = question.options["covariates"], question.options["wrenches"]
 
+    def asked(rows: np.ndarray) -> tuple[Array | float, tuple[Flag, ...]]:
+        some, name = q[rows], question.payloads[payload[rows[0]]]
+        batch = arm.deflection(some, name, **question.options)
+        covariance, met = tip_covariance(arm, batch.q, (name,) * len(rows), known, batch.covariance, pulled)
+        return np.nan if covariance is None else length_sigma(batch.displacement[:, :3], covariance[:, :3, :3]), met
 
-def _sigmas(question: Question, q: Array, payload: str) -> tuple[Array, tuple[Flag, ...]]:
-    """Return (n,) uncertainties under one payload, NaN at the brink of what has an answer, or without an end."""
-    arm = _kept(question)[0]
-    try:
-        batch = arm.deflection(q, payload, **question.options)
-        known = question.options["covariates"]
-        pulled = question.options["wrenches"]
-        covariance, flags = tip_covariance(arm, batch.q, (payload,) * len(q), known, batch.covariance, pulled)
-    except tuple(NO_ANSWER.values()):
-        if len(q) == 1:
-            return np.array([np.nan]), ()
-        halves = [_sigmas(question, half, payload) for half in np.array_split(q, 2)]
-        return np.concatenate([half for half, _ in halves]), halves[0][1]
-    if covariance is None:
-        return np.full(len(q), np.nan), flags
-    found = length_sigma(batch.displacement[:, :3], covariance[:, :3, :3])
-    return np.where(np.isinf(found), np.nan, found), flags
+    for own in (np.flatnonzero(payload == number) for number in range(len(question.payloads))):
+        for rows, found in in_halves(asked, own) if len(own) else ():
+            if not isinstance(found, ArmflexError):
+                sigma[rows], met = found
+                flags |= {flag.code: flag for flag in met}
+    return np.where(np.isinf(sigma), np.nan, sigma), tuple(flags.values())
 
 
 def frequencies(question: Question, q: Array, payload: np.ndarray) -> Array:
