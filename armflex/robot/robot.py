@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import numpy as np
@@ -345,16 +346,11 @@ def check_tree(urdf: Urdf) -> str:
         first = parents.setdefault(joint.child, joint).name
         if first != joint.name:
             raise UrdfError(joint.place, f"link {joint.child!r} has two parent joints, {first!r} and {joint.name!r}")
-    rooted: set[str] = set()
-    for link in urdf.links:
-        path: list[str] = []
-        while link in parents and link not in rooted:
-            if link in path:
-                loop = " -> ".join(reversed(path[path.index(link) :]))
-                raise UrdfError(parents[link].place, f"joints form a loop: {loop}")
-            path.append(link)
-            link = parents[link].parent
-        rooted.update(path)
+    try:
+        TopologicalSorter({child: [joint.parent] for child, joint in parents.items()}).prepare()
+    except CycleError as error:
+        loop = error.args[1][1:]
+        raise UrdfError(parents[loop[0]].place, f"joints form a loop: {' -> '.join(loop)}") from None
     roots = [name for name in urdf.links if name not in parents]
     if len(roots) > 1:
         raise UrdfError(Place(urdf.path), f"has {len(roots)} root links, expected one: {listing(roots)}")

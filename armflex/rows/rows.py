@@ -248,9 +248,14 @@ def pose_groups(rows: Rows, tolerance: float = SAME_POSE) -> np.ndarray:
     [rad or m]: names alone would let a pose that was measured twice under two names into both sides of a split.
     """
     by_place = same_positions(rows.q, tolerance)
-    if len(by_place) == 1:
+    if len(by_place) < 2:
         return by_place
-    return _joined(by_place, numbered(rows.pose))
+    from scipy.sparse import coo_array  # not needed by a controller
+    from scipy.sparse.csgraph import connected_components
+
+    by_name = numbered(rows.pose) + by_place.max() + 1
+    links = coo_array((np.ones(len(by_place)), (by_place, by_name)), shape=(by_name.max() + 1,) * 2)
+    return numbered(connected_components(links, directed=False)[1][by_place].tolist())
 
 
 def leaked(train: Rows, test: Rows, tolerance: float = SAME_POSE) -> np.ndarray:
@@ -291,16 +296,3 @@ def _root(parent: np.ndarray, i: int) -> int:
     while parent[i] != i:
         i = int(parent[i])
     return i
-
-
-def _joined(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the finest labels that are equal wherever either of two are."""
-    joined = first.copy()
-    while True:
-        before = joined.copy()
-        for labels in (second, first):
-            lowest = np.full(labels.max(initial=-1) + 1, len(joined))
-            np.minimum.at(lowest, labels, joined)
-            joined = lowest[labels]
-        if (joined == before).all():
-            return numbered(joined.tolist())
