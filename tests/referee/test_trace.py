@@ -27,8 +27,7 @@ from armflex.trace.selection import SCALES, Chosen, log_likelihood
 from armflex.trace.state import State, begin
 from armflex.trace.unrecorded import localise, noticed_from
 
-EXACT = [
-    ("hysteresis", 100, "boom"),
+EXACT = [  # and hysteresis, in `unit/trace/test_trace_anytime.py`
     ("thermal_bending lagged", 100, "six"),
     ("thermal_softening", 100, "six"),
     ("cross_coupling", 100, "six"),

@@ -17,7 +17,7 @@ import armflex
 from armflex.laws.effects import Effect
 from armflex.trace.findings import Found, Trace
 from support.absorbed import visible, visible_each
-from support.campaigns import SEVERAL, Drawn, TrueEffect, draw
+from support.campaigns import SEVERAL, Drawn, TrueEffect, Truth, draw
 
 SEEN = 16.0  # fall of the information criterion by an effect that shows
 SHOWN_RMS, SHOWN_STRAIN = 5e-5, 3.0
@@ -145,6 +145,12 @@ def _judge(result: Score, drawn: Drawn, folder: Path, ask: int) -> None:
         if account.asked is None:
             break
         drawn, result.asked = drawn.asked(account.asked.rows), result.asked + 1
+    judge(result, drawn, truth, account)
+
+
+def judge(result: Score, drawn: Drawn, truth: Truth, account: Trace) -> None:
+    """Note in a score what the account of a drawn campaign, as it was written, comes to."""
+    arm = armflex.load_arm(truth.arm)
     rows = armflex.read_measurements(truth.test, arm)
     believed = rows.measured & ~truth.lost
     result.floor = 1e3 * _rms((rows.position - truth.clean)[believed])

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from goldens import compare
 from rich.console import Console
 from support.command_line import Run, few_rows, fine, run_here, strict_json
 from support.small_arms import ROBOTS
@@ -22,6 +23,7 @@ from support.small_arms import ROBOTS
 from armflex import Arm, Trajectory, Wrench, compensate, load_arm, load_law, read_trajectory, trace
 from armflex.cli import terminal
 from armflex.cli.main import COMMANDS
+from armflex.cli.trace_command import as_json
 from armflex.errors import Flag
 from armflex.progress import Doing
 from armflex.trace.findings import Trace
@@ -96,10 +98,10 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
 
 
 @pytest.mark.slow
-def test_check_angle_alone_can_fail(shell: Run) -> None:
+def test_check_angle_alone_can_fail(armflex: Run) -> None:
     command = ["check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "1m", "--angle"]
-    fine(shell(*command, "1mrad"), 1)
-    fine(shell(*command, "10deg"), 0)
+    fine(armflex(*command, "1mrad"), 1)
+    fine(armflex(*command, "10deg"), 0)
 
 
 @pytest.mark.parametrize(("robot", "match"), [(TARM, "position"), (HEAVY, "pose")])
@@ -158,13 +160,13 @@ def narrowed(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_compensate_out_of_reach_writes_nothing_unless_asked(shell: Run, tmp_path: Path) -> None:
+def test_compensate_out_of_reach_writes_nothing_unless_asked(armflex: Run, tmp_path: Path) -> None:
     arm, path = narrowed(tmp_path), few_rows(HEAVY / "trajectory.csv", tmp_path / "t.csv", 30)
     command = ["compensate", arm, path, "-o", "o.csv", "--match", "pose", "--json", "c.json"]
-    result = fine(shell(*command), 1)
+    result = fine(armflex(*command), 1)
     assert "limit: J2" in result.stdout and not (tmp_path / "o.csv").exists()
     assert not strict_json(tmp_path / "c.json")["ok"]
-    fine(shell(*command, "--best-effort"), 1)
+    fine(armflex(*command, "--best-effort"), 1)
     assert (tmp_path / "o.csv").exists()
 
 
@@ -251,6 +253,12 @@ def test_demo_runs_through(demo) -> None:
     names = {path.name for path in (folder / "out").iterdir()}
     assert names == {"tarm_like", "tarm_like.html", "compensated.csv", "traced.toml", "trace.html"}
     assert strict_json(folder / "demo.json")["traced"] == ["backlash at A2 (ry)"]
+
+
+@pytest.mark.slow
+def test_the_demo_traces_what_it_traced(demo) -> None:
+    """It is the trace of `armflex trace` on the boom's campaign."""
+    assert compare("trace_tarm", as_json(demo[2])) == []
 
 
 A, T = TARM / "arm.toml", TARM / "trajectory.csv"

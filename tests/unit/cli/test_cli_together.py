@@ -8,6 +8,7 @@ import io
 import os
 import warnings
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -59,6 +60,9 @@ GIVEN = {
 
 LATER = {"intake": ["path.csv", "-o", "o.csv"]}
 """How every column was taken is said before anything is written."""
+
+WORK = {"plan": "plan", "train": "train", "map": "map_workspace", "report": "iso9283"}
+"""What takes long in a command, and writes nothing."""
 
 BESIDE = {"fem": ("o.surface.safetensors",)}
 """Files that a command writes beside those that it is asked for."""
@@ -130,6 +134,12 @@ def test_where_one_file_cannot_take_its_place_none_does(
     outputs = sorted({"o.json", *(text for text in given if text.startswith("o.")), *BESIDE.get(name, ())})
     for output in outputs[::2]:
         (folder / output).write_text("old")
+    if name in WORK:  # what is found is written several times
+        module, made = import_module(f"armflex.cli.{name}_command"), []
+        work = getattr(module, WORK[name])
+        monkeypatch.setattr(
+            module, WORK[name], lambda *a, **b: made[0] if made else made.append(work(*a, **b)) or made[0]
+        )
     before, replace_file = written(job, folder), os.replace
     for refused in outputs:
 

@@ -21,7 +21,7 @@ from support.small_arms import ROBOTS, random_compliance, three_joints
 from armflex import Arm, InputError, Measurements, load_arm, plan, predict, read_measurements, write_plan
 from armflex.arm import Measurement, Prior
 from armflex.errors import UnknownNameError, UnsupportedError
-from armflex.estimate import calibrate
+from armflex.estimate import Calibration, calibrate
 from armflex.files.effect_file import locations_on
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
@@ -436,14 +436,26 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuple[Arm, Measurement
     return arm, read_measurements(few_rows(ROBOTS / "tarm_like" / "campaign.csv", path, 150), arm)
 
 
+@pytest.fixture(scope="module")
+def fitted(campaign) -> Calibration:
+    return calibrate(*campaign)
+
+
+@pytest.fixture(scope="module")
+def learned(campaign) -> Calibration:
+    """With a law of A2 that is learned."""
+    arm, measured = campaign
+    return calibrate(learning(arm, "A2"), measured)
+
+
 @pytest.mark.slow
-def test_what_was_measured_counts(campaign) -> None:
+def test_what_was_measured_counts(campaign, fitted) -> None:
     """After a campaign the plan starts from that campaign's certainty, and from the effect that it shows."""
     arm, measured = campaign
     further = plan(arm, 4, after=measured)
-    fitted = {p.name: p.std for p in calibrate(arm, measured).parameters}
+    known = {p.name: p.std for p in fitted.parameters}
     before = dict(zip(further.model.names, further.std_before, strict=True))
-    pairs = [(before[name], std) for name, std in fitted.items() if name.startswith(("compliance", "joint_offset"))]
+    pairs = [(before[name], std) for name, std in known.items() if name.startswith(("compliance", "joint_offset"))]
     np.testing.assert_allclose(*np.array(pairs).T, rtol=0.02)
     assert [flag.code for flag in further.flags] == ["unexplained_residual"]
     apart = plan(arm, 4, after=measured, between=("backlash:A2", "backlash:A3"))
@@ -453,11 +465,9 @@ def test_what_was_measured_counts(campaign) -> None:
 
 
 @pytest.mark.slow
-def test_a_calibrated_arm_is_planned_from_its_covariance(campaign) -> None:
-    arm, measured = campaign
-    fitted = calibrate(arm, measured).arm
-    further = plan(fitted, 4)
-    stored = dict(zip(fitted.certainty.labels, np.sqrt(np.diag(fitted.certainty.covariance)), strict=True))
+def test_a_calibrated_arm_is_planned_from_its_covariance(fitted) -> None:
+    further, certainty = plan(fitted.arm, 4), fitted.arm.certainty
+    stored = dict(zip(certainty.labels, np.sqrt(np.diag(certainty.covariance)), strict=True))
     before = dict(zip(further.model.names, further.std_before, strict=True))
     kept = [name for name in before if not name.startswith("instrument")]
     np.testing.assert_allclose([before[name] for name in kept], [stored[name] for name in kept], rtol=1e-6)
@@ -465,7 +475,7 @@ def test_a_calibrated_arm_is_planned_from_its_covariance(campaign) -> None:
 
 
 @pytest.mark.slow
-def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign) -> None:
+def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign, learned) -> None:
     """Before a campaign as uncertain as they were declared, after one as their covariance has it."""
     arm, measured = campaign
     arm = learning(arm, "A2")
@@ -475,39 +485,34 @@ def test_laws_that_are_to_be_learned_are_among_what_is_planned_for(campaign) -> 
     assert before["law A2 ry"] == pytest.approx(0.5) and after["law A2 ry"] < 0.25
     assert not any(name.startswith("compliance A2") for name in before)
     assert "law A2 dx" in {one.name for one in first.blind}
-    fitted = calibrate(arm, measured)
-    stored = {p.name: p.std for p in fitted.parameters if p.block == "law"}
-    for further in (plan(fitted.arm, 4), plan(arm, 4, after=measured)):
+    stored = {p.name: p.std for p in learned.parameters if p.block == "law"}
+    for further in (plan(learned.arm, 4), plan(arm, 4, after=measured)):
         before = dict(zip(further.model.names, further.std_before, strict=True))
         np.testing.assert_allclose([before[name] for name in stored], list(stored.values()), rtol=0.05)
 
 
 @pytest.mark.slow
-def test_laws_to_be_learned_since_a_calibration_are_planned_for(campaign) -> None:
+def test_laws_to_be_learned_since_a_calibration_are_planned_for(campaign, fitted) -> None:
     """As uncertain as they were declared without the campaign, as its rows leave them with it."""
-    arm, measured = campaign
-    fitted = calibrate(arm, measured).arm
-    again = learning(fitted, "A2")
-    first, further = plan(again, 4), plan(again, 4, after=measured)
+    again, certainty = learning(fitted.arm, "A2"), fitted.arm.certainty
+    first, further = plan(again, 4), plan(again, 4, after=campaign[1])
     for found in (first, further):
         assert not any(name.startswith("compliance A2") for name in found.model.names)
     before = dict(zip(first.model.names, first.std_before, strict=True))
     after = dict(zip(first.model.names, first.std_after, strict=True))
     known = dict(zip(further.model.names, further.std_before, strict=True))
-    stored = dict(zip(fitted.certainty.labels, np.sqrt(np.diag(fitted.certainty.covariance)), strict=True))
+    stored = dict(zip(certainty.labels, np.sqrt(np.diag(certainty.covariance)), strict=True))
     assert before["law A2 ry"] == pytest.approx(0.5) and after["law A2 ry"] < 0.25
     assert before["compliance A3 ry"] == pytest.approx(stored["compliance A3 ry"])
     assert known["law A2 ry"] < 0.1 and known["law A2 dy"] == pytest.approx(0.5, rel=0.01)
 
 
 @pytest.mark.slow
-def test_a_covariance_of_some_of_the_learned_laws_is_refused(campaign) -> None:
-    arm, measured = campaign
-    fitted = calibrate(learning(arm, "A2"), measured).arm
-    both = learning(fitted, "A3")
+def test_a_covariance_of_some_of_the_learned_laws_is_refused(campaign, learned) -> None:
+    both = learning(learned.arm, "A3")
     with pytest.raises(InputError, match=r"A3 is to be learned, but .* laws of A2 alone"):
         plan(both, 4)
-    names = plan(both, 4, after=measured).model.names
+    names = plan(both, 4, after=campaign[1]).model.names
     assert "law A2 ry" in names and "law A3 ry" in names
 
 

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from support.campaigns import Truth, draw
+from support.campaigns import Drawn, Truth, draw
 from support.command_line import strict_json
+from support.scoring import Score, judge
 
 from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.cli.calibrate_command import as_json as calibrated_json
@@ -42,6 +43,7 @@ pytestmark = pytest.mark.slow
 class Whole:
     """A search that nobody interrupted, and what there was on the way."""
 
+    drawn: Drawn
     truth: Truth
     rows: Measurements
     used: np.ndarray
@@ -53,12 +55,20 @@ class Whole:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     """Hysteresis, whose memory asks for the rows that were not read as well."""
-    truth = draw("hysteresis", 100, "boom").write(tmp_path_factory.mktemp("whole"))
+    drawn = draw("hysteresis", 100, "boom")
+    truth = drawn.write(tmp_path_factory.mktemp("whole"))
     arm = load_arm(truth.arm)
     rows = read_measurements(truth.train, arm)
     used, accounts, heard = np.flatnonzero(rows.measured), [], []
     finished = trace(arm, rows, used, account=accounts.append, progress=heard.append)
-    return Whole(truth, rows, used, finished, accounts, heard)
+    return Whole(drawn, truth, rows, used, finished, accounts, heard)
+
+
+def test_what_was_hidden_is_named_where_it_is(whole: Whole) -> None:
+    found = Score("hysteresis", 100, "boom", 1.0)
+    judge(found, whole.drawn, whole.truth, whole.finished)
+    assert found.verdict == "exact", found
+    assert found.after < 1.08 * found.floor and found.after < found.before
 
 
 def test_after_every_accepted_state_there_is_an_account(whole: Whole) -> None:
@@ -159,9 +169,9 @@ def test_what_was_accepted_is_in_the_outputs_when_the_command_is_killed(tmp_path
         arm_file, rows = (tmp_path / name, truth.train) if name.endswith("toml") else (truth.arm, tmp_path / name)
         refused = resumed(arm_file, rows)
         assert isinstance(refused.exception, FileError) and said in str(refused.exception)
-    whole = trace(load_arm(truth.arm), read_measurements(truth.train, load_arm(truth.arm)))
     assert resumed(truth.arm, truth.train).exit_code == 0
-    assert [one.name for one in load_arm(tmp_path / "t.toml").effects] == [one.effect.name for one in whole.found]
+    (hidden,) = truth.effects  # which is all that a search finds that nobody killed, see `test_trace_cli.py`
+    assert [one.name for one in load_arm(tmp_path / "t.toml").effects] == [f"backlash {hidden.site} {hidden.axis}"]
     again = resumed(truth.arm, truth.train)
     assert isinstance(again.exception, FileError) and "there is nothing to resume" in str(again.exception)
 
