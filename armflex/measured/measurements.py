@@ -488,10 +488,10 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
         if isinstance(sensor.about, Camera):  # of a board it may see some corners
             values = read_pictures(table, sensor)
             each = np.isfinite(values)
+            read = np.any(each, axis=1)
         else:
             read, values = _vectors(table, columns)
             each = np.broadcast_to(read[:, None], values.shape)
-        read = each.any(axis=1)
         if f"sigma_{name}" in table.columns:
             sigma = _deviations(table, (f"sigma_{name}",), read, name, sensor.kind.unit, np.inf)
         low = read & ~(values > 0.0).all(axis=1)
