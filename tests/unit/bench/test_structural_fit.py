@@ -20,7 +20,7 @@ from armflex.laws import LinearLaw, Row
 from armflex.laws.declared import read_assembly
 from armflex.laws.joint.position_dependent import PositionDependentLaw
 from armflex.laws.joint.structural import StructuralLaw
-from armflex.laws.law_file import load_law, save_law
+from armflex.laws.law_file import TrainedLaw, load_law, save_law
 from armflex.measured.joint_data import JointData
 
 NOWHERE = Row(np.zeros(0), {})
@@ -78,22 +78,26 @@ def test_what_is_predicted_is_near_the_truth_and_its_band_covers(assembly: Struc
     np.testing.assert_allclose(result.trained.law.twist(fresh, NOWHERE), exact, atol=0.3 * NOISE.max())
 
 
+@pytest.fixture(scope="module")
+def trained(assembly: StructuralLaw) -> TrainedLaw:
+    return train(bench(assembly, 1), "structural", options=Options(assembly=assembly)).trained
+
+
 @pytest.mark.slow
-def test_a_fitted_structure_is_the_same_from_a_file_in_a_fresh_process(assembly: StructuralLaw, tmp_path: Path) -> None:
-    result = train(bench(assembly, 1), "structural", options=Options(assembly=assembly))
-    path = save_law(result.trained, tmp_path / "joint.safetensors")
+def test_a_fitted_structure_is_the_same_from_a_file_in_a_fresh_process(trained: TrainedLaw, tmp_path: Path) -> None:
+    path = save_law(trained, tmp_path / "joint.safetensors")
     again = load_law(path).law
     wrench = np.array([900.0, -300.0, 500.0, 20.0, 60.0, -80.0])
-    np.testing.assert_allclose(again.twist(wrench, NOWHERE), result.trained.law.twist(wrench, NOWHERE), rtol=1e-12)
-    np.testing.assert_allclose(again.covariance(wrench, NOWHERE), result.trained.law.covariance(wrench, NOWHERE))
+    np.testing.assert_allclose(again.twist(wrench, NOWHERE), trained.law.twist(wrench, NOWHERE), rtol=1e-12)
+    np.testing.assert_allclose(again.covariance(wrench, NOWHERE), trained.law.covariance(wrench, NOWHERE))
     assert again.trained and again.flags(1e3 * wrench, NOWHERE) and not again.flags(0.1 * wrench, NOWHERE)
     code = f"import sys, armflex.laws.law_file as f; f.load_law({str(path)!r}); assert 'torch' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=600)
 
 
 @pytest.mark.slow
-def test_a_damaged_file_is_refused(assembly: StructuralLaw, tmp_path: Path) -> None:
-    path = save_law(train(bench(assembly, 1), "structural", options=Options(assembly=assembly)).trained, tmp_path / "j")
+def test_a_damaged_file_is_refused(trained: TrainedLaw, tmp_path: Path) -> None:
+    path = save_law(trained, tmp_path / "j")
     data = bytearray(path.read_bytes())
     data[-20] ^= 1
     path.write_bytes(bytes(data))
