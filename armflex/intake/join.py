@@ -145,7 +145,7 @@ def intake(
         wrong += str(error).splitlines()
     if len(robots) + (rows_of_arm is not None) > 1:
         wrong.append("several files describe the arm: give one URDF, or one table of DH parameters")
-    every = {name for one in sources for name in one.header}
+    every = dict.fromkeys(name for one in sources for name in one.header)
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
     ]

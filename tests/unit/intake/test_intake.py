@@ -51,6 +51,13 @@ def test_a_campaign_as_it_is_needs_no_intake(tmp_path: Path) -> None:
         intake([path], 5e-5)
 
 
+def test_columns_are_listed_in_the_order_of_the_files(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("J3,J1,J2,J6,J5,J4\n" + "\n".join(f"{i}.5,0.{i},1,2,3,4" for i in range(5)))
+    with pytest.raises(InputError, match=r"--take Q: no file has this column \(columns: J3, J1, J2, J6, J5, J4\)"):
+        intake([path], None, {"Q": "q_J1"})
+
+
 def test_two_targets_are_two_instruments(tmp_path: Path) -> None:
     both = "Name;X [mm];Y [mm];Z [mm]\n" + "\n".join(
         f"{n}_T{t};{';'.join(map(comma, p + 100 * t))}" for n, p in zip(NAMES, XYZ, strict=True) for t in (1, 2)
