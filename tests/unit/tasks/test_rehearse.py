@@ -56,8 +56,17 @@ def arm(folder: Path) -> armflex.Arm:
 
 
 @pytest.fixture(scope="module")
-def rehearsed(arm: armflex.Arm, folder: Path) -> Rehearsal:
-    return armflex.rehearse(arm, folder / "poses.csv", sigma=SIGMA, draws=2)
+def rehearsed(folder: Path) -> Rehearsal:
+    """What the command finds; it writes r.json."""
+    given = ["rehearse", "arm.toml", "--rows", "poses.csv", "--sigma", "0.1mm", "--draws", "2", "--json", "r.json"]
+    given = [str(folder / text) if "." in text and "mm" not in text else text for text in given]
+    made: list[Rehearsal] = []
+    with pytest.MonkeyPatch.context() as patch:
+        made_by = "armflex.cli.rehearse_command.rehearse"
+        patch.setattr(made_by, lambda *a, **b: made.append(armflex.rehearse(*a, **b)) or made[0])
+        group.main(given, standalone_mode=False)
+    assert made[0].sigma == SIGMA and made[0].read == 40
+    return made[0]
 
 
 def test_probabilities_are_such_and_follow_the_noise(arm: armflex.Arm, folder: Path, rehearsed: Rehearsal) -> None:
@@ -110,12 +119,10 @@ def test_the_table_has_one_way_of_naming_and_calibration_beside_the_names(
     assert all(f"{word}: " in legend for word in ("size", "own name", "calibration", "another", "in set"))
 
 
-def test_the_command_writes_what_the_function_returns(folder: Path) -> None:
-    given = ["rehearse", "arm.toml", "--rows", "poses.csv", "--sigma", "0.1mm", "--draws", "2", "--json", "r.json"]
-    given = [str(folder / text) if "." in text and "mm" not in text else text for text in given]
-    group.main(given, standalone_mode=False)
+def test_the_command_writes_what_the_function_returns(folder: Path, rehearsed: Rehearsal) -> None:
     found = strict_json(folder / "r.json")
     assert found["format"] == "armflex-rehearse-1" and found["rows"] == 40
+    assert len(found["effects"]) == len(rehearsed.effects)
     play = [one for one in found["effects"] if (one["effect"], one["site"]) == ("backlash", "B")]
     assert play and all(one["probability"] > 0.9 for one in play)
     assert all(one["confused_with"] == [] or one["confused_with"][0]["probability"] <= 1.0 for one in found["effects"])
