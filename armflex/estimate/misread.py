@@ -133,9 +133,7 @@ class Case:
 
     def meant(self, hypothesis: Misreading, own: np.ndarray | None = None) -> Case:
         """Return the case as a hypothesis has it in (M,) own rows, in all where None."""
-        before = self.rows if hypothesis.of_rows else self.every
-        arm, after = hypothesis.rewritten(self.arm, before)
-        after = after if hypothesis.of_rows else after.some(self.some)
+        after = hypothesis.rows(self.rows) if hypothesis.of_rows else hypothesis.rows(self.every).some(self.some)
         if own is not None:
             place, old = own[:, None], self.rows
             kinds = [
@@ -146,7 +144,7 @@ class Case:
             payload = tuple(b if there else a for a, b, there in names)
             readings = replace(old.readings, kinds=tuple(kinds))
             after = replace(after, q=np.where(place, after.q, old.q), payload=payload, readings=readings)
-        return replace(self, arm=arm, rows=after)
+        return replace(self, arm=hypothesis.arm or self.arm, rows=after)
 
     def only(self, some: np.ndarray) -> Case:
         """Return the case in (m,) of its rows."""
@@ -369,8 +367,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
     if found is not None and not found.free and not case.keep and not searched:
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
-        freed = Misreading("[prior] frees nothing", more, lambda arm, one: (replace(arm, prior=prior), one))
-        tried.append((freed, None))
+        tried.append((Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)), None))
     named = dict[str, Named]()
 
     def judged(
@@ -576,7 +573,7 @@ def _moves(case: Case, found: Misfit) -> Iterator[Misreading]:
             continue
         read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1))
         if away := kind.some(read).elsewhere(view.at.some(read)):
-            yield elsewhere(sensors[kind.name], f"{kind.title}: {away}")
+            yield elsewhere(case.arm, sensors[kind.name], f"{kind.title}: {away}")
         asked = [(kind.name, kind.title if kind.name else "the instrument", found.left[:, place], case.sessions)]
         if not kind.name:
             tip = np.einsum("nji,nj->ni", view.at.axes @ view.line.tip[:, :3, :3], found.left[:, place])
@@ -593,7 +590,8 @@ def _moves(case: Case, found: Misfit) -> Iterator[Misreading]:
             far = name in sensors or 0.5 * (np.linalg.norm(step) / USUAL_PRIOR.geometry) ** 2 > NAMED
             if len(late) and far and (name not in sensors or len(sensors[name].movable)):
                 rows = np.isin(np.arange(len(motion)), np.arange(late[0], late[-1] + 1)) & (within == within[late[0]])
-                yield from moved(name, title, _place(case, int(late[0])), rows, step)
+                start = _place(case, int(late[0]))
+                yield from moved(case.arm, name, title, start, rows, step, case.rows.session)
 
 
 def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) -> Iterator[Flag]:

@@ -1,7 +1,7 @@
-"""The conventions in which an arm and its campaign may have been written, each as a rewriting of both.
+"""The conventions in which an arm and its campaign may have been written.
 
-A hypothesis has a name, a remedy, and what turns the arm and the campaign as they were read into those that were then
-meant. It knows nothing of how well they fit each other; `misread` judges that.
+A hypothesis has a name, a remedy, the arm that was then meant, and what turns the campaign as it was read into that
+which was meant. It knows nothing of how well they fit each other; `misread` judges that.
 """
 
 from __future__ import annotations
@@ -28,8 +28,7 @@ from armflex.readings.sensor import Sensor
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-Written = tuple[Arm, Measurements]
-Rewriting = Callable[[Arm, Measurements], Written]
+Rewriting = Callable[[Measurements], Measurements]
 
 WRITTEN_IN = {
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "inches": 0.0254},
@@ -49,7 +48,8 @@ class Misreading:
     Attributes:
         name: What would be wrong, as the end of a sentence.
         remedy: How to write it right.
-        rewritten: The arm and the campaign as they were then meant.
+        rows: What makes the campaign as it was then meant of that which was read.
+        arm: The arm as it was then meant; None as it is declared.
         mistakes: How many mistakes it takes, each of which is made in one campaign of a thousand.
         of: What readings it is about: the joints and lengths that move the tip ('points'), what bends the arm
             ('loads'), 'orientation', or the name of a sensor.
@@ -62,7 +62,8 @@ class Misreading:
 
     name: str
     remedy: str
-    rewritten: Rewriting
+    rows: Rewriting = lambda rows: rows
+    arm: Arm | None = None
     mistakes: int = 1
     of: str = "points"
     some: bool = False
@@ -107,7 +108,7 @@ def _of_joints(arm: Arm) -> Iterator[Misreading]:
         for degrees in (90, -90, 180) if turning[i] else ():
             name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
             remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-            yield Misreading(name, remedy, _joints(at, np.radians(degrees) * at[i]), 2, some=True)
+            yield Misreading(name, remedy, _joints(at, np.radians(degrees) * at[i]), mistakes=2, some=True)
     signs = np.where(turning, -1.0, 1.0)
     remedy = "turn all their signs, or the axes in the URDF: the base, or the whole arm, is mirrored"
     yield Misreading("the signs of all turning joints are turned", remedy, _joints(np.diag(signs)))
@@ -123,7 +124,7 @@ def _of_joints(arm: Arm) -> Iterator[Misreading]:
     if arm.robot.urdf.dh:
         other = in_other_form(arm.robot)
         name, remedy = f"the rows of [robot.joint] are of the {other.urdf.dh} form", f'write dh = "{other.urdf.dh}"'
-        yield Misreading(name, remedy, lambda arm, measurements: (replace(arm, robot=other), measurements))
+        yield Misreading(name, remedy, arm=replace(arm, robot=other))
 
 
 def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
@@ -145,9 +146,9 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
         for i in np.flatnonzero(axes_read):
             scale = np.diag(np.where(np.arange(3) == i, factor, 1.0))
             name = f"{'xyz'[i]} alone is in {unit}, read as {taken}"
-            yield Misreading(name, remedy, _positions(scale), 2, volume=float(np.log(factor)) / 3.0)
+            yield Misreading(name, remedy, _positions(scale), mistakes=2, volume=float(np.log(factor)) / 3.0)
     smaller = "write sigma_mm into the header"
-    yield Misreading("sigma is in mm", smaller, lambda arm, one: (arm, replace(one, sigma=1e-3 * one.sigma)), 2)
+    yield Misreading("sigma is in mm", smaller, lambda one: replace(one, sigma=1e-3 * one.sigma), mistakes=2)
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
         away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
@@ -156,15 +157,12 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
             name = f"x, y, z are a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
             remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
             proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
-            yield Misreading(name, remedy, _positions(axes), 3 if proper else max(len(turned), 1), some=True)
+            mistakes = 3 if proper else max(len(turned), 1)
+            yield Misreading(name, remedy, _positions(axes), mistakes=mistakes, some=True)
     if arm.measurement.frame == "base":
         remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
-        measurement = replace(arm.measurement, frame="unknown")
-        yield Misreading(
-            "x, y, z are not in the arm's base frame",
-            remedy,
-            lambda arm, measurements: (replace(arm, measurement=measurement), measurements),
-        )
+        elsewhere = replace(arm, measurement=replace(arm.measurement, frame="unknown"))
+        yield Misreading("x, y, z are not in the arm's base frame", remedy, arm=elsewhere)
 
 
 def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
@@ -174,7 +172,8 @@ def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
         if np.any(down) and not np.allclose(other, down):
             name = f"gravity points along {'-' if sign < 0.0 else '+'}{'xyz'[axis]} of the base"
             shown = ", ".join(f"{one:g}" for one in other)
-            yield Misreading(name, f"write gravity = [{shown}] under [robot], or a mount", _pulled(other), of="loads")
+            pulled = replace(arm, robot=replace(arm.robot, gravity=other))
+            yield Misreading(name, f"write gravity = [{shown}] under [robot], or a mount", arm=pulled, of="loads")
     masses = {"none": 0.0} | {name: payload.mass for name, payload in arm.payloads.items()}
     given = {name: masses[name] for name in dict.fromkeys(measurements.payload)}
     for one, other in combinations(sorted(given), 2):
@@ -187,11 +186,16 @@ def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
             yield Misreading(name, "name it in the column payload", _payloads({empty: heavy}), of="loads", some=True)
     if any(payload.mass for payload in arm.payloads.values()):
         for unit, factor in (("tonnes", 1e3), ("grams", 1e-3)):
-            yield Misreading(f"payload masses are in {unit}", "write them in kg", _masses_times(factor), of="loads")
-    if any(flexure.law.freed(anywhere(arm.robot)) for flexure in arm.flexures):
+            heavy = {name: replace(payload, mass=factor * payload.mass) for name, payload in arm.payloads.items()}
+            meant = replace(arm, payloads=heavy)
+            yield Misreading(f"payload masses are in {unit}", "write them in kg", arm=meant, of="loads")
+    if giving := [one.name for one in arm.flexures if one.law.freed(anywhere(arm.robot))]:
         for factor, unit in ((1e3, "a thousand times too small"), (1e-3, "a thousand times too large")):
             remedy = "give it in rad/Nm and m/N, check mrad, kN, kNm and mm"
-            yield Misreading(f"the compliance is {unit}", remedy, _compliance_times(factor), of="loads")
+            times = np.full(6, np.sqrt(factor))
+            softer = [replace(one, law=scaled(one.law, times)) if one.name in giving else one for one in arm.flexures]
+            meant = replace(arm, flexures=tuple(softer))
+            yield Misreading(f"the compliance is {unit}", remedy, arm=meant, of="loads")
 
 
 def _of_orientations() -> Iterator[Misreading]:
@@ -234,7 +238,8 @@ def _of_orientations() -> Iterator[Misreading]:
                 return (turns.inv() if back else turns).as_rotvec()
 
             name = f"rx, ry, rz are {', '.join(wrong)}"
-            yield Misreading(name, remedy, _values("", rewritten, Orientation), len(wrong), of="orientation")
+            change = _values("", rewritten, Orientation)
+            yield Misreading(name, remedy, change, mistakes=len(wrong), of="orientation")
 
 
 def _from_quaternion(vectors: Array) -> Rotation:
@@ -256,8 +261,8 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
         change = _values(name, lambda values, by=factor: by * values)
         yield Misreading(what, remedy, change, of=name, volume=float(np.log(factor)))
     if isinstance(kind, Acceleration):
-        remedy, opposite = OPPOSITE[sensor.sign < 0.0], replace(sensor, sign=-sensor.sign)
-        yield Misreading(f"{kind.title} reads the opposite", f"write {remedy}", _sensor(opposite), of=name)
+        remedy, meant = f"write {OPPOSITE[sensor.sign < 0.0]}", _with(arm, replace(sensor, sign=-sensor.sign))
+        yield Misreading(f"{kind.title} reads the opposite", remedy, arm=meant, of=name)
     places = range(kind.dimension)
     for order, signs in product(permutations(places), product((1.0, -1.0), repeat=kind.dimension)):
         away = [kind.channels[i] for i in places if order[i] != i]
@@ -268,7 +273,8 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
             axes = np.eye(kind.dimension)[list(order)] * np.array(signs)[:, None]
             what = f"what {kind.title} read fits better with {', '.join(words)}"
             change = _values(name, lambda values, by=axes: values @ by.T)
-            yield Misreading(what, "write its columns so", change, len(away) // 2 + len(turned), of=name)
+            mistakes = len(away) // 2 + len(turned)
+            yield Misreading(what, "write its columns so", change, mistakes=mistakes, of=name)
     for other in measurements.readings.kinds:
         if other.name != name and type(other) is type(kind) and not isinstance(kind, Orientation):
             one, last = sorted([name, other.name])
@@ -278,36 +284,30 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
     for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
         if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):
             text = f"{kind.title} is on {link!r}"
-            yield Misreading(text, f'write link = "{link}"', _sensor(replace(sensor, link=link)), 2, of=name)
+            meant = _with(arm, replace(sensor, link=link))
+            yield Misreading(text, f'write link = "{link}"', arm=meant, mistakes=2, of=name)
 
 
-def elsewhere(sensor: Sensor, text: str) -> Misreading:
-    """Return the hypothesis that a sensor stands somewhere else than it is declared to, as a text says."""
+def elsewhere(arm: Arm, sensor: Sensor, text: str) -> Misreading:
+    """Return the hypothesis that a sensor of an arm stands somewhere else than it is declared to, as a text says."""
     std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, ANYWHERE), sensor.std)
-    return Misreading(text, "declare it there", _sensor(replace(sensor, std=std)), of=sensor.name)
+    return Misreading(text, "declare it there", arm=_with(arm, replace(sensor, std=std)), of=sensor.name)
 
 
-def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> Iterator[Misreading]:
+def moved(
+    arm: Arm, name: str, title: str, start: str, rows: np.ndarray, step: Array, sessions: Sequence[str]
+) -> Iterator[Misreading]:
     """Yield the hypotheses that an instrument or its target was moved in (N,) rows, as if no session had begun.
 
     Args:
+        arm: The arm as declared.
         name: Of a sensor; '' is the tracker, 'target' the target that it looks at.
         title: What people are shown.
         start: Where the first of them is.
         rows: (N,) which rows those are.
         step: (n,) by how much its readings change there [their unit], of the target in tip axes [m].
+        sessions: (N,) of the rows.
     """
-
-    def in_sessions(arm: Arm, measurements: Measurements) -> Written:
-        pairs = zip(measurements.session, rows.tolist(), strict=True)
-        session = tuple(f"{one} moved" if late else one for one, late in pairs)
-        if name == "target":
-            instrument = arm.instrument or Instrument()
-            before = {one: instrument.targets.get(one.removesuffix(" moved"), np.zeros(6)) for one in session}
-            after = {one: here + np.append(step, np.zeros(3)) for one, here in before.items() if one.endswith(" moved")}
-            arm = replace(arm, instrument=replace(instrument, targets=before | after))
-        return arm, replace(measurements, session=session)
-
     text = f"{title} was moved, unnoticed, from about {start} on"
     remedy = "give the rows from there on a session of their own"
     remedy += ", and session_target under [prior]" if name == "target" else ""
@@ -316,7 +316,13 @@ def moved(name: str, title: str, start: str, rows: np.ndarray, step: Array) -> I
         back = _values(name, lambda values: values - rows[:, None] * step, Kind if name else Position)
         yield Misreading(text, remedy, back, **more)
     if name in ("", "target"):
-        yield Misreading(text, remedy, in_sessions, **more)
+        own = tuple(f"{one} moved" if late else one for one, late in zip(sessions, rows.tolist(), strict=True))
+        if name == "target":
+            instrument = arm.instrument or Instrument()
+            before = {one: instrument.targets.get(one.removesuffix(" moved"), np.zeros(6)) for one in own}
+            after = {one: here + np.append(step, np.zeros(3)) for one, here in before.items() if one.endswith(" moved")}
+            arm = replace(arm, instrument=replace(instrument, targets=before | after))
+        yield Misreading(text, remedy, lambda measurements: replace(measurements, session=own), arm, **more)
 
 
 def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
@@ -332,30 +338,26 @@ def _factors(unit: str) -> Iterator[tuple[str, str, float]]:
 def _read(change: Callable[[Kind, Measurements], Kind]) -> Rewriting:
     """Return the rewriting of every kind of readings, given the campaign."""
 
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
+    def rewritten(measurements: Measurements) -> Measurements:
         kinds = tuple(change(kind, measurements) for kind in measurements.readings.kinds)
-        return arm, replace(measurements, readings=replace(measurements.readings, kinds=kinds))
+        return replace(measurements, readings=replace(measurements.readings, kinds=kinds))
 
     return rewritten
 
 
-def _values(name: str, change: Callable[[Array], Array], of: type[Kind] = Kind) -> Rewriting:
-    """Return the change of what one instrument read, of one kind."""
+def _values(name: str, change: Callable[[Array], Array], of: type[Kind] = Kind, sigma: float = 1.0) -> Rewriting:
+    """Return the change of what one instrument read, of one kind, and the factor on its standard deviations."""
     return _read(
         lambda kind, _: (
-            replace(kind, values=change(kind.values)) if kind.name == name and isinstance(kind, of) else kind
+            replace(kind, values=change(kind.values), sigma=sigma * kind.sigma)
+            if kind.name == name and isinstance(kind, of)
+            else kind
         )
     )
 
 
 def _positions(by: Array, sigma: float = 1.0) -> Rewriting:
-    return _read(
-        lambda kind, _: (
-            replace(kind, values=kind.values @ by.T, sigma=sigma * kind.sigma)
-            if isinstance(kind, Position) and not kind.name
-            else kind
-        )
-    )
+    return _values("", lambda values: values @ by.T, Position, sigma)
 
 
 def _exchanged(one: str, other: str) -> Rewriting:
@@ -368,13 +370,17 @@ def _exchanged(one: str, other: str) -> Rewriting:
     return _read(change)
 
 
-def _sensor(sensor: Sensor) -> Rewriting:
-    return lambda arm, measurements: (replace(arm, sensors={**arm.sensors, sensor.name: sensor}), measurements)
+def _with(arm: Arm, sensor: Sensor) -> Arm:
+    return replace(arm, sensors={**arm.sensors, sensor.name: sensor})
 
 
 def _joints(by: Array, shift: Array | float = 0.0) -> Rewriting:
     """Return the change of joint positions to q times a (nq, nq) matrix and a (nq,) shift."""
-    return lambda arm, measurements: (arm, replace(measurements, q=measurements.q @ by + shift))
+    return lambda measurements: replace(measurements, q=measurements.q @ by + shift)
+
+
+def _payloads(names: Mapping[str, str]) -> Rewriting:
+    return lambda rows: replace(rows, payload=tuple(names.get(name, name) for name in rows.payload))
 
 
 def _read_apart(step: int) -> Rewriting:
@@ -386,33 +392,3 @@ def _read_apart(step: int) -> Rewriting:
         return replace(kind, values=kind.values[after], sigma=kind.sigma[after] if kind.name else kind.sigma)
 
     return _read(change)
-
-
-def _pulled(gravity: Array) -> Rewriting:
-    return lambda arm, measurements: (replace(arm, robot=replace(arm.robot, gravity=gravity)), measurements)
-
-
-def _payloads(names: Mapping[str, str]) -> Rewriting:
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        return arm, replace(measurements, payload=tuple(names.get(name, name) for name in measurements.payload))
-
-    return rewritten
-
-
-def _masses_times(factor: float) -> Rewriting:
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        heavy = {name: replace(payload, mass=factor * payload.mass) for name, payload in arm.payloads.items()}
-        return replace(arm, payloads=heavy), measurements
-
-    return rewritten
-
-
-def _compliance_times(factor: float) -> Rewriting:
-    def rewritten(arm: Arm, measurements: Measurements) -> Written:
-        row, factors = anywhere(arm.robot), np.full(6, np.sqrt(factor))
-        flexures = tuple(
-            replace(one, law=scaled(one.law, factors)) if one.law.freed(row) else one for one in arm.flexures
-        )
-        return replace(arm, flexures=flexures), measurements
-
-    return rewritten
