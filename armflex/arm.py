@@ -123,7 +123,7 @@ class Prior:
         session_translation: Instrument frame between sessions [m].
         session_rotation: Instrument frame between sessions [rad].
         each: Mean and standard deviation of single parameters by label, in their units, instead of 0 and the above; as
-            sister arms have them, see `armflex.estimate.fleet`. A parameter of 0 and 0 is fixed.
+            sister arms have them, see `armflex.estimate.calibrations`. A parameter of 0 and 0 is fixed.
     """
 
     joint_offset: float = 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say, say_written
 from armflex.errors import InputError
-from armflex.estimate.history import history
+from armflex.estimate.calibrations import history
 from armflex.files.arm_file import load_arm
 from armflex.result import record
 from armflex.storage.whole_file import together

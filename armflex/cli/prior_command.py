@@ -10,7 +10,7 @@ import click
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say, say_written
 from armflex.errors import InputError, listing
-from armflex.estimate.fleet import common
+from armflex.estimate.calibrations import common
 from armflex.files.arm_file import load_arm, write_prior
 from armflex.result import record
 from armflex.storage.whole_file import together

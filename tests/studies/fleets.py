@@ -31,7 +31,7 @@ import armflex  # noqa: E402
 from armflex.arm import Arm  # noqa: E402
 from armflex.estimate.block import factor_block  # noqa: E402
 from armflex.estimate.calibrate import calibrate  # noqa: E402
-from armflex.estimate.fleet import common  # noqa: E402
+from armflex.estimate.calibrations import common  # noqa: E402
 from armflex.measured.measurements import Measurements  # noqa: E402
 from armflex.parameters import ParameterKind, of_motions, of_offsets  # noqa: E402
 from armflex.tasks.predict import predict  # noqa: E402

@@ -13,7 +13,7 @@ from armflex.storage.whole_file import write_whole
 
 if TYPE_CHECKING:
     from armflex.estimate import Calibration
-    from armflex.estimate.history import History
+    from armflex.estimate.calibrations import History
     from armflex.tasks.iso9283 import PosePerformance
     from armflex.trace.findings import Trace
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from types import SimpleNamespace
 
 from armflex.conventions import SHOWN
-from armflex.estimate.history import Course, History
+from armflex.estimate.calibrations import Course, History
 from armflex.show.report.svg import AFTER, BEFORE, MARK, canvas, cut, grid, inline
 from armflex.show.report.words import measure
 

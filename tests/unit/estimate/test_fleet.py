@@ -15,7 +15,7 @@ import armflex
 from armflex.arm import Arm
 from armflex.errors import ArmFileError, InputError
 from armflex.estimate.calibrate import calibrate
-from armflex.estimate.fleet import common
+from armflex.estimate.calibrations import common
 
 PRIOR = "joint_offset = 5e-3\ncompliance = 0.3\ntool = 0.005"
 

@@ -13,7 +13,7 @@ from support.moved_machine import Site
 import armflex
 from armflex.errors import InputError
 from armflex.estimate.calibrate import calibrate
-from armflex.estimate.history import History, history
+from armflex.estimate.calibrations import History, history
 
 PRIOR = "joint_offset = 5e-3\ncompliance = 0.3\ntool = 0.005"
 
