@@ -43,7 +43,7 @@ from armflex.parameters import (
 )
 from armflex.readings import Kind, Orientation, Position, Sensor, Touch
 from armflex.readings.end import skew
-from armflex.readings.instrument import twist_per_value
+from armflex.readings.instrument import frame_of, motion_of, remounted, twist_per_value
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,8 +85,7 @@ def frame_block(setup: Setup) -> Block:
         return jacobian
 
     def moved(setup: Setup, values: Array) -> Setup:
-        rotation = pin.exp3(values[3:]) @ guess.rotation
-        return setup.placed(pin.SE3(rotation, pin.exp3(values[3:]) @ guess.translation + values[:3]))
+        return setup.placed(frame_of(values) * guess)
 
     return RigidBlock(FRAME, np.full(6, np.inf), changes, moved)
 
@@ -110,8 +109,7 @@ def session_block(setup: Setup, sessions: tuple[str, ...], translation: float = 
         now, by_session = view.setup.instrument, view.by_session
         found = np.zeros((*view.residual.shape, 6 * len(sessions)))
         for i, name in enumerate(sessions):
-            since = now.frame(name) * first.frame(name).inverse()
-            twists = twist_per_value(np.concatenate([since.translation, pin.log3(since.rotation)]))
+            twists = twist_per_value(motion_of(now.frame(name) * first.frame(name).inverse()))
             column = by_session
             if name in now.campaigns:  # what its sessions add comes after it
                 after = {one: np.eye(6) if one == name else now.frame(one).action for one in set(view.sessions)}
@@ -159,9 +157,7 @@ def remounted_block(setup: Setup, sessions: tuple[str, ...], std: float = 0.0, t
     def moved(setup: Setup, values: Array) -> Setup:
         targets = dict(setup.instrument.targets)
         for name, step in zip(sessions, values.reshape(-1, size), strict=True):
-            before, motion = guess.get(name, np.zeros(6)), np.append(step, np.zeros(6 - size))
-            turn = pin.log3(pin.exp3(motion[3:]) @ pin.exp3(before[3:]))
-            targets[name] = np.concatenate([before[:3] + motion[:3], turn])
+            targets[name] = remounted(guess.get(name, np.zeros(6)), np.append(step, np.zeros(6 - size)))
         return replace(setup, instrument=replace(setup.instrument, targets=targets))
 
     about = np.repeat([std, np.inf], 3)[:size]

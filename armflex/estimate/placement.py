@@ -18,7 +18,7 @@ from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response
 from armflex.readings import Position, Touch
 from armflex.readings.end import rigid_motion
-from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, rigid_fit
+from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, motion_of, rigid_fit
 
 COARSEST_TURN = 0.05
 """Tolerance: standard uncertainty of the instrument's orientation [rad] beyond which the data do not determine it."""
@@ -102,8 +102,7 @@ def _together(each: Mapping[str, Setup]) -> Setup:
     """Return the setup of the first of several campaigns, which knows where the instrument stood in all of them."""
     setup, frames = next(iter(each.values())), dict[str, Array]()
     for name, one in each.items():
-        there = one.instrument.pose * setup.instrument.pose.inverse()
-        frames[name] = np.concatenate([there.translation, pin.log3(there.rotation)])
+        frames[name] = motion_of(one.instrument.pose * setup.instrument.pose.inverse())
         frames |= one.instrument.sessions
     return replace(setup, instrument=replace(setup.instrument, sessions=frames, campaigns=tuple(each)))
 
@@ -170,8 +169,7 @@ def placed_rigidly(
     placed = setup.placed(fit_frame(points[near], seen[near]))
     instrument = replace(placed.instrument, sessions={})
     for name in dict.fromkeys(sessions[~near].tolist()):
-        there = fits[name][0] * instrument.pose.inverse()
-        instrument = instrument.with_session(name, np.concatenate([there.translation, pin.log3(there.rotation)]))
+        instrument = instrument.with_session(name, motion_of(fits[name][0] * instrument.pose.inverse()))
     return replace(placed, instrument=instrument)
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, covariance_fault
@@ -42,7 +41,7 @@ from armflex.parameters import (
     of_offsets,
     of_springs,
 )
-from armflex.readings.instrument import Instrument
+from armflex.readings.instrument import Instrument, frame_of, motion_of
 from armflex.robot import Corrections
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
@@ -100,7 +99,7 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "measurements_sha256": campaign.sha256,
         "rows": campaign.rows,
         "rms_m": campaign.rms,
-        "instrument": [*instrument.pose.translation.tolist(), *pin.log3(instrument.pose.rotation).tolist()],
+        "instrument": motion_of(instrument.pose).tolist(),
         "target": instrument.target.tolist(),
         "scale": instrument.scale,
         "mounting": instrument.mounting.tolist(),
@@ -199,7 +198,7 @@ def _read_instrument(table: Declaration) -> Instrument:
         if name not in sessions.table:
             raise table.fail("campaigns", f"[calibration.sessions] has no {name!r}{did_you_mean(name, sessions.table)}")
     return Instrument(
-        pin.SE3(pin.exp3(pose[3:]), pose[:3]),
+        frame_of(pose),
         sessions.by_name(6),
         table.numbers("target", (3,)),
         scale,

@@ -66,8 +66,7 @@ class Instrument:
         """Return the (6,) shift [m] and rotation vector [rad] of the target in a session, beyond what all have."""
         found = np.zeros(6)
         for own in (self.targets[one] for one in self.within(session) if one in self.targets):
-            turn = pin.log3(pin.exp3(own[3:]) @ pin.exp3(found[3:])) if found[3:].any() else own[3:]
-            found = np.concatenate([found[:3] + own[:3], turn])
+            found = remounted(found, own) if found.any() else own
         return found
 
     def in_base(self, tip: Array, sessions: Sequence[str] = ()) -> Array:
@@ -89,9 +88,7 @@ class Instrument:
 
         It is of the points as they are read in the session; a session that has no frame gets this.
         """
-        there = pin.SE3(pin.exp3(motion[3:]), motion[:3]) * self.frame(name)
-        moved = np.concatenate([there.translation, pin.log3(there.rotation)])
-        return replace(self, sessions={**self.sessions, name: moved})
+        return replace(self, sessions={**self.sessions, name: motion_of(frame_of(motion) * self.frame(name))})
 
     def session(self, name: str) -> pin.SE3:
         """Return the motion of points of the instrument frame to where a session has them [m]."""
@@ -100,8 +97,7 @@ class Instrument:
 
     def frame(self, name: str) -> pin.SE3:
         """Return what a session's own frame is of that, or a campaign's."""
-        here = self.sessions.get(name, np.zeros(6))
-        return pin.SE3(pin.exp3(here[3:]), here[:3])
+        return frame_of(self.sessions.get(name, np.zeros(6)))
 
     def readings(self, tip: Array, sessions: Sequence[str]) -> Array:
         """Return the (N, 3) positions of the target that the instrument would read [m], for (N, 4, 4) tip poses."""
@@ -128,6 +124,22 @@ def _of_each(what: Callable[[str], Array], sessions: Sequence[str]) -> Array:
     return each[[number[name] for name in sessions]]
 
 
+def frame_of(motion: Array) -> pin.SE3:
+    """Return the frame whose shift [m] and rotation vector [rad] a (6,) motion has."""
+    return pin.SE3(pin.exp3(motion[3:]), motion[:3])
+
+
+def motion_of(frame: pin.SE3) -> Array:
+    """Return the (6,) shift [m] and rotation vector [rad] of a frame."""
+    return np.concatenate([frame.translation, pin.log3(frame.rotation)])
+
+
+def remounted(target: Array, motion: Array) -> Array:
+    """Return the (6,) shift [m] and rotation vector [rad] of a target that is shifted and turned once more."""
+    turn = pin.log3(pin.exp3(motion[3:]) @ pin.exp3(target[3:]))
+    return np.concatenate([target[:3] + motion[:3], turn])
+
+
 def twist_per_value(motion: Array) -> Array:
     """Return the (6, 6) twist [m, rad] of points moved by a (6,) shift and rotation vector, per change of those.
 
@@ -152,7 +164,7 @@ def fit_frame(points: Array, measured: Array) -> pin.SE3:
     return pin.SE3(turn, shift)
 
 
-def rigid_fit(points: Array, measured: Array, hand: float = 1.0) -> tuple[Array, Array, float]:
+def rigid_fit(points: Array, measured: Array) -> tuple[Array, Array, float]:
     """Return the (3, 3) rotation, (3,) shift [m] and weighted RMS [m] of the best rigid fit, lost beams weighed down.
 
     Each round is Kabsch's (1976) with the weights of the one before: beyond twice the median distance a point counts as
@@ -161,7 +173,6 @@ def rigid_fit(points: Array, measured: Array, hand: float = 1.0) -> tuple[Array,
     Args:
         points: (N, 3) points [m].
         measured: (N, 3) where they were seen [m].
-        hand: 1; -1 for the best reflection.
     """
     weights, rms, turn, shift = np.ones(len(points)), 0.0, np.eye(3), np.zeros(3)
     for _ in range(ROUNDS):
@@ -169,7 +180,7 @@ def rigid_fit(points: Array, measured: Array, hand: float = 1.0) -> tuple[Array,
         middle, there = share @ points, share @ measured
         nominal, seen = points - middle, measured - there
         left, _, right = np.linalg.svd((seen * share[:, None]).T @ nominal)
-        turn = left * (1.0, 1.0, hand * np.linalg.det(left @ right)) @ right
+        turn = left * (1.0, 1.0, np.linalg.det(left @ right)) @ right
         shift, off = there - turn @ middle, seen - nominal @ turn.T
         length = np.sqrt(np.einsum("nk,nk->n", off, off))
         rms, ordered = float(np.sqrt(share @ length**2)), np.sort(length)  # of so few, sooner than numpy's median
