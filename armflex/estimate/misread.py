@@ -188,8 +188,8 @@ def misfit(
         jacobian = np.zeros((*view.residual.shape, 0))
         jacobian = np.concatenate([jacobian, *(block.jacobian(view) for block in blocks)], axis=2)
         least = FINE_SHARE * view.readings.stacked(lambda kind, at=view.at: _whole(kind, at, arm.robot.reach))
-        places, floor = [place for _, place in view.readings.placed], np.maximum(view.sigma, least)
-        before, found = found, _settled(jacobian, precision, values, view.residual, floor, places)
+        before, floor = found, np.maximum(view.sigma, least)
+        found = _settled(jacobian, precision, values, view.residual, floor, view.readings.slices)
         values = moved_by(blocks, values, found[0])
         if before is not None and before[1] - found[1] < 1.0:
             break
@@ -218,45 +218,39 @@ def _settled(
         floor: (M, d) least standard deviations, infinite where nothing was read.
         places: Where each instrument's numbers stand among the d.
     """
-    left, steps = residual / floor, jacobian / floor[:, :, None]
-    count = np.array([np.isfinite(floor[:, place]).sum(axis=1) for place in places], dtype=float).T
-    worth = LOOKS / np.maximum(count.sum(axis=0), LOOKS)
-
-    def squares() -> Array:
-        return np.array([(left[:, place] ** 2).sum(axis=1) for place in places]).T
-
-    def spread(weights: Array) -> Array:
-        return np.maximum((weights * squares()).sum(axis=0) / np.maximum(count.sum(axis=0), 1.0), 1.0)
-
-    own = squares()
-    variance = np.array(
-        [max(float(np.median(one[read > 0.0] / read[read > 0.0])), 1.0) if read.any() else 1.0
-         for one, read in zip(own.T, count.T, strict=True)]
-    )  # fmt: skip
+    read, left, steps = np.isfinite(floor), residual / floor, jacobian / floor[:, :, None]
+    own = np.zeros((floor.shape[1], len(places)))  # which numbers are of which instrument
+    for number, place in enumerate(places):
+        own[place, number] = 1.0
+    count, squares = read @ own, left**2 @ own
+    total = np.maximum(count.sum(axis=0), 1.0)
+    worth, variance = LOOKS / np.maximum(total, LOOKS), np.ones(len(places))
+    for number in np.flatnonzero(count.any(axis=0)):
+        some = count[:, number] > 0.0
+        variance[number] = max(float(np.median(squares[some, number] / count[some, number])), 1.0)
     values, whole = np.zeros(len(precision)), left
     for _ in range(ROUNDS):
-        weights = (TAILS + count) / (TAILS + squares() / variance)
-        each = np.zeros_like(left)
-        for number, place in enumerate(places):
-            each[:, place] = (worth[number] * weights[:, number] / variance[number])[:, None]
+        weights = (TAILS + count) / (TAILS + squares / variance)
         if len(precision):
-            flat = (steps * np.sqrt(each)[:, :, None]).reshape(-1, len(precision))
-            score = flat.T @ (whole * np.sqrt(each)).ravel() - precision * start
-            values = LinearGaussian.of(flat, precision).solve(score)
+            each = np.sqrt((worth * weights / variance) @ own.T)
+            flat = (steps * each[:, :, None]).reshape(-1, len(precision))
+            values = LinearGaussian.of(flat, precision).solve(flat.T @ (whole * each).ravel() - precision * start)
             left = whole - steps @ values
-        before, variance = variance, spread((TAILS + count) / (TAILS + squares() / variance))
+            squares = left**2 @ own
+        near = (TAILS + count) / (TAILS + squares / variance)
+        before, variance = variance, np.maximum((near * squares).sum(axis=0) / total, 1.0)
         if np.abs(np.log(variance / before)).max(initial=0.0) < EVEN:
             break
+    known = np.where(read, floor, 1.0)
+    sizes = np.log(known) @ own
 
     def cost(squared: Array, variance: Array) -> Array:
-        sizes = np.where(np.isfinite(floor), np.log(np.where(np.isfinite(floor), floor, 1.0)), 0.0)
-        scale = np.array([sizes[:, place].sum(axis=1) for place in places]).T + 0.5 * count * np.log(variance)
-        return worth * (0.5 * (TAILS + count) * np.log1p(squared / variance / TAILS) + scale)
+        tails = 0.5 * (TAILS + count) * np.log1p(squared / variance / TAILS)
+        return worth * (tails + sizes + 0.5 * count * np.log(variance))
 
-    parts, held = cost(squares(), variance), 0.5 * float((precision * (values + start) ** 2).sum())
+    parts, held = cost(squares, variance), 0.5 * float((precision * (values + start) ** 2).sum())
     least = np.minimum(cost(count, np.ones(len(places))), parts)
-    errors = np.where(np.isfinite(floor), left * np.where(np.isfinite(floor), floor, 0.0), 0.0)
-    small = (weights * squares()).sum(axis=0) / np.maximum(count.sum(axis=0), 1.0)
+    errors, small = np.where(read, left * known, 0.0), (weights * squares).sum(axis=0) / total
     return values, float(parts.sum()) + held, parts - least, float(least.sum()), errors, np.sqrt(small)
 
 
