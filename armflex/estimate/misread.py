@@ -369,9 +369,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
     ) -> tuple[float, Misfit | None, str]:
         """Return what a hypothesis is charged, how all rows fit then, or some at a glance, and in which it holds."""
         with suppress(ArmflexError):
-            other, (words, charge) = case.meant(hypothesis, own), _choice(case, own)
-            charge += NAMED * hypothesis.mistakes
-            charge -= LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
+            other, (words, charge) = case.meant(hypothesis, own), _charge(case, hypothesis, own)
             known = found.view if found is not None and other.rests_as(case) else None
             near = found.placed if found is not None and hypothesis.of == "loads" else None
             if some is None:
@@ -400,17 +398,18 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
     return [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
 
 
-def _choice(case: Case, own: np.ndarray | None) -> tuple[str, float]:
-    """Return in which (M,) own rows a hypothesis holds, '' for all, and what it costs to say so."""
+def _charge(case: Case, hypothesis: Misreading, own: np.ndarray | None) -> tuple[str, float]:
+    """Return in which (M,) own rows a hypothesis holds, '' for all, and what it costs to think of it and to say so."""
+    thought = NAMED * hypothesis.mistakes - LOOKS * hypothesis.volume * (1.0 if own is None else float(own.mean()))
     if own is None:
-        return "", 0.0
+        return "", thought
     sessions = case.sessions
     (first, *others), count = dict.fromkeys(sessions[own].tolist()), len(set(sessions.tolist()))
     if not others and own.sum() == (sessions == first).sum():
-        return f" in session {first!r}", float(np.log(count))
+        return f" in session {first!r}", thought + float(np.log(count))
     share = float(np.clip(own.mean(), 1.0 / len(own), 1.0 - 1.0 / len(own)))
-    cost = -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
-    return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(own)))})", cost
+    chosen = -LOOKS / 3.0 * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
+    return f" in some rows ({100.0 * share:.0f} %, the first {_place(case, int(np.argmax(own)))})", thought + chosen
 
 
 def _place(case: Case, row: int) -> str:
@@ -450,48 +449,44 @@ def _first_look(
     """
     unknown, sessions, fixed = case.arm.measurement.frame != "base", case.sessions, case.arm.instrument or Instrument()
 
-    def at(case: Case) -> tuple[Array, Array]:
-        rigid = case.arm.loaded(None)
-        return fixed.in_base(rigid_tips(rigid, case.rows.q)), case.rows.position
+    def at(case: Case) -> Array:
+        """Return (M, 2, 3) points of the rigid arm in the base, and where they were seen [m]."""
+        return np.stack([fixed.in_base(rigid_tips(case.arm.loaded(None), case.rows.q)), case.rows.position], axis=1)
 
-    def frame(near: tuple[Array, Array], unknown: bool) -> tuple[Array, Array]:
-        return rigid_fit(*near)[:2] if unknown else (fixed.pose.rotation, fixed.pose.translation)
+    def frame(pairs: Array, unknown: bool) -> tuple[Array, Array]:
+        return rigid_fit(pairs[:, 0], pairs[:, 1])[:2] if unknown else (fixed.pose.rotation, fixed.pose.translation)
 
-    def squares(points: Array, seen: Array, turn: Array, shift: Array) -> Array:
-        return ((seen - points @ turn.T - shift) ** 2).sum(axis=1)
+    def squares(pairs: Array, turn: Array, shift: Array) -> Array:
+        return ((pairs[:, 1] - pairs[:, 0] @ turn.T - shift) ** 2).sum(axis=1)
 
-    def cost(points: Array, seen: Array, unknown: bool) -> float:
-        off = squares(points, seen, *frame((points, seen), unknown))
+    def cost(pairs: Array, unknown: bool) -> float:
+        off = squares(pairs, *frame(pairs, unknown))
         least = max(float(np.median(off)) / 3.0, (FINE_SHARE * case.arm.robot.reach) ** 2)
         parts = 0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS) + 1.5 * np.log(least)
         return LOOKS / 3.0 * float(parts.mean())
 
-    def mixed(there: tuple[Array, Array], own: np.ndarray) -> tuple[Array, Array]:
-        return np.where(own[:, None], there[0], here[0]), np.where(own[:, None], there[1], here[1])
-
     here, names = at(case), list(dict.fromkeys(sessions.tolist()))
-    begun, before = frame(here, unknown), cost(*here, unknown)
+    begun, before = frame(here, unknown), cost(here, unknown)
     looked = list[tuple[float, int, Misreading, np.ndarray | None]]()
     odd = [name for name in names if found is None or found.excess[sessions == name].sum() > NAMED]
     for hypothesis in points:
         other = case.meant(hypothesis)
         there, placed = at(other), other.arm.measurement.frame != "base"
-        if placed == unknown and all(np.array_equal(a, b) for a, b in zip(here, there, strict=True)):
+        if placed == unknown and np.array_equal(here, there):
             yield hypothesis, None  # it moves no point
             continue
-        price = cost(*there, placed) + NAMED * hypothesis.mistakes - LOOKS * hypothesis.volume
+        price = cost(there, placed) + _charge(case, hypothesis, None)[1]
         looked.append((price, len(looked), hypothesis, None))
         masks, own, near = [sessions == name for name in odd if len(names) > 1], np.zeros(len(sessions), bool), begun
         for _ in range(FEW if hypothesis.some else 0):  # which are nearer so, the instrument placed by the rest
-            last, own = own, 4.0 * squares(*there, *near) < squares(*here, *near)
+            last, own = own, 4.0 * squares(there, *near) < squares(here, *near)
             if np.array_equal(own, last):
                 break
-            near = frame(mixed(there, own), unknown)
+            near = frame(np.where(own[:, None, None], there, here), unknown)
         for some in (*masks, own) if hypothesis.some else ():
             if 0 < some.sum() < len(some):
-                price = cost(*mixed(there, some), unknown) + NAMED * hypothesis.mistakes + _choice(case, some)[1]
-                price -= LOOKS * hypothesis.volume * float(some.mean())
-                looked.append((price, len(looked), hypothesis, some))
+                price = cost(np.where(some[:, None, None], there, here), unknown)
+                looked.append((price + _charge(case, hypothesis, some)[1], len(looked), hypothesis, some))
     looked.sort(key=lambda one: one[:2])
     yield from ((one, own) for price, _, one, own in looked[:FEW] if price < before)
 
