@@ -193,7 +193,11 @@ class Kind(ABC):
         return sum(found, np.zeros((*self.values.shape, 3)))
 
     def by_own(self, at: Postures) -> Array:
-        """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units."""
+        """Return (N, d, K) change per nuisance of the sensor, all of them in order and their units.
+
+        Raises:
+            NotImplementedError: `others` lacks a nuisance that is no end's, no gain and no zero.
+        """
         found, gain, ends, others = [np.zeros((*self.values.shape, 0))], self.gain(at), self.ends(at), self.others(at)
         for one in self.nuisances:
             if one.of in ends:
@@ -202,8 +206,12 @@ class Kind(ABC):
                 found.append(gain[..., None] * moved)
             elif one.of == "zero":
                 found.append(np.broadcast_to(np.eye(len(one.axes)), (*self.values.shape, len(one.axes))))
+            elif one.of == "gain":
+                found.append(self.ideal(at)[..., None])
+            elif one.name in others:
+                found.append(others[one.name])
             else:
-                found.append(self.ideal(at)[..., None] if one.of == "gain" else others[one.name])
+                raise NotImplementedError(f"{type(self).__name__}.others does not say how {one.name!r} changes it")
         return np.concatenate(found, axis=2)
 
     @property

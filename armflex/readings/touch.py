@@ -254,6 +254,10 @@ class SocketDistance(Kind):
             found[:, 0, :3] = sign * away / max(float(np.linalg.norm(away)), 1e-12)
         return found
 
+    def by_own(self, at: Postures) -> Array:
+        """Return zero (N, 1, 6), as `Touch.by_own`."""
+        return np.zeros((len(self.values), 1, 6))
+
     def begun(self, at: Postures, key: str) -> Array | None:
         return None
 

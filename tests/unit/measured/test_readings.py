@@ -47,7 +47,8 @@ from armflex.readings.instrument import Instrument
 from armflex.readings.kind import Ends
 from armflex.readings.load import Drive
 from armflex.readings.plane import Plane
-from armflex.readings.sensor import Sensor, Shaft
+from armflex.readings.sensor import Nuisance, Sensor, Shaft
+from armflex.readings.touch import SocketDistance
 from armflex.rows import Rows
 
 COUNT, STEP = 24, 1e-6
@@ -209,6 +210,19 @@ def test_sensitivities_of_a_kind_are_those_of_its_residual(kind: type[Kind], nam
     rounding = max(1.0, 1e-2 * np.abs(own.values).max())  # loads are of tens of thousands
     for found, change, size in cases:
         np.testing.assert_allclose(found, slope(change, size), atol=2e-8 * np.abs(found).max(initial=rounding))
+
+
+def test_a_known_distance_follows_the_numbers_of_its_sockets_alone(at: Postures) -> None:
+    known = SocketDistance(np.ones((COUNT, 1)), np.ones((COUNT, 1)), "block", ("a", "b"))
+    np.testing.assert_array_equal(known.by_own(at), np.zeros((COUNT, 1, 6)))
+
+
+def test_a_kind_that_does_not_say_how_a_nuisance_changes_it_is_named(at: Postures) -> None:
+    class Unsaid(Ranging):
+        nuisances = (Nuisance("refraction", ("",), "1"),)
+
+    with pytest.raises(NotImplementedError, match=r"Unsaid.others does not say how 'refraction' changes it"):
+        Unsaid.unread(COUNT).by_own(at)
 
 
 @pytest.mark.parametrize("name", list(SENSORS))
