@@ -97,6 +97,8 @@ class Pixels(Kind):
         about = Camera(read_board(table.sub("board")), corners, image)
         board = link_in(table, "board_link", robot) if table.has("board_link") else robot.base
         eye = link_in(table, "camera_link", robot, board) if table.has("camera_link") else robot.base
+        if eye == board:
+            raise table.fail("board_link", f"{board!r} is the link itself: nothing moves between the two")
         return {"link": board, "seen_from": eye, "about": about}
 
     def _camera(self, at: Postures) -> Camera:

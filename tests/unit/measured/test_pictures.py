@@ -211,6 +211,7 @@ def test_a_picture_without_a_corner_is_named(tmp_path: Path) -> None:
         (('camera_link = "link_roll"\n', ""), "give the link that the camera is on"),
         (('"link_roll"', '"link_rol"'), "did you mean 'link_roll'"),
         (('"link_roll"', '"base"'), "nothing moves between the two"),
+        (('camera_link = "link_roll"', 'board_link = "base"'), "board_link: 'base' is the link itself: nothing moves"),
         (('"charuco"', '"charucco"'), "did you mean 'charuco'"),
         (("columns = 8", "columns = 1"), "the board has 0 points"),
         (("marker = 0.022", "marker = 0.04"), "a marker lies within its square"),
