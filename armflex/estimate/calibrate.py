@@ -438,7 +438,7 @@ def _usable(arm: Arm, measurements: Measurements, rows: np.ndarray | None) -> tu
     used = asked[~unclear]
     if len(used) < FEWEST_ROWS:
         file = f"{measurements.places[0].file}: " if measurements.places else ""
-        hint = "" if measurements.measured.any() else ": nothing was read in any, are its readings to be filled in yet?"
+        hint = "" if measurements.measured.any() else ": nothing was read in any. Are its readings to be filled in yet?"
         raise InputError(f"{file}{len(used)} measured rows, expected {FEWEST_ROWS} or more{hint}")
     placing = [Act.FRAME, Act.SCALE, *([Act.GRAVITY] if arm.measurement.gravity_in == "measurement" else [])]
     fixed = [effect.name for effect in arm.effects if effect.law.act in placing]

@@ -64,14 +64,14 @@ laws have kinks."""
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted setup.
+    """A setup with values applied: where a fit is, or has come to.
 
     Attributes:
         declared: The setup before any value is applied.
         blocks: What was free.
         values: (P,) deviations from the declared values in the parameters' units, all blocks in order.
-        view: The campaign's fitted rows at the solution.
-        history: Objective after each step.
+        view: The campaign's fitted rows at these values.
+        history: Objective after each step; none while it goes on.
         left: Fall of the cost that was still to be had where the steps ended unsettled, over that which noise as stated
             would make of 1; 0 where they settled.
         factors: (G,) on the stated standard deviations of what each instrument read; none where all are 1.
@@ -87,7 +87,7 @@ class Fit:
 
     @property
     def setup(self) -> Setup:
-        """The fitted arm and instrument."""
+        """The arm and the instrument at these values."""
         return self.view.setup
 
     @cached_property

@@ -48,7 +48,7 @@ class Misreading:
     Attributes:
         name: What would be wrong, as the end of a sentence.
         remedy: How to write it right.
-        rows: What makes the campaign as it was then meant of that which was read.
+        rows: Turns the campaign as read into the one that was meant.
         arm: The arm as it was then meant; None as it is declared.
         mistakes: How many mistakes it takes, each of which is made in one campaign of a thousand.
         of: What readings it is about: the joints and lengths that move the tip ('points'), what bends the arm

@@ -40,7 +40,9 @@ def test_a_direction_that_nothing_before_tells_is_an_error(tmp_path: Path) -> No
 
 def test_a_campaign_whose_readings_are_to_be_filled_in_is_named(heavy: Arm, tmp_path: Path) -> None:
     blank = dict.fromkeys("xyz", "")
-    with pytest.raises(InputError, match=r"rows.csv: 0 measured rows, expected .* its readings to be filled in yet"):
+    with pytest.raises(
+        InputError, match=r"rows.csv: 0 measured rows, expected .* in any\. Are its readings to be filled in yet"
+    ):
         calibrate(heavy, rows_of(tmp_path, heavy, **blank))
 
 
