@@ -15,7 +15,7 @@ from armflex.arm import Arm
 from armflex.conventions import NUMBER, STANDARD_GRAVITY, Array
 from armflex.errors import Flag, Place, TableError, listing
 from armflex.files.effect_file import TEMPERATURE
-from armflex.measured.table import Table, is_nearly
+from armflex.measured.table import Table, asked_columns, is_nearly
 from armflex.mechanics.loaded import FORCE_BAND
 from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
 
@@ -118,12 +118,12 @@ def in_other_units(q: Array, arm: Arm) -> np.ndarray:
     return np.isfinite(span) & ((q > arm.robot.upper + room) | (q < arm.robot.lower - room))
 
 
-def table_flags(table: Table, found: Measurements) -> tuple[Flag, ...]:
+def table_flags(table: Table, found: Measurements, arm: Arm) -> tuple[Flag, ...]:
     """Return the flags about rows that were read: covariates misspelt or no candidates, their order, repetitions."""
     flags = []
     for name in found.covariates if TEMPERATURE not in found.covariates else ():
-        if is_nearly(name, TEMPERATURE):
-            text = f"column {name!r} is a covariate of that name: did you mean {TEMPERATURE!r}?"
+        if is_nearly(name, TEMPERATURE) and name not in asked_columns(arm):
+            text = f"column {name!r} is read as a covariate: did you mean {TEMPERATURE!r}?"
             flags.append(Flag("covariate_name", f"{Place(table.path, 1)}: {text}"))
     for name, cells in found.covariates.items():
         if not isinstance(cells, tuple) or levels(cells):

@@ -65,6 +65,9 @@ KINDS = {
     **FORCE_KINDS,
 }
 NO_NUMBERS = ("nan", "inf", "infinity")
+"""What programs write, but for its sign, for a number that they could not compute: an error in a covariate of numbers,
+in which another word for nothing is a gap."""
+
 TEXTS = ("pose", "session", "payload", *FORCE_TEXTS)
 
 
@@ -258,7 +261,7 @@ def read_measurements(
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
-    flags += (*table_flags(table, found), *_sensor_flags(found, arm, table), *force_flags(found, arm))
+    flags += (*table_flags(table, found, arm), *_sensor_flags(found, arm, table), *force_flags(found, arm))
     flags += branch_flags(table, arm)
     flags += () if found.measured.any() else unit_flags(table, arm)  # else readings decide, when the arm is fitted
     if export is not None:

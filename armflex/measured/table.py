@@ -55,6 +55,9 @@ text."""
 DIGITS = re.compile("[0-9]+")
 """What parts the names of columns of one kind."""
 
+SHORTEST = 4
+"""Letters from which on a word of a covariate's name is misspelt rather than another word."""
+
 PLAIN = "0123456789+-.eE "
 """Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
 
@@ -420,14 +423,17 @@ def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
 
 
 def check_same_arm(table: Table, arm: Arm) -> None:
-    """Raise `TableError` where most joints of an arm have no column, and as many columns are of joints it has not.
+    """Raise `TableError` where more than half of the joints have no column, and more columns than that are of unknown
+    joints.
 
-    Names that differ in capitals, and single ones, are misspelt rather than another arm's.
+    Names that differ in capitals, with a unit or without, and single ones, are misspelt rather than another arm's.
     """
-    own, found = arm.joint_names, [name for name in table.columns if name.startswith("q_")]
+    own = arm.joint_names
+    found = {name: {name.lower(), split_header(name)[0].lower()} for name in table.columns if name.startswith("q_")}
     known = {f"q_{name}".lower() for name in (*own, *arm.robot.locked)}
-    foreign = [name for name in found if name.lower() not in known]
-    missing = [name for name in own if f"q_{name}".lower() not in map(str.lower, found)]
+    foreign = [name for name, meant in found.items() if known.isdisjoint(meant)]
+    there = set().union(*found.values())
+    missing = [name for name in own if f"q_{name}".lower() not in there]
     if min(len(missing), len(foreign)) > max(len(own) / 2.0, 1.0):
         text = f"seems to be of another arm: it has {listing(foreign)}"
         raise table.fail(f"{text}, and the joints of {arm.robot.urdf.name!r} are called {listing(own)}")
@@ -443,6 +449,11 @@ def misspelt(name: str, known: Iterable[str], likeness: float = 0.75) -> bool:
     return bool(difflib.get_close_matches(name, lowered, n=1, cutoff=likeness)) or not exchanged.isdisjoint(lowered)
 
 
+def asked_columns(arm: Arm) -> tuple[str, ...]:
+    """Return the columns that an arm's effects depend on, those of its joints left out; of a level its column."""
+    return tuple(dict.fromkeys(name.partition(LEVEL_OF)[0] for name in depended_on(arm)))
+
+
 def check_asked(table: Table, arm: Arm, others: Sequence[str]) -> None:
     """Raise `TableError` where a column that effects depend on is not there, and one of the `others` is that misspelt.
 
@@ -450,7 +461,7 @@ def check_asked(table: Table, arm: Arm, others: Sequence[str]) -> None:
     temperature_2 beside temperature, and a direction has a joint's name.
     """
     named = [name for name in others if not name.startswith(APPROACH)]
-    for asked in dict.fromkeys(name.partition(LEVEL_OF)[0] for name in depended_on(arm)):
+    for asked in asked_columns(arm):
         for name in named if asked not in table.columns else ():
             if is_nearly(name, asked):
                 text = f"column {table.columns[name].header!r}, did you mean {asked!r}? The arm's effects depend on it"
@@ -458,10 +469,23 @@ def check_asked(table: Table, arm: Arm, others: Sequence[str]) -> None:
 
 
 def is_nearly(name: str, other: str) -> bool:
-    """Return whether a name of a covariate is another one misspelt, neither lengthened nor with other digits."""
+    """Return whether a name of a covariate is another one misspelt: in capitals, in its `_`, or in one of its words.
+
+    A short word is another one rather than misspelt, as in pressure_a beside pressure_b. So is one that is lengthened,
+    but for a plural, or has other digits.
+    """
     name, other = name.lower(), other.lower()
-    apart = name == other or (other not in name and DIGITS.sub("", name) != DIGITS.sub("", other))
-    return apart and misspelt(name, [other], 0.85)
+    if name.replace("_", "") == other.replace("_", ""):
+        return DIGITS.findall(name) == DIGITS.findall(other)
+    words, others = name.split("_"), other.split("_")
+    differing = [pair for pair in zip(words, others, strict=False) if pair[0] != pair[1]]
+    if len(words) != len(others) or len(differing) != 1:
+        return False
+    word, meant = differing[0]
+    longer = meant in word and word != f"{meant}s"
+    if len(meant) < SHORTEST or longer or DIGITS.sub("", word) == DIGITS.sub("", meant):
+        return False
+    return misspelt(word, [meant], 0.85)
 
 
 def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
 from armflex.measured.data_flags import duplicates
+from armflex.measured.table import is_nearly
 from armflex.readings.instrument import Instrument
 from armflex.rows.rows import leaked, pose_groups
 
@@ -56,6 +58,18 @@ BROKEN = {
     "another arm": (
         lambda text: text.replace("q_J", "q_A"),
         r"seems to be of another arm: it has q_A1, .*q_A6, and the joints of 'heavy_six' are called J1, .*J6",
+    ),
+    "small letters in degrees": (
+        lambda text: re.sub(r"q_J([1-6])", r"q_j\1 [deg]", text),
+        r"no column 'q_J1', .*'q_J6', did you mean 'q_j1 \[deg\]'",
+    ),
+    "small letters in radians": (
+        lambda text: re.sub(r"q_J([1-6])", r"q_j\1_rad", text),
+        r"no column 'q_J1', .*'q_J6', did you mean 'q_j1_rad'",
+    ),
+    "another arm in degrees": (
+        lambda text: re.sub(r"q_J([1-6])", r"q_A\1_deg", text),
+        r"seems to be of another arm: it has q_A1_deg, .*q_A6_deg",
     ),
     "unit": (lambda text: text.replace(",x,", ",x_inch,"), r"column 'x_inch': 'inch' is no unit of length"),
     "a row cut": (lambda text: text.rstrip().rpartition(",")[0], r"rows.csv:13: has 13 cells, the header has 14"),
@@ -101,18 +115,54 @@ def test_a_gap_in_a_covariate_is_flagged(heavy: Arm, tmp_path: Path) -> None:
 
 
 def test_a_column_that_is_nearly_a_temperature_is_asked_about(heavy: Arm, tmp_path: Path) -> None:
-    for name, asked in {"temprature": True, "tmeperature": True, "temperature_2": False, "cold": False}.items():
+    names = {"temprature": True, "tmeperature": True, "temperatures": True, "temperature_2": False, "cold": False}
+    for name, asked in names.items():
         found = read_measurements(written(tmp_path, [row | {name: i} for i, row in enumerate(campaign())]), heavy)
         assert codes(found) == (["covariate_name"] if asked else []) and name in found.covariates
-        assert not asked or f"rows.csv:1: column '{name}'" in found.flags[0].text
+        assert not asked or f"rows.csv:1: column '{name}' is read as a covariate: did" in found.flags[0].text
     both = [row | {"temprature": i, "temperature": 2 * i} for i, row in enumerate(campaign())]
     assert not codes(read_measurements(written(tmp_path, both), heavy))
 
 
-def test_a_misspelt_column_that_effects_depend_on_is_refused(heavy: Arm, tmp_path: Path) -> None:
+def depending_on(arm: Arm, column: str) -> Arm:
+    """Return the arm with an effect that depends on a column."""
     law = CATALOGUE["base_thermal"]
-    effect = Effect(law, Location("base", "dx", ("humidity",)), (0.0,) * (len(law.amplitudes) + len(law.inner)))
-    arm = dataclasses.replace(heavy, effects=(effect,))
+    effect = Effect(law, Location("base", "dx", (column,)), (0.0,) * (len(law.amplitudes) + len(law.inner)))
+    return dataclasses.replace(arm, effects=(effect,))
+
+
+def test_a_column_that_effects_depend_on_is_not_asked_about(heavy: Arm, tmp_path: Path) -> None:
+    path = written(tmp_path, [row | {"temperatur": i} for i, row in enumerate(campaign())])
+    assert codes(read_measurements(path, heavy)) == ["covariate_name"]
+    assert not codes(read_measurements(path, depending_on(heavy, "temperatur")))
+
+
+@pytest.mark.parametrize(
+    ("asked", "slips", "others"),
+    [
+        (
+            "pressure_b",
+            ("presure_b", "pressures_b", "pressureb", "Pressure_B"),
+            ("pressure_a", "pressure", "presure_a"),
+        ),
+        ("tool_temperature", ("tool_temperatur", "tol_temperature"), ("room_temperature", "tool_temperature_2")),
+        ("temperature", ("temperatures", "temperatur", "temp_erature"), ("temperature2", "air_temperature")),
+        ("gap_11", ("gap11",), ("gap_1_1", "gap_12", "cap_11")),
+    ],
+)
+def test_one_word_of_a_name_may_be_misspelt(asked: str, slips: tuple[str, ...], others: tuple[str, ...]) -> None:
+    assert [name for name in (*slips, *others) if is_nearly(name, asked)] == [*slips]
+
+
+def test_another_column_beside_that_which_effects_depend_on_is_read(heavy: Arm, tmp_path: Path) -> None:
+    for name, asked in {"pressure_a": "pressure_b", "room_temperature": "tool_temperature"}.items():
+        path = written(tmp_path, [row | {name: i} for i, row in enumerate(campaign())])
+        assert name in read_measurements(path, depending_on(heavy, asked)).covariates
+        assert name in read_trajectory(path, depending_on(heavy, asked)).covariates
+
+
+def test_a_misspelt_column_that_effects_depend_on_is_refused(heavy: Arm, tmp_path: Path) -> None:
+    arm = depending_on(heavy, "humidity")
     for name in ("humidty", "hunidity", "Humidity"):
         path = written(tmp_path, [row | {name: i} for i, row in enumerate(campaign())])
         with pytest.raises(TableError, match=f"rows.csv:1: column '{name}', did you mean 'humidity'.*effects depend"):
