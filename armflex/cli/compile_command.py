@@ -7,8 +7,8 @@ from collections import deque
 import click
 
 from armflex.cli import options
-from armflex.cli.terminal import doing, say
-from armflex.mechanics.many_rows import compilations
+from armflex.cli.terminal import complain, doing, say
+from armflex.mechanics.many_rows import compilations, is_kept
 from armflex.parallel import in_order
 
 
@@ -21,4 +21,9 @@ def command() -> None:
     doing("compiling")
     deque(in_order(compilations(), jobs=2), 0)
     options.conclude(lambda: {"compiled": True}, ())
-    say("The engine is compiled, and its code is kept.")
+    if is_kept():
+        say("The engine is compiled, and its code is kept.")
+    else:
+        complain(
+            "The engine is compiled, but its code is not kept: NUMBA_CACHE_DIR may name a place that can be written."
+        )

@@ -115,6 +115,12 @@ def compilations() -> tuple[Callable[[], None], ...]:
     return tree.compile_responses, one.compile_chains, tree.compile_mechanisms, one.compile_one
 
 
+def is_kept() -> bool:
+    """Return whether the code of all `compilations` is kept."""
+    one, tree = _imported(), _imported_tree()
+    return one.is_kept() and tree.is_kept() and one.kept_code.is_kept(one.solve_one)
+
+
 def kernel_pays(rows: int) -> bool:
     """Return whether the engine is to answer so many more rows, by how many this process has asked about so far.
 
