@@ -45,6 +45,9 @@ MOTIONLESS = 1e-100
 MARKS = 16
 """Tolerance: random vectors by whose products columns that are alike are known."""
 
+LINEAR_ERROR = 0.02
+"""Tolerance: the `error` of a linear problem about an arm that lacks what is sought."""
+
 IMPOSSIBLE = 8.0
 """Prior: log odds against what no machine has: while one effect is missing, another may look as if it were that."""
 
@@ -59,6 +62,8 @@ class Screen(Evidence):
         unit: Square of a whitened column that moves the target by `UNIT_MOTION`, RMS over the rows.
         refined: Of every law and place, the sets of others beside which values inside it were refined.
     """
+
+    error = LINEAR_ERROR
 
     def __init__(self, known: Sequence[Hypothesis], bank: Bank, projection: Projection) -> None:
         self.bank, self.projection, self.quiet = bank, projection, bank.quiet

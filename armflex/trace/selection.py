@@ -57,9 +57,6 @@ MODELS_HELD = 64
 BETTER = THOROUGH.flat
 """Tolerance: rise of the log posterior below which a model, or what is inside it, stays: fits are no closer."""
 
-LINEAR_ERROR = 0.02
-"""Tolerance: share of what a climb has gained by which the linear problem may be wrong; what adds less is not added."""
-
 
 def log_likelihood(squares: Array | float, freedom: float) -> Array:
     """Return f(J) of sums of squares J with so many degrees of freedom; see the head of this module."""
@@ -168,6 +165,7 @@ class Evidence(ABC):
         objective: J0.
         freedom: Degrees of freedom n: readings less what is fitted to them anyway.
         constant: Log likelihood that all models share, by which states of a search differ.
+        error: Share of what a climb has gained by which the linear problem may be wrong; what adds less is not added.
     """
 
     groups: list[Group]
@@ -175,6 +173,7 @@ class Evidence(ABC):
     objective: float
     freedom: float
     constant: float = 0.0
+    error: float = 0.0
 
     @abstractmethod
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
@@ -460,7 +459,7 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
     def extended(model: Model, only: Only | None = None) -> Model:
         for rival in rivals(evidence.beside(model), refine, only)[:2] if len(model) < most else ():
             longer = (*model, rival.chosen)
-            if worth(longer) > worth(model) + max(BETTER, LINEAR_ERROR * (worth(longer) - begun)):
+            if worth(longer) > worth(model) + max(BETTER, evidence.error * (worth(longer) - begun)):
                 return longer
         return model
 
