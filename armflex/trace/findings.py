@@ -57,6 +57,7 @@ class Proof:
         errors_apart: Standard errors by which the mean squared error falls.
         null: Best log odds that any hypothesis had under random signs of the residual.
         survives: Share of the folds of the poses without which the same law at the same place is selected.
+        instead: What the other folds select in its place, in words, with their share of all, the most frequent first.
     """
 
     before: float
@@ -66,6 +67,7 @@ class Proof:
     errors_apart: float
     null: float
     survives: float
+    instead: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,11 @@ class Hypothesis:
         """Whether it is of every drive."""
         return self.unit is not None
 
+    @property
+    def title(self) -> str:
+        """What it is in words."""
+        return f"{self.one.law.name.replace('_', ' ')} at every drive" if self.family else self.one.title
+
     @cached_property
     def spot(self) -> tuple:
         """Law and place, whatever is inside the law."""

@@ -22,6 +22,7 @@ from armflex.trace.selection import (
     Batch,
     Beside,
     Block,
+    Chosen,
     Evidence,
     Group,
     Model,
@@ -316,6 +317,14 @@ class Dense(Evidence):
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]
+
+    def imitated(self, model: Model, one: Chosen, other: Chosen) -> float:
+        """Return which share of what a hypothesis of a model explains another one could explain in its place."""
+        own, theirs = self.groups[one.number], self.groups[other.number].places
+        values = self.beside(model).values[np.isin(self.beside(model).places, own.places)]
+        products = self._gram[np.ix_(theirs, own.places)] @ values
+        taken = products @ np.linalg.pinv(self._gram[np.ix_(theirs, theirs)], hermitian=True) @ products
+        return float(taken / (values @ self._gram[np.ix_(own.places, own.places)] @ values))
 
     def of_rows(self, projection: Projection, some: np.ndarray) -> Dense:
         """Return the same from (n,) some of the readings of its projection; see `Projection.of_rows`."""

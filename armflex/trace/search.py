@@ -312,8 +312,7 @@ def refitted(here: Standing, model: Model) -> State | None:
     screen, state, beside = here.screen, here.state, here.screen.beside(model)
     groups = [screen.groups[one.number] for one in model]
     known = tuple(one.hypothesis for one in groups)
-    names = ", ".join(one.one.name + " everywhere" * one.family for one in known)
-    state.reporter.stage(f"refitting with {names or 'nothing'}")
+    state.reporter.stage(f"refitting with {', '.join(one.title for one in known) or 'nothing'}")
     present = {one.spot: [state.fitted[i].acting for i in own]
                for one, own in zip(state.known, state.units, strict=True)}  # fmt: skip
     blocks, starts = list[EffectBlock](), list[tuple[Array, Array]]()

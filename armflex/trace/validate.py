@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,7 +18,7 @@ from armflex.parameters import DOUBT
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
-from armflex.trace.selection import SCALES, Model, climbed, log_likelihood, without
+from armflex.trace.selection import SCALES, Chosen, Model, climbed, log_likelihood, without
 from armflex.trace.state import State
 
 SIGN_FLIPS = 100
@@ -89,11 +90,12 @@ def validated(here: Standing, evidence: Dense, null: float) -> Validated:
     before, exact = (held_out(one, poses, judged=state.judged).squares for one in (state.calibrated, state.fit))
     proofs = []
     for i, one in enumerate(own):
-        named = evidence.groups[one.number].hypothesis.alike
-        share = float(np.mean([any(named(evidence.groups[c.number].hypothesis) for c in model) for model in anew]))
+        share, instead = _selected(evidence, own, one, anew)
         less, sessions = folds.squares([without(own, i)] * count), sessions_held_out(state, state.units[i])
         first, last = sessions or (None, None)
-        proofs.append(Proof(folds.rms(less), folds.rms(whole), first, last, folds.apart(whole, less), null, share))
+        proofs.append(
+            Proof(folds.rms(less), folds.rms(whole), first, last, folds.apart(whole, less), null, share, instead)
+        )
     ways = [folds.readings.row_squares(chosen), whole]
     if folds.rms(exact) > folds.rms(before) >= max(map(folds.rms, ways)):
         exact = refitted_out(state, poses)
@@ -101,6 +103,25 @@ def validated(here: Standing, evidence: Dense, null: float) -> Validated:
     apart = max(folds.apart(before, one) for one in ways)
     first, after, *as_found = map(folds.rms, (before, *ways))
     return Validated(Compared(first, after, max(as_found), apart), tuple(proofs), chosen)
+
+
+def _selected(
+    evidence: Dense, own: Model, one: Chosen, anew: Sequence[Model]
+) -> tuple[float, tuple[tuple[str, float], ...]]:
+    """Return the share of folds that select one hypothesis of a model, and what the others have in its place.
+
+    That is what could explain most of what it explains, and half of that at least.
+    """
+    known, others = {c.number: evidence.groups[c.number].hypothesis for model in (own, *anew) for c in model}, Counter()
+    for model in anew:
+        if any(known[one.number].alike(known[c.number]) for c in model):
+            continue
+        new = [c for c in model if not any(known[c.number].alike(known[mine.number]) for mine in own)]
+        likeness = {known[c.number].title: evidence.imitated(own, one, c) for c in new}
+        likest = max(likeness, key=likeness.__getitem__, default="")
+        others[likest if likeness.get(likest, 0.0) > 0.5 else "nothing"] += 1
+    shares = tuple((title, number / len(anew)) for title, number in others.most_common())
+    return 1.0 - others.total() / len(anew), shares
 
 
 def refitted_out(state: State, folds: np.ndarray) -> Array | None:

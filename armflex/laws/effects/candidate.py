@@ -27,6 +27,11 @@ class Candidate:
         return Effect(self.law, self.location, ()).name
 
     @property
+    def title(self) -> str:
+        """The same in words."""
+        return Effect(self.law, self.location, ()).title
+
+    @property
     def law_and_place(self) -> tuple:
         """Law and place, whatever is inside the law and whichever of its terms act."""
         place = self.location

@@ -71,10 +71,10 @@ def further(trace: Trace) -> list[str]:
         )
     for one in trace.found:
         if one.proof.survives < 1.0:
-            name, share = called(one.effect, one.number), f"{one.proof.survives:.0%}"
+            others = "".join(f", {title} in its place in {share:.0%}" for title, share in one.proof.instead[:3])
             said.append(
-                f"With all poses the probability of {name} is {one.probability:.0%}. Without a fifth of them it is "
-                f"selected in {share} of folds; what the other folds select in its place is not kept."
+                f"With all poses the probability of {called(one.effect, one.number)} is {one.probability:.0%}. "
+                f"Without a fifth of them it is selected in {one.proof.survives:.0%} of folds{others}."
             )
     if trace.undecided is not None:
         said.append(trace.undecided.text)

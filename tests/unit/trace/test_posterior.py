@@ -169,3 +169,10 @@ def test_rivals_are_ranked_one_of_each_place() -> None:
     evidence = problem(columns, readings)
     found = rivals(evidence.beside(()))
     assert found[0].chosen.number == 0 and len({one.chosen.number for one in found}) == len(found)
+
+
+def test_what_one_hypothesis_could_explain_of_another_is_the_square_of_their_cosine() -> None:
+    columns, readings = drawn(7)
+    evidence, (one, other) = problem(columns, readings), columns.T
+    share = evidence.imitated((Chosen(0, 2),), Chosen(0, 2), Chosen(1, 2))
+    assert share == pytest.approx((one @ other) ** 2 / (one @ one) / (other @ other), rel=1e-12)
