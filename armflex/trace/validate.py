@@ -121,7 +121,7 @@ def _selected(
         likest = max(likeness, key=likeness.__getitem__, default="")
         others[likest if likeness.get(likest, 0.0) > 0.5 else "nothing"] += 1
     shares = tuple((title, number / len(anew)) for title, number in others.most_common())
-    return 1.0 - others.total() / len(anew), shares
+    return (len(anew) - others.total()) / len(anew), shares
 
 
 def refitted_out(state: State, folds: np.ndarray) -> Array | None:
