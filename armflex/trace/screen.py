@@ -28,6 +28,7 @@ from armflex.trace.selection import (
     Model,
     batches_of,
     prior_of,
+    without,
 )
 
 UNIT_MOTION = 1e-3
@@ -305,6 +306,8 @@ class Dense(Evidence):
         numbers: What the hypotheses are numbered in the screen that they are from.
     """
 
+    error = 0.0
+
     def __init__(
         self, groups: list[Group], columns: Array, projection: Projection, priors: Array, numbers: tuple[int, ...] = ()
     ) -> None:
@@ -318,13 +321,17 @@ class Dense(Evidence):
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]
 
-    def imitated(self, model: Model, one: Chosen, other: Chosen) -> float:
-        """Return which share of what a hypothesis of a model explains another one could explain in its place."""
-        own, theirs = self.groups[one.number], self.groups[other.number].places
-        values = self.beside(model).values[np.isin(self.beside(model).places, own.places)]
-        products = self._gram[np.ix_(theirs, own.places)] @ values
-        taken = products @ np.linalg.pinv(self._gram[np.ix_(theirs, theirs)], hermitian=True) @ products
-        return float(taken / (values @ self._gram[np.ix_(own.places, own.places)] @ values))
+    def imitated(self, model: Model, place: int, other: Chosen) -> float:
+        """Return which share of what one hypothesis of a model explains beside the others another one could explain."""
+        own, theirs = (self.groups[one.number].places for one in (model[place], other))
+        rest, whole, count = self.beside(without(model, place)), self.beside(model), len(theirs)
+        both = np.concatenate([theirs, own])
+        across = self._gram[np.ix_(both, rest.places)] @ rest.inverse.T
+        inside = self._gram[np.ix_(both, both)] - across @ across.T
+        values = whole.values[np.isin(whole.places, own)]
+        explained, products = float(values @ inside[count:, count:] @ values), inside[:count, count:] @ values
+        held = inside[:count, :count] + np.eye(count) * SCALES[other.scale] ** -2.0
+        return float(products @ np.linalg.solve(held, products)) / explained if explained > 0.0 else 0.0
 
     def of_rows(self, projection: Projection, some: np.ndarray) -> Dense:
         """Return the same from (n,) some of the readings of its projection; see `Projection.of_rows`."""

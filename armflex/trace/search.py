@@ -312,7 +312,9 @@ def refitted(here: Standing, model: Model) -> State | None:
     screen, state, beside = here.screen, here.state, here.screen.beside(model)
     groups = [screen.groups[one.number] for one in model]
     known = tuple(one.hypothesis for one in groups)
-    state.reporter.stage(f"refitting with {', '.join(one.title for one in known) or 'nothing'}")
+    titles = Counter(one.title for one in known).items()
+    names = ", ".join(f"{title}{f' ({number} times)' if number > 1 else ''}" for title, number in titles)
+    state.reporter.stage(f"refitting with {names or 'nothing'}")
     present = {one.spot: [state.fitted[i].acting for i in own]
                for one, own in zip(state.known, state.units, strict=True)}  # fmt: skip
     blocks, starts = list[EffectBlock](), list[tuple[Array, Array]]()

@@ -172,8 +172,8 @@ class Evidence(ABC):
     blocks: list[Block]
     objective: float
     freedom: float
+    error: float
     constant: float = 0.0
-    error: float = 0.0
 
     @abstractmethod
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
@@ -333,6 +333,7 @@ class Beside:
     def without(self, place: int) -> Beside:
         """Return the problem beside the model without one hypothesis, which a scan of the whole model makes quick."""
         found = self.evidence.beside(without(self.model, place))
+        self._whole = None  # what of itself is scanned from now on is scanned directly: no chain of models is held
         if found.model and found._whole is None:
             found._whole = self, self.inverse[:, slice(*self._ends[place : place + 2])]
         return found

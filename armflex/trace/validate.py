@@ -18,7 +18,7 @@ from armflex.parameters import DOUBT
 from armflex.trace.findings import Compared, Proof
 from armflex.trace.screen import Dense
 from armflex.trace.search import Standing
-from armflex.trace.selection import SCALES, Chosen, Model, climbed, log_likelihood, without
+from armflex.trace.selection import SCALES, Model, climbed, log_likelihood, without
 from armflex.trace.state import State
 
 SIGN_FLIPS = 100
@@ -89,8 +89,8 @@ def validated(here: Standing, evidence: Dense, null: float) -> Validated:
     poses = pose_folds(state.groups)
     before, exact = (held_out(one, poses, judged=state.judged).squares for one in (state.calibrated, state.fit))
     proofs = []
-    for i, one in enumerate(own):
-        share, instead = _selected(evidence, own, one, anew)
+    for i in range(len(own)):
+        share, instead = selected_anew(evidence, own, i, anew)
         less, sessions = folds.squares([without(own, i)] * count), sessions_held_out(state, state.units[i])
         first, last = sessions or (None, None)
         proofs.append(
@@ -105,23 +105,22 @@ def validated(here: Standing, evidence: Dense, null: float) -> Validated:
     return Validated(Compared(first, after, max(as_found), apart), tuple(proofs), chosen)
 
 
-def _selected(
-    evidence: Dense, own: Model, one: Chosen, anew: Sequence[Model]
+def selected_anew(
+    evidence: Dense, own: Model, place: int, anew: Sequence[Model]
 ) -> tuple[float, tuple[tuple[str, float], ...]]:
     """Return the share of folds that select one hypothesis of a model, and what the others have in its place.
 
-    That is what could explain most of what it explains, and half of that at least.
+    That is what could explain most of what it explains beside the rest of the model, where that is more than half.
     """
     known, others = {c.number: evidence.groups[c.number].hypothesis for model in (own, *anew) for c in model}, Counter()
     for model in anew:
-        if any(known[one.number].alike(known[c.number]) for c in model):
+        if any(known[own[place].number].alike(known[c.number]) for c in model):
             continue
         new = [c for c in model if not any(known[c.number].alike(known[mine.number]) for mine in own)]
-        likeness = {known[c.number].title: evidence.imitated(own, one, c) for c in new}
-        likest = max(likeness, key=likeness.__getitem__, default="")
-        others[likest if likeness.get(likest, 0.0) > 0.5 else "nothing"] += 1
-    shares = tuple((title, number / len(anew)) for title, number in others.most_common())
-    return (len(anew) - others.total()) / len(anew), shares
+        shares = [(evidence.imitated(own, place, c), known[c.number].title) for c in new]
+        share, title = max(shares, default=(0.0, ""))
+        others[title if share > 0.5 else "nothing like it"] += 1
+    return (len(anew) - others.total()) / len(anew), tuple((title, n / len(anew)) for title, n in others.most_common())
 
 
 def refitted_out(state: State, folds: np.ndarray) -> Array | None:

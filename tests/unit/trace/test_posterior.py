@@ -18,6 +18,7 @@ from armflex.trace.probabilities import sampled
 from armflex.trace.projection import Projection
 from armflex.trace.screen import Dense
 from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals, without
+from armflex.trace.validate import selected_anew
 
 ROWS = 40
 
@@ -171,8 +172,41 @@ def test_rivals_are_ranked_one_of_each_place() -> None:
     assert found[0].chosen.number == 0 and len({one.chosen.number for one in found}) == len(found)
 
 
-def test_what_one_hypothesis_could_explain_of_another_is_the_square_of_their_cosine() -> None:
-    columns, readings = drawn(7)
-    evidence, (one, other) = problem(columns, readings), columns.T
-    share = evidence.imitated((Chosen(0, 2),), Chosen(0, 2), Chosen(1, 2))
-    assert share == pytest.approx((one @ other) ** 2 / (one @ one) / (other @ other), rel=1e-12)
+def independent() -> np.ndarray:
+    return 30.0 * np.linalg.qr(np.random.default_rng(0).normal(size=(ROWS, 4)))[0]
+
+
+def test_what_another_hypothesis_could_explain_of_one_is_beside_the_rest_of_the_model() -> None:
+    first, second, third, _ = independent().T
+    columns = np.column_stack([first, second, first + third, first + second, third])
+    evidence, model = problem(columns, 2.0 * first + second), (Chosen(0, 2), Chosen(1, 2))
+    half, whole, none = (evidence.imitated(model, 0, Chosen(number, 5)) for number in (2, 3, 4))
+    assert (half, none) == pytest.approx((0.5, 0.0), abs=1e-3)
+    assert whole == pytest.approx(1.0, abs=2e-3)  # the rest of the model takes the second away
+
+
+def test_what_folds_have_in_the_place_of_an_effect_is_what_could_explain_most_of_it() -> None:
+    first, second, third, fourth = independent().T
+    columns = np.column_stack([first, second, first + 0.3 * third, first + 0.5 * third, fourth])
+    evidence, own = problem(columns, 2.0 * first + second), (Chosen(0, 2), Chosen(1, 2))
+    folds = [
+        own,
+        (Chosen(1, 2), Chosen(3, 2), Chosen(2, 2)),
+        (Chosen(2, 3), Chosen(1, 1)),
+        (Chosen(4, 2), Chosen(1, 2)),
+    ]
+    title = evidence.groups[2].hypothesis.title
+    assert selected_anew(evidence, own, 0, folds) == (0.25, ((title, 0.5), ("nothing like it", 0.25)))
+    assert selected_anew(evidence, own, 1, folds) == (1.0, ())
+
+
+def test_a_climb_goes_on_to_its_end_where_the_linear_problem_is_exact() -> None:
+    """Beside a hypothesis that explains thousands of nats, what is worth tens of them is found, too."""
+    columns = independent()
+    readings = 4.0 * columns[:, 0] + 0.3 * columns[:, 1] + np.random.default_rng(1).normal(size=ROWS)
+    evidence = problem(columns, readings)
+    gained = evidence.log_posterior((Chosen(0, 3), Chosen(1, 1))) - evidence.log_posterior((Chosen(0, 3),))
+    whole = evidence.log_posterior((Chosen(0, 3),)) - evidence.log_posterior(())
+    assert {one.number for one in climbed(evidence)} == {0, 1} and gained > 10.0
+    evidence.error = 2.0 * gained / whole
+    assert {one.number for one in climbed(evidence)} == {0}
