@@ -34,7 +34,7 @@ from armflex.trace.findings import (
 from armflex.trace.probabilities import CREDIBLE, Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, standing
-from armflex.trace.selection import BETTER, SCALES, without
+from armflex.trace.selection import BETTER, SCALES, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Validated, chance, sessions_held_out, validated
@@ -61,7 +61,7 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
     """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
 
     An effect in whose place nothing is credible is no finding, nor one that chance explains as well, nor what is less
-    likely than something else in its place, unless more is missing than can be named.
+    likely than something else in its place, if the arm can be fitted with that.
     """
     withdrawn, full = list[Withdrawn](), is_full(here)
     while True:
@@ -70,11 +70,11 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
         model = evidence.here(here.model)
         found, visited = sampled(evidence, model)
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.doubtful]
-        if doubted and not full:
-            models, tried = map(evidence.there, visited), len(here.rejected)
+        if doubted:  # each fit takes seconds where more is missing than can be named: there the likeliest is tried
+            models, tried = map(evidence.there, {climbed(evidence, model)} if full else visited), len(here.rejected)
             known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
             after = exchanged(here, [one for one in models if any((known - spots(here.screen, one)) & unlikely)])
-            if after is not None or len(here.rejected) > tried:
+            if after is not None or (len(here.rejected) > tried and not full):
                 here = here if after is None else after
                 continue
         if not model:
