@@ -22,8 +22,10 @@ class Columns:
 
     def __init__(self, bank: Bank, projection: Projection, scale: Array) -> None:
         self.bank, self.projection, self.scale = bank, projection, scale
-        self._known, self._products, self._count = dict[int, Array](), dict[int, Array](), 0
+        self._places, self._products, self._count, self._multiplied = dict[int, int](), dict[int, Array](), 0, 0
         self._further = np.empty((0, len(projection.residual)))
+        self._both, self._among = np.empty((2, 0, len(projection.residual))), np.empty((0, 0))
+        self._scores = np.empty(0)
 
     @property
     def further(self) -> Array:
@@ -33,26 +35,41 @@ class Columns:
     def add(self, columns: Array) -> Array:
         """Add (k, n) further columns, and return them as they are held."""
         first, last = self._count, self._count + len(columns)
-        if last > len(self._further):  # room for more than are asked for, so that few are moved
-            before, self._further = self.further, np.empty((64 + last + last // 2, columns.shape[1]))
-            self._further[:first] = before
+        self._further = _roomy(self._further, last, 0)
         self._further[first:last], self._count = columns, last
         return self._further[first:last]
 
     def of(self, numbers: np.ndarray) -> Array:
         """Return (k,) columns, and what is left of them, (2, k, n)."""
+        at = self._placed(numbers)  # which may move the columns
+        return self._both[:, at]
+
+    def among(self, numbers: np.ndarray) -> tuple[Array, Array]:
+        """Return the (k, k) products of some columns with one another, and (k,) X'My; none is made twice."""
+        at, first, last = self._placed(numbers), self._multiplied, len(self._places)
+        if first < last:
+            self._among = _roomy(_roomy(self._among, last, 0), last, 1)
+            products = self._both[0, :last] @ self._both[1, first:last].T
+            self._among[:last, first:last], self._among[first:last, :last] = products, products.T
+            self._scores = np.append(self._scores, self._both[0, first:last] @ self.projection.residual)
+            self._multiplied = last
+        return self._among[np.ix_(at, at)], self._scores[at]
+
+    def _placed(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the (k,) places at which some columns are held; those that are not yet are made."""
         starts, count = self.bank.starts, len(self.scale)
-        missing = np.array([i for i in dict.fromkeys(numbers.tolist()) if i not in self._known], dtype=int)
+        missing = np.array([i for i in dict.fromkeys(numbers.tolist()) if i not in self._places], dtype=int)
         mine, further = missing[missing < count], missing[missing >= count]
         made = [(further, self.further[further - count])]
         for i in dict.fromkeys((np.searchsorted(starts, mine, side="right") - 1).tolist()):
             own = np.arange(*starts[i : i + 2].tolist())
             made.append((own, (self.bank.group(i) * self.scale[own]).T))
         for own, columns in made:
-            both = np.stack([columns, self.projection.left_of(columns.T).T], axis=1)
-            self._known |= zip(own.tolist(), both, strict=True)
-        found = [self._known[i] for i in numbers.tolist()]
-        return np.stack(found, axis=1) if found else np.empty((2, *self._further[:0].shape))
+            first, last = len(self._places), len(self._places) + len(own)
+            self._both = _roomy(self._both, last, 1)
+            self._both[:, first:last] = columns, self.projection.left_of(columns.T).T
+            self._places |= zip(own.tolist(), range(first, last), strict=True)
+        return np.array([self._places[i] for i in numbers.tolist()], dtype=int)
 
     def with_further(self, numbers: np.ndarray) -> Array:
         """Return the (F, k) products of the further columns with some; what was known is not made again."""
@@ -80,3 +97,11 @@ class Columns:
             return np.array([known[number] for number in numbers.tolist()]).reshape(-1, len(scale)).T
 
         return found
+
+
+def _roomy(array: Array, count: int, axis: int) -> Array:
+    """Return an array with room for so many along an axis, and for half as many again, so that few are moved."""
+    if count <= array.shape[axis]:
+        return array
+    more = [(0, 64 + count + count // 2 - array.shape[i] if i == axis else 0) for i in range(array.ndim)]
+    return np.pad(array, more)

@@ -212,8 +212,7 @@ class Screen(Evidence):
         return self.columns(beside.places) @ beside.values
 
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
-        columns, left = self.columns_of(places)
-        return columns.T @ left, columns.T @ self.projection.residual
+        return self._held.among(places)
 
     def scores_of(self, residuals: Array) -> Array:
         """Return the (K, F) products X'M of all columns with (n, F) residuals."""
