@@ -31,7 +31,7 @@ class Position(Kind):
 
     def ends(self, at: Postures) -> Ends:
         """Return the target."""
-        return {"end": (at.end(self.name), shifted(at.axes))}
+        return {"end": (at.end(self.name), shifted((1.0 + at.instrument.scale) * at.axes))}
 
     def by_frame(self, at: Postures) -> Array:
         """Return (N, 3, 6): the points move as one body."""

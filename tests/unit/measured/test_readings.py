@@ -160,10 +160,14 @@ def at(heavy: Arm, rows: Rows, instrument: Instrument) -> Postures:
     return view.at
 
 
+@pytest.mark.parametrize("scale", [0.0, 0.01])
 @pytest.mark.parametrize(("kind", "name"), CASES)
-def test_sensitivities_of_a_kind_are_those_of_its_residual(kind: type[Kind], name: str, at: Postures) -> None:
+def test_sensitivities_of_a_kind_are_those_of_its_residual(
+    kind: type[Kind], name: str, scale: float, at: Postures
+) -> None:
     """By every link that it sees, by frame, scale, target, mounting, gravity, its own nuisances; by no other."""
-    own, instrument = to_be_read(kind, name), at.instrument
+    instrument = replace(at.instrument, scale=scale)
+    own, at = to_be_read(kind, name), replace(at, instrument=instrument)
     own = replace(own, values=own.predicted(at))  # near where they are read: rotation vectors far apart do not subtract
     target, turned = instrument.target, pin.exp3(instrument.mounting)
 
@@ -194,7 +198,7 @@ def test_sensitivities_of_a_kind_are_those_of_its_residual(kind: type[Kind], nam
         (own.by_frame(at), by_instrument(lambda x: {"sessions": {"s": x}}), 6),
         (own.by_target(at), by_instrument(lambda x: {"target": target + x}), 3),
         (own.by_mounting(at), by_instrument(lambda x: {"mounting": pin.log3(pin.exp3(x) @ turned)}), 3),
-        (own.by_scale(at)[:, :, None], by_instrument(lambda x: {"scale": x[0]}), 1),
+        (own.by_scale(at)[:, :, None], by_instrument(lambda x: {"scale": scale + x[0]}), 1),
         (own.by_gravity(at), lambda x: replace(at, gravity=at.gravity + x), 3),
     ]
     seen = own.jacobian(at)
