@@ -462,7 +462,7 @@ def check_asked(table: Table, arm: Arm, others: Sequence[str]) -> None:
     """
     named = [name for name in others if not name.startswith(APPROACH)]
     for asked in asked_columns(arm):
-        for name in named if asked not in table.columns else ():
+        for name in named if asked not in set(table.columns) else ():
             if is_nearly(name, asked):
                 text = f"column {table.columns[name].header!r}, did you mean {asked!r}? The arm's effects depend on it"
                 raise table.fail(text)

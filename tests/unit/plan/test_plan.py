@@ -567,7 +567,7 @@ def test_the_command_says_how_far_apart_rivals_will_be(armflex: Run, tmp_path: P
         (["--sigma", "0.1"], "unit"),
         (["--sigma", "1000m"], "the arm's reach"),
         (["--picture", "p.txt"], ".png"),
-        (["--after", ROBOTS / "heavy_six" / "trajectory.csv"], "no column"),
+        (["--after", ROBOTS / "heavy_six" / "trajectory.csv"], "seems to be of another arm"),
     ],
 )
 def test_bad_input_is_exit_code_2(armflex: Run, tmp_path: Path, given: list, text: str) -> None:

@@ -204,7 +204,9 @@ def test_code_is_compiled_again_where_anything_that_it_is_compiled_from_has_chan
             parts[name.strip()] = parts[name.strip()].replace(before, after)
             (tmp_path / name.strip()).write_text(parts[name.strip()])
         for answer in (expected, expected[:-1] + "0"):
-            asked = subprocess.run([sys.executable, "-c", ask], env=env, capture_output=True, text=True, check=True)
+            asked = subprocess.run(
+                [sys.executable, "-c", ask], env=env, capture_output=True, text=True, check=True, timeout=600
+            )
             assert asked.stdout.strip() == answer, name
     assert len(list((tmp_path / "kept").rglob("outer.*"))) == 2  # nothing is left of what was
 
@@ -229,7 +231,7 @@ def test_what_was_imported_counts_and_not_its_file_since(tmp_path: Path) -> None
     ):
         (tmp_path / "edited.py").write_text(text)
         program = [sys.executable, "-c", ask, str(tmp_path / "edited.py"), later]
-        asked = subprocess.run(program, env=env, capture_output=True, text=True, check=True)
+        asked = subprocess.run(program, env=env, capture_output=True, text=True, check=True, timeout=600)
         assert (asked.stdout.strip(), asked.stderr) == (answer, "")
 
 
