@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import zip_longest
+from math import tau
 
 import numpy as np
 
@@ -34,10 +35,6 @@ from armflex.progress import Progress
 
 LIGHT = 1e-4
 """Tolerance: least damping, relative to a parameter's own information."""
-
-TURN = 2.0 * np.pi
-"""Tolerance: length of a step [rad], as a standard deviation, of an angle that no prior holds: it means nothing beyond
-a turn."""
 
 
 @dataclass(frozen=True)
@@ -385,8 +382,9 @@ class _Problem:
         known: Information of rows and priors there.
         gradient: (P,) minus half the gradient of the cost.
         bend: (P,) what Gauss and Newton leave out of a logarithm's curvature: its column is its second derivative, too.
-        turning: (P,) precision of a step, 0 but of angles that no prior holds; see `TURN`. Readings that hardly depend
-            on such an angle would let rounding turn it without end. What is known of it is not changed.
+        turning: (P,) precision of a step, 0 but of angles that no prior holds, of which a turn is the standard
+            deviation: they mean nothing beyond. Readings that hardly depend on such an angle would let rounding turn it
+            without end. What is known of it is not changed.
         regressors, residual: (M, P) and (M,) of the readings, weighted by `weights`, which are (N, d).
     """
 
@@ -434,7 +432,7 @@ def _problem(here: Fit, limit: Array | float) -> _Problem:
     gradient = pull - here.precision * np.where(np.isfinite(here.prior), here.values, 0.0)
     bend = np.where(_logarithmic(here.blocks), np.maximum(-pull, 0.0), 0.0)
     turns = np.array([one.unit == "rad" for one in here.parameters], bool)
-    turning = np.where(turns & np.isinf(here.prior), TURN**-2.0, 0.0)
+    turning = np.where(turns & np.isinf(here.prior), tau**-2.0, 0.0)
     known = LinearGaussian.of(regressors, here.precision)
     return _Problem(known, gradient, bend, turning, regressors, residual, weights)
 

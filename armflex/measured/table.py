@@ -423,8 +423,7 @@ def joint_kinds(arm: Arm, prefixes: str) -> dict[str, str]:
 
 
 def check_same_arm(table: Table, arm: Arm) -> None:
-    """Raise `TableError` where more than half of the joints have no column, and more columns than that are of unknown
-    joints.
+    """Raise `TableError` where over half of the joints have no column, and as many columns are of unknown joints.
 
     Names that differ in capitals, with a unit or without, and single ones, are misspelt rather than another arm's.
     """
@@ -460,9 +459,9 @@ def check_asked(table: Table, arm: Arm, others: Sequence[str]) -> None:
     `others` have no meaning of their own. One that has the name in it, or other digits, is a column by itself, such as
     temperature_2 beside temperature, and a direction has a joint's name.
     """
-    named = [name for name in others if not name.startswith(APPROACH)]
+    named, present = [name for name in others if not name.startswith(APPROACH)], set(table.columns)
     for asked in asked_columns(arm):
-        for name in named if asked not in set(table.columns) else ():
+        for name in named if asked not in present else ():
             if is_nearly(name, asked):
                 text = f"column {table.columns[name].header!r}, did you mean {asked!r}? The arm's effects depend on it"
                 raise table.fail(text)

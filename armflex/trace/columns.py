@@ -103,5 +103,8 @@ def _roomy(array: Array, count: int, axis: int) -> Array:
     """Return an array with room for so many along an axis, and for half as many again, so that few are moved."""
     if count <= array.shape[axis]:
         return array
-    more = [(0, 64 + count + count // 2 - array.shape[i] if i == axis else 0) for i in range(array.ndim)]
-    return np.pad(array, more)
+    shape = list(array.shape)
+    shape[axis] = 64 + count + count // 2
+    found = np.empty(shape)  # room that is not used takes no memory
+    found[tuple(map(slice, array.shape))] = array
+    return found

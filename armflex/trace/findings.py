@@ -32,7 +32,7 @@ from armflex.measured.repeats import repeats
 from armflex.parameters import DOUBT, ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
-from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.hypotheses import Hypothesis, at_every_drive
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
 
@@ -114,7 +114,7 @@ class Withdrawn:
     @property
     def title(self) -> str:
         """What it is in words."""
-        return f"{self.effect.law.name.replace('_', ' ')} at every drive" if self.family else self.effect.title
+        return at_every_drive(self.effect.law) if self.family else self.effect.title
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +165,7 @@ class Found:
             return self.effect.title
         inner = list(self.effect.named.items())[len(self.effect.location.terms) :]
         said = "".join(f" {name} = {value:.3g}" for name, value in inner)
-        return f"{self.effect.law.name.replace('_', ' ')}{said} at every drive"
+        return at_every_drive(self.effect.law, said)
 
     @property
     def unit(self) -> str:

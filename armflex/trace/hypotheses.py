@@ -89,7 +89,7 @@ class Hypothesis:
     @property
     def title(self) -> str:
         """What it is in words."""
-        return f"{self.one.law.name.replace('_', ' ')} at every drive" if self.family else self.one.title
+        return at_every_drive(self.one.law) if self.family else self.one.title
 
     @cached_property
     def spot(self) -> tuple:
@@ -112,6 +112,11 @@ class Hypothesis:
         """Whether its only amplitude must be positive."""
         terms = self.one.location.terms
         return not self.family and len(terms) == 1 and self.one.law.amplitudes[terms[0]].positive
+
+
+def at_every_drive(law: EffectLaw, values: str = "") -> str:
+    """Return what a law at every drive is in words, with the values that all have in common."""
+    return f"{law.name.replace('_', ' ')}{values} at every drive"
 
 
 def hypotheses(context: Context) -> list[Hypothesis]:
