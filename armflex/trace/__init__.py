@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from armflex.trace.search import Standing
 
 MOST_MINUTES = 10.0
-"""Tolerance: CPU time of a search [min]: the busiest measured campaigns take half of it."""
+"""Tolerance: CPU time of a search [min]: three campaigns of 24 effects traced together take half of it."""
 
 
 @checked_kinds

@@ -37,7 +37,7 @@ from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
 
 MOST_SAID = 5
-"""Effects that a line names."""
+"""Tolerance: effects that a line names."""
 
 VARIANCE_RATIO = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""

@@ -62,7 +62,7 @@ LEAST_SHARE = 0.1
 """Tolerance: share of the largest shape of a law at any drive below which another's does not show, since no load shows
 no compliance: a drive of which none shows is no member of a family, and one that does not show is as there."""
 
-UNLOADED = 1e-4
+NO_LOAD = 1e-4
 """Tolerance: share of the largest load in an arm, forces and moments alike, below which a drive bears none."""
 
 
@@ -203,7 +203,7 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
                 size = np.sqrt((twists**2).sum(axis=2).mean(axis=0))
                 kind = (law.name, location.turns, location.terms, inner)
                 grouped.setdefault(kind, []).append((Candidate(law, location, inner), size))
-    least = UNLOADED * max(float(np.abs(one).max(initial=0.0)) for one in context.wrenches.values())
+    least = NO_LOAD * max(float(np.abs(one).max(initial=0.0)) for one in context.wrenches.values())
     shown_by = dict[tuple, Array]()  # of each kind the largest shape of each term at any drive
     for kind, members in grouped.items():
         first, most = members[0][0], np.max([size for _, size in members], axis=0)

@@ -50,7 +50,7 @@ from armflex.trace.state import State, of_poses, refit, sorted_out, with_all_of,
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
 MOST_STATES = 40
-"""Tolerance: states that a search enters at most: the busiest measured campaigns take a third of it."""
+"""Tolerance: states that a search enters at most."""
 
 MOST_SHAPED = 10
 """Tolerance: places of free shapes at which waves and bumps are sought."""

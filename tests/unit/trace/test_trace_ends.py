@@ -18,10 +18,11 @@ from support.small_arms import joint, link, robot
 from armflex import Arm, Measurements, calibrate, load_arm, read_measurements, trace
 from armflex.errors import InputError
 from armflex.estimate.pose_block import PoseBlock
-from armflex.laws.effects import Location, TwistLaw
+from armflex.laws.effects import Effect, Location, TwistLaw
 from armflex.laws.effects.catalogue import CATALOGUE, EVERY
 from armflex.laws.effects.effect import Amplitude, Words
 from armflex.laws.effects.shapes import on_axis, twists
+from armflex.laws.effects.thermal_growth import THERMAL_GROWTH
 from armflex.laws.effects.unnamed import WAVE
 from armflex.laws.terms import powers
 from armflex.rows.rows import POSE
@@ -36,8 +37,8 @@ from armflex.trace.state import begin, with_random
 GAP, POSES = 8e-4, 30
 
 
-def written(folder: Path, still: int | None = None, keep: bool = False) -> Path:
-    """Write a campaign of three joints of which the second has play, and one may never move."""
+def written(folder: Path, still: int | None = None, **more: Array) -> Path:
+    """Write a campaign of three joints of which the second has play, and one may never move, and further columns."""
     plant, rng = three_joint_plant.declared(folder), np.random.default_rng(0)
     q, sides = rng.uniform(-1.0, 1.0, (POSES, 3)), rng.choice([-1.0, 1.0], (POSES, 3))
     if still is not None:
@@ -48,7 +49,7 @@ def written(folder: Path, still: int | None = None, keep: bool = False) -> Path:
 
     read = three_joint_plant.seen(plant, q, play, sides) + rng.normal(0.0, three_joint_plant.SIGMA, (POSES, 3))
     approach: dict[str, Array] = {f"approach_J{i + 1}": sides[:, i] for i in range(3)}
-    three_joint_plant.write_campaign(folder / "rows.csv", q, read, **approach)
+    three_joint_plant.write_campaign(folder / "rows.csv", q, read, **approach, **more)
     return folder
 
 
@@ -208,7 +209,8 @@ def test_an_effect_that_shows_nothing_at_the_values_of_a_fit_is_no_finding(begun
     state = refitted(here, (Chosen(idle, 3),))
     assert state is not None and len(state.known) == 1
     after = standing(state)
-    assert len(after.model) == 1 and conclude(after, here.places).arm.effects == ()
+    found = conclude(after, here.places)
+    assert len(after.model) == 1 and [one.name for one in found.arm.effects] == ["backlash J2 ry"]
 
 
 SPEED = TwistLaw(
@@ -228,6 +230,20 @@ def test_an_effect_whose_column_a_campaign_lacks_is_not_tried(
         monkeypatch.setitem(catalogue, SPEED.name, SPEED)
     found = trace(*campaign)
     assert [one.effect.name for one in found.found] == ["backlash J2 ry"]
+
+
+def test_a_lag_has_to_be_earned_and_is_shorter_than_the_campaign(tmp_path: Path) -> None:
+    """What follows a temperature at once is as likely as all that lags, and no later command needs a time for it."""
+    time = np.linspace(0.0, 6000.0, POSES)
+    arm = load_arm(written(tmp_path, time=time, temperature=20.0 + 3.0 * np.sin(time / 900.0)) / "arm.toml")
+    state = begin(calibrate(arm, read_measurements(tmp_path / "rows.csv", arm), as_stated=True))
+    growth = [one for one in hypotheses(state.context) if one.one.law is THERMAL_GROWTH]
+    place = growth[0].one.location
+    priors = {one.one.inner: one.prior for one in growth if one.one.location == place}
+    assert priors[20.0, 0.0] > max(priors[20.0, lag] for lag in (600.0, 1800.0, 5400.0)) + 2.9
+    for lag, shown in ((0.0, True), (5400.0, True), (6600.0, False)):
+        effect = Effect(THERMAL_GROWTH, place, (1e-5, 20.0, lag))
+        assert THERMAL_GROWTH.possible(effect, state.context, arm) is shown
 
 
 # How it is said.
