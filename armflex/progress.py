@@ -44,6 +44,10 @@ class Doing:
         return f"{text} [{effects}; RMS {said_of(self.rms, self.unit)}]"
 
 
+MOST_MINUTES = 10.0
+"""Tolerance: CPU time of a search [min]: three campaigns of 24 effects traced together take half of it."""
+
+
 class OutOfTimeError(KeyboardInterrupt):
     """The CPU time has passed that a search may take: it ends wherever it is, as after Ctrl-C."""
 

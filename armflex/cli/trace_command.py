@@ -26,11 +26,12 @@ from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
 from armflex.plan import MOST_ASKED
 from armflex.plan.drive import write_plan
+from armflex.progress import MOST_MINUTES
 from armflex.result import plain, record
 from armflex.show.report import write_report
 from armflex.show.report.summary import further, headline
 from armflex.storage.whole_file import together
-from armflex.trace import MOST_MINUTES, trace
+from armflex.trace import trace
 from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, write_traced
 
 MOST_LINES = 8

@@ -14,14 +14,12 @@ from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
 from armflex.plan import MOST_ASKED
+from armflex.progress import MOST_MINUTES
 
 if TYPE_CHECKING:
     from armflex.progress import Doing
     from armflex.trace.findings import Trace
     from armflex.trace.search import Standing
-
-MOST_MINUTES = 10.0
-"""Tolerance: CPU time of a search [min]: three campaigns of 24 effects traced together take half of it."""
 
 
 @checked_kinds
@@ -40,8 +38,8 @@ def trace(
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
     Effects with which the arm predicts held-out poses worse than the calibrated one, beyond chance, are withdrawn.
-    A search ends where nothing is more probable, after `armflex.trace.search.MOST_STATES` states, or after `minutes`;
-    then `ended` says which, and what there is is weighed, which may take as long again. Once the arm is calibrated
+    A search ends where nothing is more probable, after as many states as it may enter, or after `minutes`; then `ended`
+    says which, and what there is is weighed, which may take as long again. Once the arm is calibrated
     Ctrl-C (KeyboardInterrupt), or weighing that takes longer, ends it at once with what was accepted, `unfinished`.
 
     Args:
@@ -69,7 +67,7 @@ def trace(
     from armflex.estimate.misread import check_scatter
     from armflex.progress import OutOfTimeError, Reporter
     from armflex.trace.account import conclude, so_far
-    from armflex.trace.search import MOST_STATES, is_bounded, led, linear, search, standing
+    from armflex.trace.search import is_bounded, led, linear, search, standing
     from armflex.trace.state import begin
 
     if not 0 <= ask <= MOST_ASKED:
@@ -98,15 +96,15 @@ def trace(
             passing(here)
             here = search(here, passing)
             if is_bounded(here):
-                ended = f"after {MOST_STATES} states, as many as a search enters"
+                ended = f"after {len(here.visited)} states, the most that a search enters"
         except OutOfTimeError:
-            ended = f"after {minutes:g} min of CPU time, as many as it was given"
+            ended = f"after {minutes:g} min of CPU time, the most that `minutes` allows"
             reporter.limit(60.0 * minutes)
             here = standing(latest)  # it was in the midst of something
         reporter.limit(60.0 * minutes)
         traced = conclude(here, places, ask, covariates, ended)
     except OutOfTimeError:
-        ended = ended or f"after {minutes:g} min of CPU time for weighing what was found, as many as it was given"
+        ended = ended or f"after {minutes:g} min of CPU time in which what was found was weighed, see `minutes`"
     except KeyboardInterrupt:
         ended = "by an interrupt"
     else:

@@ -16,7 +16,7 @@ from scipy.special import fdtrc, ndtr
 
 from armflex.arm import Arm, Setup
 from armflex.conventions import TWIST_NAMES, Array, said_of
-from armflex.errors import Flag
+from armflex.errors import FEW, Flag, listing
 from armflex.estimate.calibrate import Calibration, far_from_declared
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import OfCampaign, by_campaign
@@ -35,9 +35,6 @@ from armflex.result import Result
 from armflex.trace.hypotheses import Hypothesis, at_every_drive
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
-
-MOST_SAID = 5
-"""Tolerance: effects that a line names."""
 
 VARIANCE_RATIO = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""
@@ -326,10 +323,8 @@ class Trace(Result):
     def __repr__(self) -> str:
         """One line: what was found, and the error before and after it."""
         unit = self.state.measurements.readings.unit
-        names = ", ".join([*(one.title for one, _ in self.accepted), *self.common][:MOST_SAID]) or "nothing found"
-        more = len(self.accepted) + len(self.common) - MOST_SAID
+        names = listing([*(effect.title for effect, _ in self.accepted), *self.common], FEW)
         after, held_out = (said_of(one, unit) for one in (self.rms, self.held_out[1]))
-        names += f" and {more} more" if more > 0 else ""
         errors = f"RMS {said_of(self.calibrated_rms, unit)} calibrated, {after} with it, {held_out} held out"
         return f"<Trace: {names}; {errors}{f'; ended {self.ended}' if self.ended else ''}>"
 

@@ -30,7 +30,7 @@ from armflex.laws.effects.friction_windup import FRICTION_WINDUP
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
-from armflex.laws.effects.shapes import ABOVE
+from armflex.laws.effects.shapes import ABOVE, ROUNDING
 
 EFFECTS = 2.0
 """Prior: effects that an arm is expected to lack."""
@@ -61,9 +61,6 @@ FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR
 LEAST_SHARE = 0.1
 """Tolerance: share of the largest shape of a law at any drive below which another's does not show, since no load shows
 no compliance: a drive of which none shows is no member of a family, and one that does not show is as there."""
-
-NO_LOAD = 1e-4
-"""Tolerance: share of the largest load in an arm, forces and moments alike, below which a drive bears none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +200,7 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
                 size = np.sqrt((twists**2).sum(axis=2).mean(axis=0))
                 kind = (law.name, location.turns, location.terms, inner)
                 grouped.setdefault(kind, []).append((Candidate(law, location, inner), size))
-    least = NO_LOAD * max(float(np.abs(one).max(initial=0.0)) for one in context.wrenches.values())
+    least = ROUNDING * max(float(np.abs(one).max(initial=0.0)) for one in context.wrenches.values())
     shown_by = dict[tuple, Array]()  # of each kind the largest shape of each term at any drive
     for kind, members in grouped.items():
         first, most = members[0][0], np.max([size for _, size in members], axis=0)

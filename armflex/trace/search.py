@@ -3,7 +3,7 @@
 A climb finds the model that no addition, deletion, exchange or pair improves. The arm is then fitted exactly with all
 of it, and the linear problem is made anew there, with the effects taken out. A state is worth the log posterior of its
 own hypotheses in its own linear problem. A state that is worth more replaces one, or one of other rows, whose worth is
-no measure: no state is entered twice, nor more of them than `MOST_STATES`, so the search ends.
+no measure: no state is entered twice, and three for each of `MOST_ROUNDS` at most, so the search ends.
 """
 
 from __future__ import annotations
@@ -48,9 +48,6 @@ from armflex.trace.selection import (
 )
 from armflex.trace.state import State, of_poses, refit, sorted_out, with_all_of, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
-
-MOST_STATES = 40
-"""Tolerance: states that a search enters at most."""
 
 MOST_SHAPED = 10
 """Tolerance: places of free shapes at which waves and bumps are sought."""
@@ -131,7 +128,7 @@ def entered(state: State, last: Standing) -> Standing | None:
 
 def is_bounded(here: Standing) -> bool:
     """Return whether a search has entered as many states as it may."""
-    return len(here.visited) >= MOST_STATES
+    return len(here.visited) >= 3 * MOST_ROUNDS
 
 
 def led(state: State, passing: Callable[[Standing], None]) -> State:

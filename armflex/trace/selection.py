@@ -41,7 +41,8 @@ MOST_EFFECTS = 24
 """Tolerance: hypotheses in a model at most."""
 
 MOST_ROUNDS = 12
-"""Tolerance: fits of the arm with what was found at most, and steps of what is refined."""
+"""Tolerance: fits of the arm with what was found at most, a third of the states of a search, and steps of what is
+refined."""
 
 MOST_TRIED = 4
 """Tolerance: so many of the likeliest are tried: starts of a refinement, pairs that are taken out together, places of

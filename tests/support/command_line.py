@@ -11,6 +11,7 @@ import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 from support.small_arms import ROBOTS
@@ -25,6 +26,7 @@ def run_here(folder: Path, *arguments: object) -> subprocess.CompletedProcess[st
     from armflex.cli.main import main
 
     command = ["armflex", *map(str, arguments)]
+    code: Any = 0
     out, err = (io.TextIOWrapper(io.BytesIO(), "utf-8", write_through=True) for _ in range(2))
     with (
         contextlib.chdir(folder),
