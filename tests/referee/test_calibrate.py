@@ -32,6 +32,7 @@ from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.fit import prior_of, realise
 from armflex.estimate.placement import first_guess
+from armflex.estimate.tip_uncertainty import flagged_covariance
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.joint.linear import LinearFit
