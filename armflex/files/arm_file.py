@@ -156,8 +156,8 @@ def make_arm(
         UnknownNameError: `relative_std` names a joint that `stiffness` does not.
         UrdfError: The URDF is no robot that can be computed with, or has several ends.
     """
-    known = relative_std if isinstance(relative_std, Mapping) else dict.fromkeys(stiffness, relative_std)
-    for name in known:
+    shares = relative_std if isinstance(relative_std, Mapping) else dict.fromkeys(stiffness, relative_std)
+    for name in shares:
         if name not in stiffness:
             raise UnknownNameError("joint with a stiffness", name, stiffness)
     urdf = Path(urdf).absolute()
@@ -166,7 +166,7 @@ def make_arm(
     given = {name: np.asarray(values).tolist() for name, values in stiffness.items()}
     flexures = {
         name: {"joint": name, "stiffness" if isinstance(values, list) else "joint_stiffness": values}
-        | ({"relative_std": known[name]} if name in known else {})
+        | ({"relative_std": shares[name]} if name in shares else {})
         for name, values in given.items()
     }
     bodies = {

@@ -61,8 +61,6 @@ NEARLY = 1e-3
 """The same where a loop was not followed to."""
 MOST = 50
 """Newton steps."""
-ENDS = "xtol", "ftol", "gtol"
-"""What ends a search for the least gap."""
 DIFFERENCE = 1e-5
 """Largest motion of a joint [m, rad] in a difference quotient."""
 POLISHED = 1e-9
@@ -168,7 +166,10 @@ class Closing:
         """Return where gaps are least near (p,) positions of the joints without a drive [rad or m]."""
         from scipy.optimize import least_squares  # only where a file with loops is read, or one does not close
 
-        return least_squares(lambda at: self.gaps(q, self.configuration(q, at))[0], free, **dict.fromkeys(ENDS, 1e-14)).x
+        def gaps(at: Array) -> Array:
+            return self.gaps(q, self.configuration(q, at))[0]
+
+        return least_squares(gaps, free, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
 
     def _open(self, q: Array, free: Array, reached: Array | None) -> ClosureError:
         """Return what is said of drives that the loops do not let come so far.

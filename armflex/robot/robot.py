@@ -512,7 +512,7 @@ def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
 
 
 def check_origins(urdf: Urdf) -> Iterator[Flag]:
-    """Yield the flags about joints further from their parent links than robots in metres are, whatever file has them."""
+    """Yield the flags about joints further from their parent links than those of robots in metres, in any format."""
     for joint in urdf.joints.values():
         if (distance := float(np.linalg.norm(joint.origin))) > FARTHEST:
             text = f"joint {joint.name!r}: origin is {distance:g} m from its parent link: millimetres?"
