@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, TypedDict, Unpack, cast, overload
 
 import numpy as np
 import pinocchio as pin
@@ -480,7 +480,7 @@ class Arm:
         """
         import armflex  # what a fit knows is asked of those who fit, who stand above an arm
 
-        return armflex.total_covariance(self.deflection(q, payload, **options), relative)
+        return armflex.total_covariance(self.deflection(cast(ManyRows, q), payload, **options), relative)
 
     @checked_kinds
     def prepared(
