@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, TypedDict, Unpack, cast, overload
 
 import numpy as np
 import pinocchio as pin
@@ -459,6 +459,28 @@ class Arm:
         if strict:
             found.check_seen()
         return found
+
+    def total_covariance(
+        self,
+        q: ArrayLike,
+        payload: str | Payload | Sequence[str] | None = None,
+        *,
+        relative: bool = False,
+        **options: Unpack[DeflectionOptions],
+    ) -> Array | None:
+        """Return the (6, 6) covariance of the tip's displacement at (nq,) positions; see `armflex.total_covariance`.
+
+        Args:
+            q: (nq,) or (N, nq) joint positions [rad or m]; of a batch it is (N, 6, 6).
+            payload, options: As of `deflection`.
+            relative: As of `armflex.total_covariance`.
+
+        Raises:
+            As `deflection`.
+        """
+        import armflex  # what a fit knows is asked of those who fit, who stand above an arm
+
+        return armflex.total_covariance(self.deflection(cast(ManyRows, q), payload, **options), relative)
 
     @checked_kinds
     def prepared(

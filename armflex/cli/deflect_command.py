@@ -11,7 +11,7 @@ from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, say
 from armflex.conventions import Array
-from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.estimate.tip_uncertainty import flagged_covariance
 from armflex.mechanics.certificate import NEAR
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.equilibrium import METHODS
@@ -35,7 +35,7 @@ def command(arm: Arm, q: Array, payload: str, **how: Any) -> None:
     A temperature on which an effect of the arm depends with a lag counts as settled.
     """
     found = arm.deflection(q, payload, **how)
-    covariance, flags = total_covariance(found)
+    covariance, flags = flagged_covariance(found)
     named = {"joint_names": "names.joints", "flexure_names": "names.flexures"}
     named |= {"pose": "pose.homogeneous", "rigid_pose": "rigid_pose.homogeneous"}
 

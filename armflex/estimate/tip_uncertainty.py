@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_kinds
-from armflex.arm import Arm
+from armflex.arm import Arm, warn
 from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.estimate.posterior import displacement_covariance, without_declared_uncertainty
@@ -31,10 +31,8 @@ REMEMBERED = (
 
 
 @checked_kinds
-def total_covariance(
-    found: Deflection | DeflectionBatch, relative: bool = False
-) -> tuple[Array | None, tuple[Flag, ...]]:
-    """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to, and flags.
+def total_covariance(found: Deflection | DeflectionBatch, relative: bool = False) -> Array | None:
+    """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to.
 
     `Deflection.covariance` is of the laws alone. On an arm that was calibrated or traced the fitted parameters have a
     covariance of their own, in which the declared uncertainty of fitted compliances is contained already: they are not
@@ -46,8 +44,18 @@ def total_covariance(
             says where base and target stand cancels; in base axes all the same.
 
     Returns:
-        (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty; and flags.
+        (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty. Flags about it are
+        Python warnings.
     """
+    covariance, flags = flagged_covariance(found, relative)
+    warn(flags)
+    return covariance
+
+
+def flagged_covariance(
+    found: Deflection | DeflectionBatch, relative: bool = False
+) -> tuple[Array | None, tuple[Flag, ...]]:
+    """Return `total_covariance` and the flags about it."""
     arm, case = cast(Arm, found.arm), found.case
     if arm.certainty is None:
         return found.covariance, ()

@@ -123,11 +123,12 @@ def make_arm(
     stiffness: Mapping[str, ArrayLike],
     payloads: Mapping[str, Payload] | None = None,
     *,
+    relative_std: float | Mapping[str, float] = 0.0,
     tip: str | None = None,
     strict: bool = True,
     **robot: Any,
 ) -> Arm:
-    """Return an arm from its URDF and what a data sheet says of its joints, without a file.
+    """Return an arm from its URDF and what a data sheet says of its joints, without a file::
 
         import armflex
         gripper = armflex.Payload(40.0, [0.0, 0.0, 0.15])
@@ -140,20 +141,27 @@ def make_arm(
         stiffness: By joint: a number is about, or along, the drive's own axis [Nm/rad or N/m]; (6,) or (6, 6) is of
             all axes of its child frame [N/m, Nm/rad]. The other joints are rigid.
         payloads: What it may carry, by name; com in the tip frame [m].
+        relative_std: How well the stiffnesses are known, as a share: of all joints, or by joint; 0 says nothing of it.
         tip: Link whose motion is reported; the only end when not given.
         strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
         robot: Further keys of the [robot] table of an arm.toml: base, gravity [m/s^2], tool, mount, locked ...
 
     Raises:
         ArmFileError: As `load_arm`, for what an arm.toml could say as well.
+        UnknownNameError: `relative_std` names a joint that `stiffness` does not.
         UrdfError: The URDF is no robot that can be computed with, or has several ends.
     """
+    shares = relative_std if isinstance(relative_std, Mapping) else dict.fromkeys(stiffness, relative_std)
+    for name in shares:
+        if name not in stiffness:
+            raise UnknownNameError("joint with a stiffness", name, stiffness)
     urdf = Path(urdf).absolute()
     keys = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in robot.items()}
     tip = tip or load_robot(urdf, strict=strict).tip
     given = {name: np.asarray(values).tolist() for name, values in stiffness.items()}
     flexures = {
         name: {"joint": name, "stiffness" if isinstance(values, list) else "joint_stiffness": values}
+        | ({"relative_std": shares[name]} if name in shares else {})
         for name, values in given.items()
     }
     bodies = {

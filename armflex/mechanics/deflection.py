@@ -365,7 +365,7 @@ class Deflection(_Result[float]):
     def covariance(self) -> Array | None:
         """(6, 6) covariance of the displacement [m, rad], None where no law carries an uncertainty.
 
-        It is of the laws alone: what a calibration or a trace fitted is left out; see `armflex.total_covariance`.
+        It is of the laws alone: what a calibration or a trace fitted is left out; see `Arm.total_covariance`.
         """
         laws = self.arm.stack.covariance(self.wrenches.ravel(), self._row)
         if laws is None:
@@ -645,6 +645,11 @@ class DeflectionBatch(_Result[Array]):
         return np.array([self.row(i).load_factor for i in range(len(self.q))])
 
     @cached_property
+    def total_jacobian(self) -> Array:
+        """(N, 6, nq) `Deflection.total_jacobian`; a row takes as long as of `load_factor`."""
+        return np.array([self.row(i).total_jacobian for i in range(len(self.q))]).reshape(-1, 6, self.q.shape[1])
+
+    @cached_property
     def rigid_pose(self) -> Array:
         """(N, 4, 4) tip poses of the rigid arm in the base frame [m]."""
         if self.asked.few:
@@ -716,7 +721,7 @@ class DeflectionBatch(_Result[Array]):
 
     @cached_property
     def covariance(self) -> Array | None:
-        """(N, 6, 6) of the laws alone [m, rad], None where none is uncertain; see `armflex.total_covariance`."""
+        """(N, 6, 6) of the laws alone [m, rad], None where none is uncertain; see `Arm.total_covariance`."""
         found, left, known = np.zeros((len(self.q), 6, 6)), np.ones(len(self.q), dtype=bool), False
         for loaded, rows in ((loaded, some) for loaded, own in self._compiled for some in in_pieces(own, CHUNK)):
             row, wrenches = loaded.row(self.q[rows], self.case.some(rows).covariates), self.wrenches[rows]

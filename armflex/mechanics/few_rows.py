@@ -25,7 +25,6 @@ from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import (
     BASE_AXES,
     LoadCase,
-    by_mass_centre,
     exponential_jacobian,
     frame_jacobian,
     place_frames,
@@ -142,7 +141,7 @@ def linearised(
             by_law[flexures] = np.linalg.solve(tangent.T, bodily.T).T
             by_load[among] = by_law[flexures] @ law
             answers = by_law, by_load, none, none, turned, none.T
-        weighed = mass * by_mass_centre(model, data, configuration).T
+        weighed = mass * pin.jacobianCenterOfMass(model, data, configuration).reshape(3, nv).T
         place_frames(model, data, configuration)
         poses = np.array([data.oMf[frame].homogeneous for frame in ends])
         jacobians = np.array([frame_jacobian(model, data, configuration, frame, BASE_AXES) for frame in ends])

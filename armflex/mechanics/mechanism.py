@@ -101,46 +101,51 @@ class Closing:
         """
         if self.last is not None and (not self._linkage or np.array_equal(self.last[0], q)):
             return self.last[1]
-        free = None if self.last is None else self._followed(*self.last, q)
-        if free is None:  # rows in no order: the straight way to one may leave what the loops allow
+        free, share = (np.zeros(0), 0.0) if self.last is None else self._followed(*self.last, q)
+        if share < 1.0:  # rows in no order: the straight way to one may leave what the loops allow
             free = self._first(q)
-        if free is None:
-            raise self._open(q)
         if (wrong := self._wrong(q, free, SINGULAR)) is not None:
             raise wrong
         self.last = q.copy(), free
         return free
 
-    def _first(self, q: Array) -> Array | None:
-        """Return where they are at the first row: of what drives lead to from home, and `q0` itself, the nearer."""
+    def _first(self, q: Array) -> Array:
+        """Return where they are at the first row: of what drives lead to from home, and `q0` itself, the nearer.
+
+        Raises:
+            ClosureError: The loops do not close there, or neither is a way.
+        """
         given = {name: at for name, at in self._linkage.free.items() if at is not None}
         start = np.array([given.get(name, 0.0) for name in self._linkage.free])
         home = self._robot.home.copy()
         lengths = self.ties.place(self.configuration(home, start))[0][self.lengths]
         home[self._driven :] = lengths - self.offsets
-        found = []
         settled = self._newton(home, start, jumps=True)
-        if settled is not None:
-            led = self._followed(home, settled, q)
-            found += [] if led is None else [led]
+        led, share = (start, 0.0) if settled is None else self._followed(home, settled, q)
+        found = [led] if share == 1.0 else []
         if given or settled is None:
             straight = self._newton(q, start, jumps=True)
             found += [] if straight is None else [straight]
-        return min(found, key=lambda free: float(np.abs(free - start).max(initial=0.0)), default=None)
+        if not found:
+            raise self._open(q, led, None if settled is None else home + share * (q - home))
+        return min(found, key=lambda free: float(np.abs(free - start).max(initial=0.0)))
 
-    def _followed(self, here: Array, free: Array, q: Array) -> Array | None:
-        """Return where they are when the drives have gone straight from (nq,) positions to others."""
+    def _followed(self, here: Array, free: Array, q: Array) -> tuple[Array, float]:
+        """Return where they are when the drives go straight from (nq,) positions to others, and the share of the way.
+
+        That is 1 where the loops close all along, else where they are when the loops close no further.
+        """
         done, size = 0.0, 1.0
         while done < 1.0:
             size = min(size, 1.0 - done)
             found = self._newton(here + (done + size) * (q - here), free)
             if found is not None:
-                free, done, size = found, done + size, 2.0 * size
+                free, done, size = found, min(done + size, 1.0), 2.0 * size
             elif size < FINEST:
-                return None
+                break
             else:
                 size *= 0.5
-        return free
+        return free, done
 
     def _newton(self, q: Array, free: Array, jumps: bool = False) -> Array | None:
         """Return where the gaps are least, None where steps are long or do not shrink, unless it may jump."""
@@ -161,31 +166,52 @@ class Closing:
         """Return where gaps are least near (p,) positions of the joints without a drive [rad or m]."""
         from scipy.optimize import least_squares  # only where a file with loops is read, or one does not close
 
-        return least_squares(lambda at: self.gaps(q, self.configuration(q, at))[0], free, xtol=1e-14, ftol=1e-14).x
+        def gaps(at: Array) -> Array:
+            return self.gaps(q, self.configuration(q, at))[0]
 
-    def _open(self, q: Array) -> ClosureError:
-        """Return what is said of drives that the loops do not let come so far."""
-        given = np.array([at or 0.0 for at in self._linkage.free.values()])
-        free = self.nearest(q, given if self.last is None else self.last[1])
-        if (wrong := self._wrong(q, free, NEARLY)) is not None:
+        return least_squares(gaps, free, xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+
+    def _open(self, q: Array, free: Array, reached: Array | None) -> ClosureError:
+        """Return what is said of drives that the loops do not let come so far.
+
+        Args:
+            q: (nq,) where the drives should be.
+            free: (p,) where the others are when the drives have come as far as the loops close.
+            reached: (nq,) how far that is; None where the loops do not close at home.
+        """
+        misfit = ASSEMBLED
+        if reached is not None:
+            misfit = ROUNDED + float(np.abs(self.gaps(reached, self.configuration(reached, free))[0]).max(initial=0.0))
+        free = self.nearest(q, free)
+        if (wrong := self._wrong(q, free, NEARLY, misfit)) is not None:
             return wrong
         name = self.ties.apart(int(np.abs(self.gaps(q, self.configuration(q, free))[0]).argmax()))[0]
         text = f"loop {name!r} closes here, but the way here leads through a singular pose, where its branches meet"
         return ClosureError(f"{text}: give q0 of its passive joints near the first row", name, 0.0)
 
-    def _wrong(self, q: Array, free: Array, least: float) -> ClosureError | None:
-        """Return what is said of a gap, or of a joint that the least singular value says is not held."""
+    def _wrong(self, q: Array, free: Array, least: float, misfit: float = ASSEMBLED) -> ClosureError | None:
+        """Return what is said of a gap, or of a joint that the least singular value says is not held.
+
+        The drives are beyond what a loop allows where it gaps by more than its misfit and is singular: where it gaps
+        least no joint without a drive can close it further.
+        """
         gaps, ways = self.gaps(q, self.configuration(q, free))
-        if np.abs(gaps).max(initial=0.0) > ASSEMBLED:
-            return gaping(self.ties, gaps, "cannot close")
-        held = ways[:, self._flex.free_v]
+        held, largest = ways[:, self._flex.free_v], float(np.abs(gaps).max(initial=0.0))
         sizes, motions = np.linalg.svd(held)[1:]
-        if held.shape[1] <= len(sizes) and not sizes[-1:] < least * sizes[:1]:
+        holds = held.shape[1] <= len(sizes) and not sizes[-1:] < least * sizes[:1]
+        if largest > (ASSEMBLED if holds else misfit):
+            return self.unclosed(q, gaps)
+        if holds:
             return None
         joint = int(np.abs(motions[-1]).argmax())
         name, _ = self.ties.apart(int(np.abs(held[:, joint]).argmax()))
         text = f"loop {name!r} is singular here: it does not hold passive joint {list(self._linkage.free)[joint]!r}"
-        return ClosureError(f"{text}, which could be anywhere", name, float(np.abs(gaps).max(initial=0.0)))
+        return ClosureError(f"{text}, which could be anywhere", name, largest)
+
+    def unclosed(self, q: Array, gaps: Array) -> ClosureError:
+        """Return the error about drives at (nq,) positions where the loops gap by (m,) at least."""
+        places = ", ".join(f"{name}={at:.6g}" for name, at in zip(self._robot.joint_names, q, strict=True))
+        return gaping(self.ties, gaps, f"cannot close here, at {places}")
 
 
 def gaping(ties: Ties, gaps: Array, what: str) -> ClosureError:
@@ -194,7 +220,7 @@ def gaping(ties: Ties, gaps: Array, what: str) -> ClosureError:
     name, angle = ties.apart(row)
     size = float(np.linalg.norm([gap for i, gap in enumerate(gaps) if ties.apart(i) == (name, angle)]))
     shown = f"{1e3 * size:.4g} {'mrad' if angle else 'mm'}"
-    return ClosureError(f"loop {name!r} {what} here: where it is nearest it gaps by {shown}", name, size)
+    return ClosureError(f"loop {name!r} {what}: where it is nearest it gaps by {shown}", name, size)
 
 
 def _range(matrix: Array) -> Array:
@@ -312,7 +338,7 @@ class Mechanism(Mechanics):
                 break
             if largest <= TOLERANCE and last <= POLISHED:
                 if np.abs(unclosed).max(initial=0.0) > ALIGNED:
-                    raise gaping(ties, unclosed, "cannot close")
+                    raise self.true.unclosed(case.q, unclosed)
                 # The tangent is that of the step before, from which this one is as good as nothing.
                 return rigid, motion, torque, history, np.array(np.linalg.solve(base, matrix), dtype=float)
             bodily = self.exponential_jacobian(rigid, motion[:nv])
@@ -379,7 +405,7 @@ class Mechanism(Mechanics):
         sizes, left = np.linalg.eigh(reached.dot(reached.T))  # squares of the singular values, the least first
         idle = left[:, sizes <= ALIGNED * ALIGNED * sizes[-1:]]
         if idle.shape[1] and (np.abs(idle.T @ gaps) > ALIGNED).any():
-            raise gaping(self.tied, idle @ (idle.T @ gaps), "cannot close")
+            raise self.true.unclosed(case.q, idle @ (idle.T @ gaps))
         return idle
 
     def _ways_to_give(self, row: Row) -> tuple[Array, Array]:

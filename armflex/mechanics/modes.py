@@ -31,6 +31,7 @@ from armflex.laws import Row
 from armflex.mechanics.equilibrium import Equilibrium
 from armflex.mechanics.loaded import Names
 from armflex.mechanics.mechanism import Mechanism
+from armflex.mechanics.pinocchio_model import frame_jacobian
 from armflex.result import Result
 
 DAMPING = 0.01
@@ -279,13 +280,13 @@ def _pointlike(found: Equilibrium, configuration: Array, body: Array, masses: Ar
         ways = [*(joint.origin for joint in robot.urdf.children[link]), 2.0 * inertial.origin]
         way = max(ways, key=lambda one: float(np.linalg.norm(one)))
         frame = mechanics.flex.frame(link)
-        turn = (pin.computeFrameJacobian(model, data, configuration, frame, pin.LOCAL) @ motion)[3:]
+        turn = (frame_jacobian(model, data, configuration, frame, pin.LOCAL) @ motion)[3:]
         across = np.cross(turn, way)  # of a rod only what turns it end over end counts
         lost[link] = 0.5 * inertial.mass * float(across @ across) / 12.0 / float(masses[0])
     carried = found.loaded.payload
     if carried.mass and carried.inertia is None:
         tip = mechanics.flex.frame(robot.tip)
-        turn = (pin.computeFrameJacobian(model, data, configuration, tip, pin.LOCAL) @ motion)[3:]
+        turn = (frame_jacobian(model, data, configuration, tip, pin.LOCAL) @ motion)[3:]
         share = 0.5 * carried.mass * WIDE**2 * float(turn @ turn) / float(masses[0])
         text = f"the payload has a mass but no moments of inertia: with a radius of gyration of {WIDE:g} m it would"
         yield Flag("no_inertia", f"{text} lower the first frequency by {share:.2%}")

@@ -35,12 +35,7 @@ gravity, static_torque, rnea, integrate = (
     pin.rnea,
     pin.integrate,
 )
-place_frames, place_joints, frame_jacobian, by_mass_centre = (
-    pin.framesForwardKinematics,
-    pin.forwardKinematics,
-    pin.computeFrameJacobian,
-    pin.jacobianCenterOfMass,
-)
+place_frames, place_joints = pin.framesForwardKinematics, pin.forwardKinematics
 log3, dot, BASE_AXES = pin.log3, np.dot, pin.LOCAL_WORLD_ALIGNED
 
 BASE = np.eye(4)
@@ -51,6 +46,11 @@ TERMS = 20
 
 MAX_FREEDOMS = 1000
 """Joints and six times the flexures; Pinocchio's workspace grows with the cube of it (3500 take 22 s to make)."""
+
+
+def frame_jacobian(model: pin.Model, data: pin.Data, configuration: Array, frame: int, axes: Any) -> Array:
+    """Return the (6, nv) motion of a frame per body motion of everything; where nv is 1 Pinocchio returns (6,)."""
+    return pin.computeFrameJacobian(model, data, configuration, frame, axes).reshape(6, model.nv)
 
 
 @dataclass(frozen=True)

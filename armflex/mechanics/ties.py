@@ -181,7 +181,8 @@ class Ties:
 
         It places the joints and their Jacobian of `data` as well.
         """
-        jacobian = pin.computeJointJacobians(self.model, self.data, configuration)
+        pin.computeJointJacobians(self.model, self.data, configuration)
+        jacobian = self._jacobian
         gaps, ways, count = np.empty(len(self.rows)), np.empty((len(self.rows), self.model.nv)), 0
         for one, sign in zip(self.joined, self._signs, strict=False):
             some = slice(count, count := count + len(one.rows))
@@ -193,12 +194,17 @@ class Ties:
             count += 1
         return gaps, ways
 
+    @property
+    def _jacobian(self) -> Array:
+        """(6, nv) of the joints as they were placed; where nv is 1 Pinocchio has (6,)."""
+        return self.data.J.reshape(6, self.model.nv)
+
     def sprung(self) -> tuple[Array, Array]:
         """Return (n_springs, 2) lengths [m] and tensions [N] and (nv,) the torque that holds the arm against them.
 
         The joints' Jacobian must have been placed.
         """
-        states, torque, jacobian = np.empty((len(self.springs), 2)), np.zeros(self.model.nv), self.data.J
+        states, torque, jacobian = np.empty((len(self.springs), 2)), np.zeros(self.model.nv), self._jacobian
         signs = self._signs[len(self.joined) :]
         for state, spring, rod, sign in zip(states, self.springs, self.sprung_rods, signs, strict=True):
             length, way = rod.place()
@@ -211,7 +217,7 @@ class Ties:
 
         All must have been placed by `place` and `sprung`.
         """
-        jacobian, total = self.data.J, np.zeros((self.model.nv, self.model.nv))
+        jacobian, total = self._jacobian, np.zeros((self.model.nv, self.model.nv))
         for (one, shift), sign in zip(self._shifts(forces), self._signs, strict=True):
             force, moment = skew(shift.wrench[:3]), skew(shift.wrench[3:])
             crossed = np.zeros((6, 6))
@@ -231,7 +237,7 @@ class Ties:
 
         Pins are those of `Linkage.pins`, twists in the axes of the link. All must have been placed.
         """
-        jacobian, torques, gaps, row = self.data.J, [], [], 0
+        jacobian, torques, gaps, row = self._jacobian, [], [], 0
         for (one, shift), sign in zip(self._shifts(forces)[: len(self.joined)], self._signs, strict=False):
             closed = one.place()[1]
             for end, side, change in zip(one.ends, (-1.0, 1.0), (shift.by_first, shift.by_second), strict=True):

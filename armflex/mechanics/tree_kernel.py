@@ -367,19 +367,6 @@ def _left(matrix, right, a, first, last, c):
 
 
 @bare
-def _least(matrix, order, unit):
-    """Return a bound below the least eigenvalue of a factored positive matrix: one over its inverse's trace."""
-    n, trace = len(order), 0.0
-    unit[:n] = 0.0
-    for a in range(n):
-        unit[a, a] = 1.0
-    _solve(matrix, order, unit[:n])
-    for a in range(n):
-        trace += unit[a, a]
-    return 1.0 / max(trace, 1e-300)
-
-
-@bare
 def _close(tree, q, free, here, room):
     """Move (p,) passive joints to where the loops close; return whether `Mechanism` would say the same."""
     m, p, driven, by, before = len(here.gaps), len(free), len(q), here.by, 2.0 * LONGEST
@@ -399,6 +386,7 @@ def _close(tree, q, free, here, room):
                 for r in range(m):
                     normal[a, b] += by[r, a] * by[r, b]
             total += normal[a, a]
+        held = _positive(normal[:p], -NEAR_SINGULAR * total, room.inverse)
         if not _factor(normal, order):
             return False
         _solve(normal, order, step)
@@ -417,7 +405,7 @@ def _close(tree, q, free, here, room):
             largest = 0.0
             for r in range(m):
                 largest = max(largest, abs(here.gaps[r]))
-            return largest <= ASSEMBLED and _least(normal, order, room.inverse) > NEAR_SINGULAR * total
+            return largest <= ASSEMBLED and held
     return False
 
 
@@ -426,9 +414,14 @@ def _idle(here, room, p, idle):
     """Fill the (m, m) projector on what nothing answers to, unless that of the row before holds; see `Mechanism`.
 
     Returns whether the gaps are closed there.
+
+    With A the rows of the gaps' changes by unit motions, t the trace of A A' and P the projector, all rows are answered
+    to or idle where A A' + t P - 10 ALIGNED^2 t 1 has a Cholesky factor. Rounding moves eigenvalues of that by m eps t,
+    1e-15 t beside the 1e-7 t that is asked for: what rounding makes of idle rows decides nothing, nor does their sign.
+    An inverse of A A' alone says nothing here, as it is of rounding where rows are idle.
     """
     m, total, by, worst, some = len(here.gaps), 0.0, here.by, 0.0, False
-    trial, reached, count = room.small[: m + 1], np.zeros((m, m)), p + here.rank[0]
+    trial, reached, count = room.small[:m], np.zeros((m, m)), p + here.rank[0]
     shares = np.ones(count)
     for c in range(here.rank[0]):  # a law's by the size of its twist
         shares[p + c] = 1.0 / _six(here.roots[c], here.roots[c])
@@ -446,8 +439,7 @@ def _idle(here, room, p, idle):
         for s in range(r + 1):
             reached[s, r] = reached[r, s]
             trial[r, s] = trial[s, r] = reached[r, s] + total * idle[r, s]
-    same = worst <= 1e-26 * total and _factor(trial, room.order[:m])
-    if not (same and _least(trial, room.order[:m], room.inverse) > 10.0 * ALIGNED**2 * total):
+    if not (worst <= 1e-26 * total and _positive(trial, -10.0 * ALIGNED**2 * total, room.inverse)):
         sizes, ways = np.linalg.eigh(reached)
         idle[:] = 0.0
         for c in range(m):

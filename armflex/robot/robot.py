@@ -11,7 +11,7 @@ with none worth the name.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
@@ -25,7 +25,7 @@ from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
 from armflex.errors import Flag, JointLimitError, Place, UnknownNameError, UrdfError, did_you_mean, listing
 from armflex.robot.formats import read_other
 from armflex.robot.linkage import Linkage
-from armflex.robot.urdf import MOVING, Inertial, Joint, Link, Urdf, Visual, parse_xml, read_urdf
+from armflex.robot.urdf import FARTHEST, MOVING, Inertial, Joint, Link, Urdf, Visual, parse_xml, read_urdf
 
 TCP = "tcp"
 """Link that a tool ends in, which no file has; numbered where one does."""
@@ -305,7 +305,7 @@ def load_robot(
     scope = scope_of(document, chain)
     found = check_faults(document, scope)
     held, mimics = lock_side_joints(document, base, chain, locked or {})
-    flags = [*document.flags, *found, *check_masses(document, scope, allow_massless)]
+    flags = [*document.flags, *found, *check_origins(document), *check_masses(document, scope, allow_massless)]
     size = float(np.linalg.norm(down))
     if not 9.5 < size < 10.1:
         flags.append(Flag("gravity", f"gravity is {size:g} m/s^2, expected about {STANDARD_GRAVITY}"))
@@ -509,6 +509,14 @@ def check_faults(urdf: Urdf, scope: Scope) -> tuple[Flag, ...]:
             problem = f"{kind} {owner.name!r} is off the chain: {fault.error.problem}; {fault.instead}"
             flags.append(Flag("off_the_chain", f"{fault.error.place}: {problem}"))
     return tuple(flags)
+
+
+def check_origins(urdf: Urdf) -> Iterator[Flag]:
+    """Yield the flags about joints further from their parent links than those of robots in metres, in any format."""
+    for joint in urdf.joints.values():
+        if (distance := float(np.linalg.norm(joint.origin))) > FARTHEST:
+            text = f"joint {joint.name!r}: origin is {distance:g} m from its parent link: millimetres?"
+            yield Flag("origin_in_millimetres", f"{joint.place}: {text}")
 
 
 def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, ...]:

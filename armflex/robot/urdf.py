@@ -508,9 +508,6 @@ def _joint(reader: Reader, element: etree._Element) -> Joint:
     origin, rotation, axis = np.zeros(3), np.eye(3), np.array([1.0, 0.0, 0.0])
     with reader.fault("carried", "its child link is taken to be where its parent is"):
         origin, rotation = reader.pose(element)
-    if np.linalg.norm(origin) > FARTHEST:
-        text = f"joint {name!r}: origin is {np.linalg.norm(origin):g} m from its parent link: millimetres?"
-        reader.flag(element, "origin_in_millimetres", text)
     ends = []
     for tag in ("parent", "child"):
         if (end := reader.only(element, tag)) is None:

@@ -14,7 +14,7 @@ from armflex.configurations import furthest
 from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.estimate.tip_uncertainty import AT_REST, tip_covariance, total_covariance
+from armflex.estimate.tip_uncertainty import AT_REST, flagged_covariance, tip_covariance
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.equilibrium import MAX_ROTATION
@@ -232,7 +232,7 @@ def _relative(certain: Arm, trajectory: Trajectory, rows: np.ndarray, method: st
         return None
     points = trajectory.points.some(rows[np.unique(np.linspace(0, len(rows) - 1, MOST_RELATIVE).astype(int))])
     found = certain.deflection(points.q, points.payload, enforce_limits=False, method=method, **points.asked)
-    covariance, _ = total_covariance(found, relative=True)
+    covariance, _ = flagged_covariance(found, relative=True)
     if covariance is None:
         return None
     return float(np.sqrt(np.trace(covariance[:, :3, :3], axis1=1, axis2=2)).max())

@@ -19,7 +19,7 @@ from armflex.arm import Arm
 from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.estimate.tip_uncertainty import total_covariance
+from armflex.estimate.tip_uncertainty import flagged_covariance
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import kernel_pays, rigid_tips
@@ -270,10 +270,10 @@ def _with_sigmas(
     def uncertain(some: np.ndarray) -> tuple[list[dict[str, float]], tuple[Flag, ...]]:
         here = points.some(some)
         found = certain.deflection(here.q, here.payload, enforce_limits=False, **here.asked)
-        covariance, flags = total_covariance(found)
+        covariance, flags = flagged_covariance(found)
         if covariance is None:
             return [{}] * len(some), flags
-        relative = total_covariance(found, relative=True)[0] if arm.certainty else covariance
+        relative = flagged_covariance(found, relative=True)[0] if arm.certainty else covariance
         asked = (("sigma_m", covariance, 0), ("sigma_rad", covariance, 3), ("relative_sigma_m", relative, 0))
         sigmas = {
             name: length_sigma(errors[some, at : at + 3], known[:, at : at + 3, at : at + 3], short=True).tolist()

@@ -47,7 +47,7 @@ def computed(arm: Arm) -> Mapping[str, Any]:
     for payload in [*arm.payloads, "none"][:2]:
         found = arm.deflection(q, payload, covariates=KNOWN if arm.effects else None)
         numbers |= {f"displacement {payload}": found.displacement, f"covariance {payload}": found.covariance}
-        whole = total_covariance(found)[0]
+        whole = total_covariance(found)
         if whole is not None:  # infinite along axes whose motion depends on what nothing determined
             known = np.isfinite(np.diag(whole))
             numbers |= {f"covariance in all {payload}": whole[np.ix_(known, known)]}

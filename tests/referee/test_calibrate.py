@@ -32,6 +32,7 @@ from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.fit import prior_of, realise
 from armflex.estimate.placement import first_guess
+from armflex.estimate.tip_uncertainty import flagged_covariance
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.joint.linear import LinearFit
@@ -210,7 +211,7 @@ def test_what_nothing_determines_has_no_end(measured, found, tmp_path):
     # J6 turns about the target, whose mounting is free: its value stays within a turn.
     assert not there.flags
     assert max(abs(p.value) for p in open_.parameters if p.unit == "rad") < 2.0 * np.pi
-    assert "undetermined" in [flag.code for flag in total_covariance(again.deflection(again.position(J2=0.3)))[1]]
+    assert "undetermined" in [flag.code for flag in flagged_covariance(again.deflection(again.position(J2=0.3)))[1]]
 
 
 def test_sigma_is_infinite_where_it_depends_on_what_nothing_determines(measured, found):
@@ -271,18 +272,18 @@ def test_the_whole_covariance_of_the_tip_is_of_what_was_fitted_too(measured, fou
     columns = (ends[0] - ends[1]) / 2e-5
     expected = columns @ fit.posterior.covariance[np.ix_(moving, moving)] @ columns.T
     one, batch = arm.deflection(q, "p200"), arm.deflection(np.array([q, 0.5 * q]), ["p200", "empty"])
-    whole, flags = total_covariance(one)
+    whole, flags = flagged_covariance(one)
     np.testing.assert_allclose(whole[:3, :3], expected, rtol=1e-3, atol=1e-3 * expected.max())
-    np.testing.assert_allclose(total_covariance(batch)[0][0], whole, rtol=1e-6, atol=1e-9 * whole.max())
+    np.testing.assert_allclose(total_covariance(batch)[0], whole, rtol=1e-6, atol=1e-9 * whole.max())
     assert one.covariance is None and not flags
     moved = arm.deflection(q, "p200", v=np.zeros(6), a=np.zeros(6))
-    assert [flag.code for flag in total_covariance(moved)[1]] == ["certainty_at_rest"]
+    assert [flag.code for flag in flagged_covariance(moved)[1]] == ["certainty_at_rest"]
 
 
 def test_draws_of_a_fitted_arm_spread_as_its_whole_covariance_says(found):
     arm, q = found.arm, found.arm.position(J1=0.4, J2=0.3, J3=-0.5, J5=0.2)
     drawn = ensemble(arm, q, "p200", draws=400)
-    expected = np.sqrt(np.diag(total_covariance(arm.deflection(q, "p200"))[0]))
+    expected = np.sqrt(np.diag(arm.total_covariance(q, "p200")))
     # A standard deviation from 400 draws is right to a root of 800, at 4 of them.
     np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=4.0 / np.sqrt(800))
     one = draw_arms(arm, 2, seed=5)[1].deflection(q, "p200").displacement
@@ -307,9 +308,9 @@ def test_what_a_bench_did_not_know_is_known_once_it_was_calibrated(found):
         flexures[1] = dataclasses.replace(
             flexures[1], law=LinearLaw(law.compliance, 0.0, LinearFit(rows, noise, loads))
         )
-        return total_covariance(dataclasses.replace(arm, flexures=tuple(flexures)).deflection(q, "p200"))[0]
+        return dataclasses.replace(arm, flexures=tuple(flexures)).total_covariance(q, "p200")
 
-    plain = total_covariance(arm.deflection(q, "p200"))[0]
+    plain = arm.total_covariance(q, "p200")
     np.testing.assert_allclose(with_fit(0.5, np.zeros(6)), plain, rtol=1e-9, atol=1e-12 * plain.max())
     assert np.trace(with_fit(0.5, scatter)[3:, 3:] - plain[3:, 3:]) == pytest.approx(3e-10, rel=0.05)
 
@@ -325,7 +326,7 @@ def test_the_whole_covariance_of_an_arm_as_declared_is_that_of_its_laws(tarm):
         ),
     )
     found = stated.deflection(stated.position(M1=3.0), "p600")
-    np.testing.assert_array_equal(total_covariance(found)[0], found.covariance)
+    np.testing.assert_array_equal(total_covariance(found), found.covariance)
 
 
 def test_written_and_read_again_it_predicts_the_same(measured, found, tmp_path):

@@ -401,6 +401,22 @@ def test_an_arm_from_python_is_that_of_a_file(tmp_path: Path) -> None:
     assert arm.flags == () and arm.flexure_names == ("shoulder", "elbow") and arm.robot.tip == "tcp"
 
 
+def test_an_arm_from_python_says_how_well_its_stiffnesses_are_known(tmp_path: Path) -> None:
+    write(tmp_path, GOOD)
+    stiffness, down = {"shoulder": 1.6e4, "elbow": 9e3}, [0.0, 0.0, -9.81]
+    shares = {"shoulder": 0.1, "elbow": 0.2}
+    arms = [make_arm(tmp_path / "robot.urdf", stiffness, relative_std=std, gravity=down)
+            for std in (0.1, shares, {"elbow": 0.2}, 0.0)]  # fmt: skip
+    found = [[flexure.law.relative_std for flexure in arm.flexures] for arm in arms]
+    assert found == [[0.1, 0.1], [0.1, 0.2], [0.0, 0.2], [0.0, 0.0]]
+    one = arms[0].deflection([0.2, 0.1])
+    np.testing.assert_array_equal(arms[0].total_covariance([0.2, 0.1]), one.covariance)
+    assert arms[0].total_covariance([0.2, 0.1]).shape == (6, 6) and arms[3].total_covariance([0.2, 0.1]) is None
+    assert arms[0].total_covariance([[0.2, 0.1], [0.0, 0.0]], relative=True).shape == (2, 6, 6)
+    with pytest.raises(UnknownNameError, match="no joint with a stiffness named 'elbo', did you mean 'elbow'"):
+        make_arm(tmp_path / "robot.urdf", stiffness, relative_std={"elbo": 0.2})
+
+
 def test_the_five_lines_of_the_docstring_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     lines = [line for line in (getdoc(make_arm) or "").splitlines() if line.startswith("    ")]
     lines = lines[: next(i for i, line in enumerate(lines) if "print" in line) + 1]
@@ -421,6 +437,7 @@ def test_an_arm_from_python_is_refused_as_a_file_is(tmp_path: Path) -> None:
         ({"elbow": [1.0, 2.0]}, {}, r"\[flexure.elbow\] stiffness: expected 6 numbers or 6 x 6 numbers"),
         ({"elbow": "stiff"}, {}, r"joint_stiffness: expected a number, got 'stiff'"),
         ({}, {"tol": {"xyz": XYZ}}, r"\[robot\] tol: unknown key, did you mean 'tool'"),
+        ({"elbow": 1e4}, {"relative_std": 20.0}, r"\[flexure.elbow\] relative_std: .* 0.2 means 20 %"),
         ({}, {"tip": "tol"}, r"\[robot\] tip: no link named 'tol', did you mean 'tool'"),
     ):
         with pytest.raises(ArmFileError, match=match):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from support.campaigns import draw
 from support.effect_arms import BACKLASH, MECHANICAL, TEXT, arm_and, arm_with, context, locations, plain, quietly
 
-from armflex import Arm, Measurements, Payload, calibrate, predict, read_measurements, total_covariance, trace
+from armflex import Arm, Measurements, Payload, calibrate, predict, read_measurements, trace
 from armflex.errors import ArmFileError, ExtrapolationError, MissingCovariateError, UnsupportedError
 from armflex.estimate import Calibration
 from armflex.estimate.block import EffectBlock, amplitude_prior
@@ -454,7 +454,7 @@ def test_draws_of_a_traced_arm_spread_as_its_whole_covariance_says(traced: tuple
     arm = dataclasses.replace(arm, effects=arm.effects[1:], certainty=known)
     q, warm = arm.position(J2=0.3, J3=-0.5), settled_covariates(arm, {"temperature": 22.0})
     found = [one.deflection(q, "p120", covariates=warm).displacement for one in draw_arms(arm, 400, seed=2)]
-    expected = total_covariance(arm.deflection(q, "p120", covariates=warm))[0]
+    expected = arm.total_covariance(q, "p120", covariates=warm)
     # A standard deviation from 400 draws is right to a root of 800, at 4 of them.
     np.testing.assert_allclose(np.std(found, axis=0), np.sqrt(np.diag(expected)), rtol=4.0 / np.sqrt(800))
 

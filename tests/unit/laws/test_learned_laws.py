@@ -18,7 +18,7 @@ from support.bent_joints import Bent, bent
 from support.learned_laws import DECLARED, LOADS, ROW, SIZE, compliance, moved, structure
 from support.small_arms import central_difference
 
-from armflex import Arm, calibrate, load_arm, predict, read_measurements, total_covariance
+from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.cli.main import armflex
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConvergenceError, InputError
@@ -313,7 +313,7 @@ def test_names_that_begin_alike_and_hold_blanks_are_names_like_others(boom, tmp_
     found = []
     for names, node in ((("one", "other"), "a"), (("A2", "A2 x"), "2@the bearing")):
         arm = calibrate(named_as(plain, names, node), rows, np.flatnonzero(rows.measured)[:60]).arm
-        found.append(total_covariance(arm.deflection(boom.drawn.rows.q[3], "p300"))[0])
+        found.append(arm.total_covariance(boom.drawn.rows.q[3], "p300"))
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
 
 

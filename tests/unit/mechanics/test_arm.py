@@ -5,9 +5,11 @@ from __future__ import annotations
 import copy
 import pickle
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
+from support.small_arms import joint, link, robot, write
 
 from armflex import Arm, Payload, Wrench, check, load_arm
 from armflex.errors import (
@@ -19,8 +21,41 @@ from armflex.errors import (
     UnreachableError,
     UnstableEquilibriumError,
 )
+from armflex.mechanics.response import respond
 
+SPRUNG = 'link = "base"\nat = [0.0, 0.0, -0.3]\nto = "boom"\nat_to = [0.6, 0.0, 0.0]\n'
 Q = np.array([2.0, 0.3, 0.1, 0.5, -0.4, 0.2, 0.6])
+
+
+ONE = {
+    "turning": ("revolute", ""),
+    "sliding": ("prismatic", ""),
+    "compliant": ("revolute", '[flexure.j]\njoint = "j"\njoint_stiffness = 1e5\nrelative_std = 0.1\n'),
+    "sprung": ("revolute", f"[spring.s]\n{SPRUNG}rate = 100.0\nfree_length = 0.5\n"),
+    "on a cylinder": ("revolute", f"[joint.j]\npassive = true\n[cylinder.c]\n{SPRUNG}lower = 0.5\nupper = 1.1\n"),
+}
+"""Arms of one joint, of whose one velocity Pinocchio's Jacobians have one dimension."""
+
+
+@pytest.mark.parametrize("name", ONE)
+def test_an_arm_may_have_one_joint(name: str, tmp_path: Path) -> None:
+    kind, more = ONE[name]
+    moved = joint("j", "base", "boom", (0.0, 0.0, 0.3), axis=(0.0, 1.0, 0.0), kind=kind)
+    end = joint("end", "boom", "tool", (1.0, 0.2, 0.1), kind="fixed")
+    write(tmp_path, robot(link("base"), link("boom", 4.0, (0.5, 0.0, 0.0), 0.2), link("tool"), moved, end))
+    head = '[robot]\nurdf = "robot.urdf"\ntip = "tool"\ngravity = [0.0, 0.0, -9.81]\n'
+    arm = load_arm(write(tmp_path, head + more, "arm.toml"))
+    q, step = np.array([0.85 if name == "on a cylinder" else 0.1]), 1e-5
+    found, batch = arm.deflection(q), arm.deflection(q[None])
+    moves = [arm.deflection(q + sign * step).pose.translation for sign in (1.0, -1.0)]
+    for jacobian in (found.total_jacobian, batch.total_jacobian[0]):
+        assert jacobian.shape == (6, 1)
+        np.testing.assert_allclose(jacobian[:3, 0], (moves[0] - moves[1]) / (2.0 * step), rtol=0, atol=1e-8)
+    assert found.joint_jacobian.shape == (6, 1) and found.flexure_jacobian.shape == (6, 6 * len(arm.flexures))
+    assert found.contributions.shape == (len(arm.flexures), 6) and found.compliance.shape == (6, 6)
+    line = respond(arm, q[None], ["none"])
+    np.testing.assert_allclose(line.joints[0], found.total_jacobian, rtol=0, atol=1e-9)
+    assert line.gravity.shape == (1, 6, 3)
 
 
 @pytest.mark.parametrize("name", ["q", "v", "a"])

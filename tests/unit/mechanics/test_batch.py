@@ -149,7 +149,8 @@ def test_what_follows_from_an_equilibrium_is_that_of_the_row():
         one = arm.deflection(q[i], "p600")
         np.testing.assert_allclose(found.contributions[i], one.contributions, rtol=0, atol=NEAR)
         np.testing.assert_allclose(found.covariance[i], one.covariance, rtol=1e-9, atol=0)
-        np.testing.assert_allclose(found.row(i).total_jacobian, one.total_jacobian, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found.total_jacobian[i], one.total_jacobian, rtol=1e-9, atol=1e-9)
+    assert arm.deflection(q[:0]).total_jacobian.shape == (0, 6, len(arm.joint_names))
 
 
 def assert_consequences(arm: Arm, q: np.ndarray, found: DeflectionBatch, near: float = 1e-9) -> None:

@@ -105,7 +105,7 @@ def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold
     asked, rest = [], Mechanism.rest
     monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
     many, prepared = fresh.deflection(q, wrenches=loads), fresh.prepared(wrenches=loads)
-    assert many_rows._tree and len(asked) <= 3  # poses of the parallelograms are far from each other
+    assert many_rows._tree and not asked
     np.testing.assert_allclose(many.displacement, few.displacement, rtol=0, atol=1e-12)
     np.testing.assert_allclose(many.twists, few.twists, rtol=0, atol=1e-12)
     size = np.abs(few.wrenches).max()
@@ -123,6 +123,18 @@ def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold
         np.testing.assert_allclose(found.drive_loads, expected.drive_loads, rtol=0, atol=1e-9 * size)
         assert [flag.code for flag in found.flags] == [flag.code for flag in expected.flags]
         assert found.load_factor == pytest.approx(expected.load_factor, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_cold_rows_of_an_exact_parallelogram_settle(tmp_path: Path, cold: None, monkeypatch) -> None:
+    """Nothing answers to three of its pin's five gaps: what rounding makes of these decides nothing."""
+    arm = PARALLELOGRAM.load(tmp_path)
+    compiled(monkeypatch)
+    asked, rest = [], Mechanism.rest
+    monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given[1].q) or rest(*given))
+    for q in poses("parallelogram", 40):
+        replace(arm).deflection(q[None])
+    assert not asked
 
 
 def test_a_mechanism_that_its_loads_stiffen_is_proven_in_compiled_code(tmp_path: Path, cold: None, monkeypatch) -> None:
@@ -222,6 +234,19 @@ def test_the_branch_is_that_of_the_row_before(tmp_path: Path, cold: None, monkey
     np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
 
 
+def rounded(arm: Arm, q: np.ndarray) -> np.ndarray:
+    """Return (N, 1) by how much two solutions may differ [m, rad], as a gap is a sum of products that are rounded.
+
+    Those are some thirty of the arm's length on the way around the loop; the condition of the loop's gaps by passive
+    joints is by how much more these turn.
+    """
+    mechanics = arm.loaded(None).mechanics
+    assert isinstance(mechanics, Mechanism)
+    ways = [mechanics.true.gaps(row, mechanics.rigid_configuration(row))[1] for row in q]
+    sizes = np.linalg.svd(np.array(ways)[:, :, mechanics.flex.free_v], compute_uv=False)
+    return 32.0 * np.finfo(float).eps * arm.robot.reach * sizes[:, :1] / sizes[:, -1:]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("off", [0.0, 5e-6, 5e-5])
 def test_a_parallelogram_that_is_not_quite_one_near_its_singular_pose(off: float, tmp_path, cold, monkeypatch) -> None:
@@ -231,5 +256,6 @@ def test_a_parallelogram_that_is_not_quite_one_near_its_singular_pose(off: float
     q = np.array([[0.0, 0.0, 0.5 * np.pi - angle] for angle in (1.2, 0.6, 0.3, 0.1, 0.03, 0.003)])
     expected = arm.deflection(q)
     compiled(monkeypatch)
-    found = replace(arm).deflection(q)
-    np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
+    found, bound = replace(arm).deflection(q), rounded(arm, q)
+    assert bound[0] < 1e-12 and bound[-1] > 100.0 * bound[0]
+    assert (np.abs(found.displacement - expected.displacement) <= bound).all()

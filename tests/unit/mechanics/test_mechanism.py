@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-from support.machines import CRANE, FIVE_BAR, MACHINES, PARALLELOGRAM, UNEVEN, Machine, poses
+from scipy.optimize import brentq
+from support.machines import CRANE, FIVE_BAR, MACHINES, PARALLELOGRAM, UNEVEN, Hinge, Machine, Y, Z, poses
 from support.small_arms import central_difference
 
 import armflex
@@ -135,6 +137,45 @@ def test_a_pose_that_cannot_close_is_an_error_with_row_loop_and_gap(tmp_path):
     with pytest.raises(ClosureError, match=r"row 1: loop 'fold' cannot close here.* gaps by [0-9.]+ mm") as caught:
         arm.deflection(q)
     assert caught.value.loop == "fold" and 1e-3 < caught.value.gap < 2.0
+
+
+FOUR_BAR = Machine(
+    hinges={
+        "drive": Hinge("base", "crank", (0.0, 0.0, 0.0), Z),
+        "rocker": Hinge("base", "rocker", (1.0, 0.0, -0.5), Y, passive=True),
+        "lift": Hinge("crank", "cross", (0.3, 0.0, 0.0), Y, passive=True),
+        "swing": Hinge("cross", "rod", (0.0, 0.0, 0.0), Z, passive=True),
+    },
+    bodies={
+        "crank": (5.0, (0.1, 0.0, 0.0)),
+        "rocker": (5.0, (0.0, 0.0, 0.2)),
+        "cross": (1.0, (0.0, 0.0, 0.01)),
+        "rod": (2.0, (0.3, 0.0, 0.0)),
+    },
+    gives={"drive": (Z, 1e5)},
+    loops={"ball": ("rod", (0.7, 0.0, 0.0), "rocker", (0.0, 0.0, 0.5), None)},
+    tool=("rocker", (0.0, 0.0, 0.5)),
+)
+"""A spatial four-bar: two hinges across each other, and a rod of 0.7 m with a ball at its end."""
+
+
+@pytest.mark.parametrize("beyond", [1e-5, 1e-3, 0.1, 0.3])
+def test_a_pose_beyond_closing_says_at_which_position_and_by_how_much(beyond: float, tmp_path: Path) -> None:
+    """The end of the rocker is on a circle: how far the drive is beyond reaching it with the rod is known."""
+
+    def gap(at: float) -> float:
+        x, y = 0.3 * np.cos(at), 0.3 * np.sin(at)
+        return float(np.hypot(np.hypot(1.0 - x, 0.5) - 0.5, y) - 0.7)
+
+    last = brentq(gap, 0.5, 3.0)
+    arm, at = FOUR_BAR.load(tmp_path), last + beyond
+    assert "ball" in arm.deflection([last - 1e-4]).loop_loads
+    with pytest.raises(ClosureError, match=rf"row 1: loop 'ball' cannot close here, at drive={at:.6g}: ") as caught:
+        arm.deflection([[0.0], [at], [0.1]])
+    assert caught.value.gap == pytest.approx(gap(at), rel=1e-3, abs=1e-9)
+    with pytest.raises(ClosureError, match="cannot close here, at drive=") as caught:
+        FOUR_BAR.load(tmp_path).deflection([at])
+    assert caught.value.gap == pytest.approx(gap(at), rel=1e-3, abs=1e-9)
 
 
 def test_a_singular_pose_is_an_error_that_names_the_joint(tmp_path):

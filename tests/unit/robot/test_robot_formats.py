@@ -92,6 +92,15 @@ def test_degrees_that_mjcf_says_are_radians_are_asked_about(tmp_path: Path) -> N
     assert first.code == "limit_in_degrees" and "-170 to 170 rad exceed two turns" in first.text
 
 
+@pytest.mark.parametrize("far", ["1e15", "1500"])
+def test_a_body_of_mjcf_that_is_too_far_away_is_flagged_as_one_of_a_urdf_is(tmp_path: Path, far: str) -> None:
+    text = MJCF.replace('name="boom" pos="0.3 0 0.8"', f'name="boom" pos="{far} 0 0"')
+    first = load_robot(write(tmp_path, text, "crane.xml"), "hook").flags[0]
+    assert first.code == "origin_in_millimetres"
+    line = line_of(text, '<joint name="luff"')
+    assert f"crane.xml:{line}: joint 'luff': origin is 1" in first.text and "m from its parent link" in first.text
+
+
 def test_the_gravity_of_mjcf_is_taken_where_nothing_else_is_said(tmp_path: Path) -> None:
     text = MJCF.replace("<worldbody>", '<option gravity="0 6.9 -6.9"/><worldbody>', 1)
     path = write(tmp_path, text, "crane.xml")
