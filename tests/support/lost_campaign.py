@@ -26,7 +26,7 @@ TRAVEL = (1.8, 0.9, 0.9, 1.8, 1.2, 1.8)
 PRIOR = "[prior]\njoint_offset = 2e-3\ntool = 0.3\ngeometry = 1e-3\ncompliance = 0.5\n"
 
 SIGMA, OFF, GEOMETRY, SOFTER, FAR = 5e-5, 1e-3, 5e-4, 0.3, 0.03
-"""Of a reading [m], of joints' zeros [rad], of frames [m, rad], of compliances, and how far the lost beam is off [m]."""
+"""Of a reading [m], of joints' zeros [rad], of frames [m, rad], of compliances, and of the lost beam [m]."""
 
 
 def write_arm(folder: Path, flexures: str = "", prior: str = PRIOR) -> Path:
