@@ -165,7 +165,7 @@ def print_trace(found: Trace) -> None:
     readings = found.state.measurements.readings
     unit, factor = SHOWN[readings.unit]
     rows = [[name, *("-" if rms is None else number(rms * factor, 3) for rms in pair)] for name, *pair in figures]
-    title = f"RMS of the {readings.error_title} over {len(found.rows) + len(found.unjudged)} rows"
+    title = f"RMS of the {readings.error_title} over {len(found.rows)} rows"
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
     if found.found:
@@ -253,7 +253,7 @@ def as_json(found: Trace) -> dict[str, Any]:
         **({} if found.nothing is None else record(found, "nothing")),
         **({"unfinished": True} if found.unfinished else {}),
         **({"ended": found.ended} if found.ended else {}),
-        "rows": len(found.rows) + len(found.unjudged),
+        "rows": len(found.rows),
         **campaigns_json(found.campaigns, stages),
         **{f"{name}_mm": scaled(value, 1e3) for name, value in errors.items()},
         **({} if unit == "m" else errors | {"unit": unit}),

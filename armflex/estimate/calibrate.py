@@ -23,7 +23,7 @@ from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, wrong_sigma
 from armflex.estimate.misreadings import USUAL_PRIOR
-from armflex.estimate.outliers import DOUBTED, Outlier, outliers_of
+from armflex.estimate.outliers import DOUBTED, Outlier, fit_without_lost, outliers_of
 from armflex.estimate.placement import FEWEST_ROWS, check_enough, first_guess
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.posterior import certainty_of
@@ -326,9 +326,9 @@ def _fit(
     used: np.ndarray,
     rounds: int,
     progress: Progress | None,
-    begun: Fit | None = None,
+    begun: Fit,
 ) -> Fit:
-    """Return a fit to readings that scatter as they are weighed.
+    """Return a fit to readings that scatter as they are weighed, `begun` with the instrument placed.
 
     Of many rows `FEWEST_ROWS` for each parameter lead almost to where all do, in a fraction of the time.
     """
@@ -338,18 +338,19 @@ def _fit(
         with contextlib.suppress(ArmflexError):  # they may be too few
             first = _fit(declared, blocks, weighed, some, rounds, progress, begun)
             start, weighed = first.values, replace(weighed, factors=first.factors)
-    elif begun is not None:
+    else:
         known = dict(zip(begun.parameters, begun.values.tolist(), strict=True))
         known = {one: value for one, value in known.items() if one.group.kind is ParameterKind.SENSOR}
         start = np.array([known.get(one, 0.0) for one in parameters_of(blocks)])
-    found = fit(declared, blocks, weighed.measurements, used, start, progress)
+    near = begun.view.some(np.flatnonzero(np.isin(begun.view.rows, used)))
+    found = fit_without_lost(declared, blocks, weighed.measurements, start, near, progress)
     for _ in range(rounds):
         better = weighed.again(found)
         sized = [block.resized(found.places(block), found.values, found.posterior) for block in blocks]
         if better.close_to(weighed) and sized == list(blocks):
             break
         weighed, blocks = better, sized
-        found = fit(declared, blocks, better.measurements, used, found.values, progress)
+        found = fit_without_lost(declared, blocks, better.measurements, found.values, found.view, progress)
     return replace(found, factors=weighed.factors)
 
 
@@ -403,9 +404,8 @@ def _placed(arm: Arm, measurements: Measurements, used: np.ndarray, keep: bool =
     view = look(declared, measurements, used, line=line)
     if frame:
         begun = sensor_start(view)
-        return declared, fit(
-            declared, frame, measurements, used, np.array([begun.get(one, 0.0) for one in parameters_of(frame)])
-        )
+        start = np.array([begun.get(one, 0.0) for one in parameters_of(frame)])
+        return declared, fit_without_lost(declared, frame, measurements, start, view)
     return declared, Fit(declared, (), np.zeros(0), view)
 
 

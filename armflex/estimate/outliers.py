@@ -2,22 +2,27 @@
 
 What moves the arm moves it for a while, or whenever it is in a pose: such readings are far off in company, and may be
 an effect. One that stands alone is a lost beam, and is left out: it, not its row, in which others may have read well.
+So are two that stand in each other's place, whatever is beside them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
+from armflex.arm import Setup
 from armflex.conventions import Array
-from armflex.errors import Place
+from armflex.errors import ConvergenceError, Place
+from armflex.estimate.block import Block
+from armflex.estimate.fit import ROUGH, THOROUGH, Fit, fit
 from armflex.estimate.robust import instrument_weights, outlier_limit
-from armflex.estimate.view import View
+from armflex.estimate.view import View, look
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ABSURD
+from armflex.progress import Progress
 
 DOUBTED = 0.5
 """Confidence: robust weight below which a reading says nothing about a model, and speaks for its neighbours: they are
@@ -58,7 +63,11 @@ def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: 
         heed: Whether what is far off in company stays, as long as some effect may still explain it.
     """
     weights = instrument_weights(view)
-    far, lost = weights < DOUBTED, weights * ABSURD < 1.0
+    far, lost, paired = weights < DOUBTED, weights * ABSURD < 1.0, np.zeros(weights.shape, dtype=bool)
+    if lost.any():
+        paired[tuple(np.transpose([*exchanged(view, far)]).reshape(2, -1).astype(int))] = True
+        paired &= lost
+        far, lost = far & ~paired, lost & ~paired
     if heed:
         count, row, session = len(far), np.arange(len(far)), np.unique(sessions, return_inverse=True)[1]
         beside = np.zeros(far.shape, dtype=int)  # neighbours in time, in the same session, that are far off
@@ -69,7 +78,67 @@ def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: 
         others = (np.bincount(poses)[poses] - 1)[:, None]
         alike = np.array([np.bincount(poses, one)[poses] for one in far.T.astype(float)]).T - far
         lost &= (beside < FELLOWS) & ((alike < FELLOWS) | (2 * alike < others))
-    return lost & (lost.mean(axis=0) <= MOST_LOST)
+    return paired | (lost & (lost.mean(axis=0) <= MOST_LOST))
+
+
+def lost_among(view: View, measurements: Measurements, heed: bool = True) -> np.ndarray:
+    """Return (M, G) which readings of a campaign's rows in a view are lost beams; see `lost_readings`."""
+    sessions = [measurements.session[row] for row in view.rows]
+    return lost_readings(view, sessions, measurements.pose_number[view.rows], heed)
+
+
+def without_lost(measurements: Measurements, rows: np.ndarray, lost: np.ndarray) -> tuple[Measurements, np.ndarray]:
+    """Return a campaign in which (M, G) lost readings of (M,) rows were not made, and (M,) which rows hold others."""
+    kept = np.ones((len(measurements), measurements.readings.size), bool)
+    for own, place in zip(lost.T, measurements.readings.groups, strict=True):
+        kept[rows[own], place] = False
+    left = measurements if kept.all() else replace(measurements, readings=measurements.readings.where(kept))
+    return left, np.isfinite(left.readings.sigma[rows]).any(axis=1)
+
+
+SETTLING = 8
+"""Tolerance: times that it is asked anew which readings are lost; in the second half none comes back."""
+
+
+def fit_without_lost(
+    declared: Setup,
+    blocks: Sequence[Block],
+    measurements: Measurements,
+    start: Array | None,
+    near: View,
+    progress: Progress | None = None,
+) -> Fit:
+    """Return a fit in which lost beams and exchanged readings have no part; its view has them, as all others.
+
+    They are found before the rest is asked to settle. However little a reading a metre off counts, it pulls as hard as
+    one at the limit does, and where that pull turns with every step none is right for long.
+
+    Args:
+        declared, blocks, measurements, start, progress: See `fit`.
+        near: The rows to use, where it is first asked which readings are lost.
+
+    Raises:
+        As `fit`.
+    """
+    used, lost = near.rows, lost_among(near, measurements)
+    effort, failed, found = ROUGH if lost.any() else THOROUGH, None, None
+    for number in range(SETTLING):
+        rest, kept = without_lost(measurements, used, lost)
+        try:
+            found, failed = fit(declared, blocks, rest, used[kept], start, progress, effort), None
+        except ConvergenceError as error:
+            found, failed = fit(declared, blocks, rest, used[kept], start, progress, ROUGH), error
+        if lost.any():
+            found = replace(found, view=look(found.setup, measurements, used))
+        again = lost_among(found.view, measurements)
+        again |= lost & (2 * number >= SETTLING)
+        if np.array_equal(again, lost) and effort is THOROUGH:
+            break
+        lost, start, effort = again, found.values, THOROUGH
+    if failed is not None:
+        raise failed
+    assert found is not None
+    return found
 
 
 def exchanged(view: View, far: np.ndarray) -> dict[tuple[int, int], tuple[int, int]]:

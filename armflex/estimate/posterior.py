@@ -131,6 +131,41 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
     return covariance, (*flags, *_lacking(arm.certainty))
 
 
+def placing_variance(arm: Arm, rows: Rows, some: np.ndarray, along: Array) -> float:
+    """Return the variance of the mean of displacements [m^2] that is due to where base and target stand.
+
+    A displacement is from where a rigid arm has the target to where it was read. The frame of an instrument that was
+    fitted has the errors of all that turns or shifts the whole arm in it, as the zero of a vertical first joint: they
+    are exchangeable. Infinite where nothing determines where they stand.
+
+    Args:
+        arm: The arm; uncalibrated, its [prior] says how well its target is known.
+        rows: All rows in the order driven.
+        some: (M,) numbers of those that the mean is over.
+        along: (M, 3) direction that displacements are counted along, in axes of the instrument, per length read.
+    """
+    view = look(Setup(arm, arm.instrument or Instrument()), rows, some)
+    known, variance = arm.certainty, 0.0
+
+    def mean(columns: Array) -> Array:
+        """Return the (k,) change of the mean per unit of (M, d, k) columns."""
+        return np.einsum("nd,ndk->k", along, columns[:, view.foremost]) / len(some)
+
+    if known is None:
+        return float(((mean(view.by_target) * arm.prior.tool) ** 2).sum())
+    jacobian = _jacobian(known, view)
+    if jacobian is not None:
+        seen = np.array([not parameter.group.moves for parameter in known.parameters])
+        by = mean(np.where(seen, jacobian, 0.0))
+        if known.leaves_open(by[None]).any():
+            return np.inf
+        variance = float(by @ known.covariance @ by)
+    sessions, prior = view.setup.instrument.sessions, arm.prior
+    new = np.array([bool(sessions) and name not in sessions for name in view.sessions])
+    std = np.repeat([prior.session_translation, prior.session_rotation], 3)
+    return variance + float(((mean(view.by_session * new[:, None, None]) * std) ** 2).sum())
+
+
 def _open(certainty: Certainty) -> Flag:
     """Return the flag about parameters that nothing determines."""
     names = listing(certainty.undetermined)

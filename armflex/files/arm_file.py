@@ -200,7 +200,8 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         raise tables[taken[0]].fail("joint", f"[link.{taken[0]}] is a flexure of this name: choose another one")
     if taken := [flexure.name for flexure in tied if flexure.name in tables]:
         raise tables[taken[0]].fail("joint", f"{taken[0]!r} is a loop or a cylinder, which says itself how it gives")
-    flexures = (*bent, *(_read_flexure(name, table, robot) for name, table in tables.items()), *tied)
+    flexures = _along(robot, bent, [_read_flexure(name, table, robot) for name, table in tables.items()])
+    flexures = (*flexures, *tied)
     springs = tuple(read_spring(name, table, robot) for name, table in root.subs("spring").items())
     table = root.part("measurement")
     frame = table.choice("frame", ("base", "unknown"), "unknown")
@@ -238,6 +239,16 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     table = root.sub("calibration")
     arm = with_certainty(table, _with_effects(read_calibration(table, arm), effects))
     return replace(arm, flags=(*arm.flags, *doubts(table, arm)))
+
+
+def _along(robot: Robot, bent: Sequence[Flexure], declared: Sequence[Flexure]) -> list[Flexure]:
+    """Return flexures as they were declared, and those of links that bend ahead of the first that is farther out."""
+    order, found = [joint.name for joint in robot.places], list(declared)
+    for link in bent:
+        own = order.index(link.joint or order[0])
+        beyond = (i for i, one in enumerate(found) if one.joint and order.index(one.joint) >= own and one not in bent)
+        found.insert(next(beyond, len(found)), link)
+    return found
 
 
 def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:

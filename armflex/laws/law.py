@@ -27,6 +27,9 @@ LEAST = 0.1
 ROUNDING = 1e-9
 """Part of a load [Nm per N] below which a moment is none."""
 
+ONE_NUMBER = 1e-4
+"""Tolerance: relative error of the entries of a compliance of rank one, as people write them."""
+
 Ranges = Mapping[str, tuple[float, float]]
 """Moving joints of a chain: lowest and highest position [rad or m]."""
 
@@ -222,9 +225,11 @@ class Law(ABC):
     def freed(self, row: Row) -> tuple[int, ...]:
         """Return the axes whose compliance [prior] frees: of a law as declared, where it gives, of a trained one none.
 
-        `row` is anywhere within the joints' travel.
+        A hinge that is drawn obliquely gives about several axes by one number: it has the factor of one of them, see
+        `sole_axis`. `row` is anywhere within the joints' travel.
         """
-        return () if self.trained else self.gives(row)
+        axis = sole_axis(self.constant)
+        return () if self.trained else self.gives(row) if axis is None else (axis,)
 
     def scaled(self, factor: Array) -> Law | None:
         """Return S f(S w), S of (6,) dimensionless factors, where that is a law of its kind; see `joint.carried`."""
@@ -256,6 +261,25 @@ class Law(ABC):
     def flags(self, wrench: Array, row: Row) -> tuple[Flag, ...]:
         """Return what is doubtful about the answer to a (6,) wrench [N, Nm]: loads beyond those trained on."""
         return () if self.trained_on is None else beyond(self.trained_on, wrench)
+
+
+def sole_axis(compliance: Array | None) -> int | None:
+    """Return the axis (0 to 5) that names the one number of a (6, 6) compliance of rank one, None of any other.
+
+    Such is a hinge or a slide however its link's frame is turned: it gives along one direction of motion alone. The
+    axis is the first that gives most, of turning ones where any turns.
+    """
+    if compliance is None:
+        return None
+    diagonal = np.diag(compliance)
+    turning = diagonal[3:].any()
+    sizes = np.where(np.arange(6) >= 3, diagonal, 0.0) if turning else diagonal
+    if sizes.max() <= 0.0:
+        return None
+    axis = int(np.argmax(sizes >= (1.0 - ONE_NUMBER) * sizes.max()))
+    rest = compliance - np.outer(compliance[:, axis], compliance[axis]) / compliance[axis, axis]
+    scale = np.sqrt(np.outer(diagonal, diagonal).clip(0.0))
+    return axis if (np.abs(rest) <= ONE_NUMBER * scale).all() else None
 
 
 class Compliance(Law):

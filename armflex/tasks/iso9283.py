@@ -7,8 +7,9 @@ barycentres of one pose approached from different directions, drift dAP and dRP 
 first block of cycles to a later one. Rotations are taken component by component of their rotation vectors from the
 commanded orientation, in base axes, which for small angles are the standard's a, b and c.
 
-Uncertainties follow JCGM 100: that of AP from the scatter of the barycentre along the deviation, that of RP by the
-jackknife, because it is no mean. What the instrument has in them is separated by its stated noise.
+Uncertainties follow JCGM 100: that of AP from the scatter of the barycentre along the deviation and from how well it
+is known where the base and the target stand before the instrument, that of RP by the jackknife, because it is no mean.
+What the instrument has in them is separated by its stated noise. AP is not stated where nothing says where they stand.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import InputError, listing
 from armflex.estimate.placement import placed_rigidly
+from armflex.estimate.posterior import placing_variance
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.repeats import REPEATED, repeats
 from armflex.measured.table import Tabular
@@ -51,11 +53,13 @@ class Characteristic:
         std: Its standard uncertainty, the instrument's noise included; None where there are too few cycles.
         instrument: Of `std`, for an accuracy, what the stated noise of the instrument makes; for a repeatability what
             the instrument would show of a robot that repeats without error.
+        placing: Of `std`, for an accuracy, what is not known of where base and target stand makes; None of others.
     """
 
     value: float
     std: float | None
     instrument: float | None
+    placing: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +72,8 @@ class AttainedPose:
         rows: Numbers of the campaign's rows.
         commanded: (3,) where the controller believes the target [m], base axes: rigid, without payload.
         attained: (n, 3) where it was [m], base axes.
-        offset: (3,) barycentre less commanded position [m]: AP_x, AP_y, AP_z.
-        accuracy: AP_P [m].
+        offset: (3,) barycentre less commanded position [m]: AP_x, AP_y, AP_z; None where it is not stated.
+        accuracy: AP_P [m]; None where nothing says where base and target stand, so that it is that of a frame as well.
         repeatability: RP_l [m].
         rotation: (3,) mean of the rotation vectors from commanded to attained orientation [rad]: AP_a, AP_b, AP_c;
             None where orientations were not read.
@@ -86,8 +90,8 @@ class AttainedPose:
     rows: np.ndarray
     commanded: Array
     attained: Array
-    offset: Array
-    accuracy: Characteristic
+    offset: Array | None
+    accuracy: Characteristic | None
     repeatability: Characteristic
     rotation: Array | None
     rotation_repeatability: Array | None
@@ -155,7 +159,7 @@ class PosePerformance(Result):
         return [
             {
                 **{name: getattr(one, name) for name in ("pose", "payload", "session", "cycles", "excluded")},
-                **{"AP": one.accuracy.value, "AP_std": one.accuracy.std},
+                **{"AP": one.accuracy and one.accuracy.value, "AP_std": one.accuracy and one.accuracy.std},
                 **{"RP": one.repeatability.value, "RP_std": one.repeatability.std},
             }
             for one in self.poses
@@ -221,8 +225,8 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
 
     The commanded pose is where the controller believes the tip: the arm's rigid kinematics as declared, without what
     was fitted. Readings are brought into the base by the arm's instrument where it is known (calibrated, or
-    `frame = "base"`), else by the best rigid fit to commanded positions, which takes from AP what a frame can and is
-    remarked on. All readings count, outliers as well.
+    `frame = "base"`), else by the best rigid fit to commanded positions: AP is then not stated. All readings count,
+    outliers as well.
 
     Args:
         arm: The arm, calibrated or not.
@@ -273,6 +277,12 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
         at = np.array([number[int(row)] for row in own])
         target, points, first = commanded[at[0]], attained[at], int(own[0])
         angles = None if turned is None or np.isnan(turned[at]).any() else turned[at]
+        offset, accuracy = points.mean(axis=0) - target, None if placed else pose_accuracy(target, points, sigma[at])
+        if accuracy is not None and accuracy.value > 0.0:
+            along = np.einsum("nij,j->ni", axes[at], offset / accuracy.value) / (1.0 + instrument.scale)
+            placing = float(np.sqrt(placing_variance(arm, measurements, own, along)))
+            std = None if accuracy.std is None else float(np.hypot(accuracy.std, placing))
+            accuracy = replace(accuracy, std=std, placing=placing) if np.isfinite(placing) else None
         return AttainedPose(
             measurements.pose[first],
             measurements.payload[first],
@@ -281,8 +291,8 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
             own,
             target,
             points,
-            points.mean(axis=0) - target,
-            pose_accuracy(target, points, sigma[at]),
+            None if accuracy is None else offset,
+            accuracy,
             pose_repeatability(points, sigma[at]),
             None if angles is None else angles.mean(axis=0),
             None if angles is None else 3.0 * angles.std(axis=0, ddof=1),
@@ -349,8 +359,19 @@ def _remarks(
     """Yield what the standard asks for and these cycles do not give."""
     if placed:
         yield (
-            "The instrument's place is not known: it was fitted to these poses, which takes from AP what a frame can. "
-            "Calibrate the arm first, or measure in its base frame."
+            "The instrument's place is not known, so AP is not stated: a frame fitted to these poses would have part "
+            "of it. Measure in the base frame, found by marks on the base."
+        )
+    elif any(one.accuracy is None for one in poses):
+        yield (
+            "Neither a campaign nor a prior determines where base and target stand before the instrument: AP is not "
+            "stated where it depends on that."
+        )
+    elif most := max(one.accuracy.placing or 0.0 for one in poses if one.accuracy is not None):
+        yield (
+            f"AP rests on where base and target stand before the instrument, which is up to {1e3 * most:.3g} mm of its "
+            "standard uncertainty. A frame that was fitted with the arm is exchangeable with the zero of a vertical "
+            "first joint and with all that shifts the whole arm: marks on the base and a measured target determine it."
         )
     cycles, places = [one.cycles for one in poses], {one.pose for one in poses}
     if min(cycles) < CYCLES:

@@ -22,7 +22,6 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, naming
 from armflex.measured.table import Tabular
 from armflex.mechanics.modes import Modes, modes_of
-from armflex.parallel import in_pieces
 from armflex.result import Result
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Trajectory, as_trajectory
@@ -38,6 +37,12 @@ FINE = 24
 
 MOST_SAMPLES = 200_000
 """Of a decay: what would take more is of a damping that no arm has."""
+
+SAMPLES = 1024
+"""Of a decay that are looked at together."""
+
+SLIGHT = 1e-6
+"""Share of all modes' envelopes below which a mode does not move the tip."""
 
 EXCITED = 0.1
 """Share of the tolerance from which on a mode counts as excited."""
@@ -213,14 +218,11 @@ def _swung(modes: Modes, size: Array, speed: Array, times: Array) -> tuple[Array
 
 def _settling(arm: Arm, name: str, time: float, modes: Modes, size: Array, speed: Array, within: float) -> Settling:
     """Return the swing of a tip whose modes have (m,) sizes and speeds when the drives stop."""
-    natural, reach = 2.0 * np.pi * modes.frequencies, envelope(modes, size, speed)
+    reach = envelope(modes, size, speed)
     excited = reach > EXCITED * within
+    last, peak = _swing(arm, modes, size, speed, within)
     if not excited.any():
-        return Settling(name, time, 0.0, _largest(modes, size, speed, _period(modes))[1], None, None)
-    # Longer than until all envelopes together are within the tolerance nothing can be outside.
-    rates = natural * modes.damping_ratios
-    end = max(float(np.log(max(reach.sum() / within, 1.0)) / rates[excited].min()), _period(modes))
-    last, peak = _largest(modes, size, speed, end, within)
+        return Settling(name, time, 0.0, peak, None, None)
     slowest = int(np.flatnonzero(excited)[0])
     flexure = arm.flexure_names[int(modes.sensitivities[slowest].argmax())]
     return Settling(name, time, last, peak, float(modes.frequencies[slowest]), flexure)
@@ -232,19 +234,26 @@ def envelope(modes: Modes, size: Array, speed: Array) -> Array:
     return shifts * np.hypot(size, (speed + natural * modes.damping_ratios * size) / natural)
 
 
-def _period(modes: Modes) -> float:
-    return 1.0 / float(modes.frequencies[0])
+def _swing(arm: Arm, modes: Modes, size: Array, speed: Array, within: float) -> tuple[float, float]:
+    """Return the time after which the tip stays within a distance [s], and the largest distance [m] that it has.
 
-
-def _largest(modes: Modes, size: Array, speed: Array, end: float, within: float = np.inf) -> tuple[float, float]:
-    """Return the time after which the tip stays within a distance [s], and the largest distance [m] before an end."""
-    step = 1.0 / (FINE * float(modes.frequencies[-1]))
-    if end / step > MOST_SAMPLES:
-        raise InputError(f"the swing lasts {end:.3g} s: state [robot] damping_ratio, or a wider tolerance")
-    last, peak = 0.0, 0.0
-    for times in in_pieces(np.arange(0.0, end + step, step), 4096):
+    It is followed until all envelopes together are within that distance and within the largest that was met: modes of
+    nearly one frequency are farthest off together long after the drives stop.
+    """
+    reach, rates = envelope(modes, size, speed), 2.0 * np.pi * modes.frequencies * modes.damping_ratios
+    moving = reach > SLIGHT * reach.sum()
+    if not moving.any():
+        return 0.0, 0.0
+    step, period = 1.0 / (FINE * float(modes.frequencies[moving][-1])), 1.0 / float(modes.frequencies[0])
+    last, peak, begun = 0.0, 0.0, 0
+    while begun * step < period or reach @ np.exp(-rates * begun * step) > min(within, peak):
+        if begun > MOST_SAMPLES:
+            longer = "a wider tolerance" if arm.damping_ratio else "[robot] damping_ratio, or a wider tolerance"
+            text = f"the swing lasts longer than {begun * step:.3g} s with a damping ratio of"
+            raise InputError(f"{text} {float(modes.damping_ratios[0]):.3g}: state {longer}")
+        times = step * np.arange(begun, begun + SAMPLES)
         away = np.linalg.norm(_swung(modes, size, speed, times)[0] @ modes.shapes[:, :3], axis=1)
         outside = np.flatnonzero(away > within)
         last = float(times[outside[-1]]) + step if len(outside) else last
-        peak = max(peak, float(away.max()))
+        peak, begun = max(peak, float(away.max())), begun + SAMPLES
     return last, peak

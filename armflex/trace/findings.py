@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtrc, ndtr
 
-from armflex.arm import Arm, Setup
+from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.errors import FEW, Flag, listing
 from armflex.estimate.calibrate import Calibration, far_from_declared
@@ -381,22 +381,13 @@ class Trace(Result):
 
     @cached_property
     def unjudged(self) -> np.ndarray:
-        """(U,) rows in which nothing says what an effect depends on: not in the fit, but in the RMS over all rows.
-
-        There the effect is predicted halfway, as the search takes it.
-        """
+        """(U,) rows in which nothing says what an effect depends on: neither in the fit nor in any error."""
         state = self.state
         return state.asked[state.undirected & ~lost_of(state, heed=False)[1]]
 
-    def _rms(self, view: View, errors: Array, others: Setup) -> float:
-        """Return the RMS of (M, d) errors [m] of the fitted rows, and of what is left of the others at a setup."""
-        judged = view.readings.where(self.state.judged)
-        squares, count = judged.row_squares(errors).sum(), np.count_nonzero(judged.foremost_count)
-        if len(self.unjudged):
-            rest = look(others, self.state.measurements, self.unjudged)
-            squares += rest.readings.row_squares(rest.residual).sum()
-            count += np.count_nonzero(rest.readings.foremost_count)
-        return float(np.sqrt(squares / max(count, 1)))
+    def _rms(self, view: View, errors: Array) -> float:
+        """Return the RMS of (M, d) errors [m] of the fitted rows."""
+        return foremost_rms(view.readings.where(self.state.judged), errors)
 
     @cached_property
     def campaigns(self) -> tuple[OfCampaign, ...]:
@@ -408,22 +399,22 @@ class Trace(Result):
         """RMS of the 3-D position error with only the instrument's frame fitted [m]."""
         placed = self.calibration.placed
         view = placed.some(np.flatnonzero(np.isin(placed.rows, self.state.rows)))
-        return self._rms(view, view.residual, placed.setup)
+        return self._rms(view, view.residual)
 
     @property
     def calibrated_rms(self) -> float:
         """The same after calibration [m]."""
-        return self._rms(self.before.view, self.before.view.residual, self.before.setup)
+        return self._rms(self.before.view, self.before.view.residual)
 
     @property
     def rms(self) -> float:
         """The same with everything that can be predicted [m]."""
-        return self._rms(self.state.fit.view, self.state.residual, self.state.fit.setup)
+        return self._rms(self.state.fit.view, self.state.residual)
 
     @property
     def noise_rms(self) -> float:
         """What the stated standard deviations alone would give [m]."""
-        return foremost_rms(self.state.fit.view.readings.where(self.state.judged), self.state.fit.view.sigma)
+        return self._rms(self.state.fit.view, self.state.fit.view.sigma)
 
     @cached_property
     def outliers(self) -> tuple[Outlier, ...]:
@@ -508,7 +499,7 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
         path: The arm.toml to write; files named in it are named relative to its folder.
     """
     fit = trace.state.fit
-    campaign = Campaign(trace.state.measurements.sha256, len(trace.rows) + len(trace.unjudged), trace.rms)
+    campaign = Campaign(trace.state.measurements.sha256, len(trace.rows), trace.rms)
     effects = [
         effect_table(effect, {name: one for name, one in trace.state.std_of(block).items() if np.isfinite(one)})
         for block, effect in zip(trace.state.effects, trace.state.fitted, strict=True)

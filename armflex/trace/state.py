@@ -15,7 +15,7 @@ from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.calibrate import Calibration
 from armflex.estimate.fit import ROUGH, THOROUGH, Effort, Fit, fit
 from armflex.estimate.held_out import judged_by
-from armflex.estimate.outliers import lost_readings
+from armflex.estimate.outliers import fit_without_lost, lost_among, without_lost
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.view import gravity_in, look
 from armflex.laws.effects.context import Context, survey
@@ -195,7 +195,8 @@ def of_poses(state: State, count: int) -> State | None:
     if len(every := np.unique(pose)) < 2 * count:
         return None
     rows = state.asked[np.isin(pose, np.random.default_rng(0).choice(every, count, replace=False))]
-    some = fit(found.declared, found.blocks, calibration.measurements, rows, found.values)
+    near = found.view.some(np.flatnonzero(np.isin(found.view.rows, rows)))
+    some = fit_without_lost(found.declared, found.blocks, calibration.measurements, found.values, near)
     return begin(replace(calibration, fit=some), state.reporter)
 
 
@@ -221,10 +222,7 @@ def sorted_out(state: State, effort: Effort = ROUGH) -> State:
     if np.array_equal(state.asked[used], state.rows) and np.array_equal(lost[used], state.lost[used]):
         return state
     lost &= used[:, None]
-    kept = np.ones((len(whole), whole.readings.size), bool)
-    for own, place in zip(lost.T, whole.readings.groups, strict=True):
-        kept[state.asked[own], place] = False
-    left = whole if kept.all() else replace(whole, readings=whole.readings.where(kept))
+    left, _ = without_lost(whole, state.asked, lost)
     changed = replace(state, rows=state.asked[used], measurements=left, lost=lost)
     return refit(changed, state.effects, state.random, state.fit.values, effort)
 
@@ -237,7 +235,7 @@ def lost_of(state: State, heed: bool) -> tuple[np.ndarray, np.ndarray]:
     asked, whole = state.asked, state.calibration.measurements
     same = np.array_equal(asked, state.rows) and state.measurements is whole
     view = state.fit.view if same else look(state.fit.setup, whole, asked)
-    lost = lost_readings(view, [whole.session[row] for row in asked], whole.pose_number[asked], heed)
+    lost = lost_among(view, whole, heed)
     read = [np.isfinite(whole.readings.sigma[asked][:, place]).any(axis=1) for place in whole.readings.groups]
     return lost, np.all(lost | ~np.array(read).T, axis=1)
 

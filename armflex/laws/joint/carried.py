@@ -2,7 +2,8 @@
 
 `T exp6(twist) T^-1 = exp6(Ad_T twist)`, so the transport of the twist is exact, and the wrench follows by duality.
 Any law made softer or stiffer along its axes, as [prior] compliance frees it, is one, too: f(w) becomes S f(S w), and a
-compliance C becomes S C S. S = exp(v / 2), v the logarithm of a factor on each axis' own compliance.
+compliance C becomes S C S. S = exp(v / 2), v the logarithm of a factor on each axis' own compliance; of what gives by
+one number (`sole_axis`) it is the same on every axis, so that a hinge keeps its direction.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, Transform, block_norms
+from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, Transform, block_norms, sole_axis
 from armflex.laws.terms import Terms
 
 
@@ -110,7 +111,7 @@ class ScaledLaw(Carried):
 
     @cached_property
     def action(self) -> Array:
-        return np.diag(np.exp(0.5 * self.logarithms))
+        return np.diag(_one_factor(self.law, np.exp(0.5 * self.logarithms)))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -133,11 +134,19 @@ class ScaledLaw(Carried):
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return half of E f + J E w for every axis, f being the scaled law and J its tangent."""
         twist, tangent = self.twist(wrench, row), self.tangent(wrench, row)
+        if sole_axis(self.law.constant) is not None:
+            return twist[..., None]
         change = 0.5 * (np.eye(6) * twist[..., None, :] + tangent * wrench[..., None, :])
         return change[..., list(self.axes)]
 
 
 def scaled(law: Law, factor: Array) -> Law:
     """Return S f(S w), S = diag of (6,) factors, as a law of the same kind where there is one."""
-    known = law.scaled(factor)
+    known = law.scaled(_one_factor(law, factor))
     return ScaledLaw(law, 2.0 * np.log(factor)) if known is None else known
+
+
+def _one_factor(law: Law, factor: Array) -> Array:
+    """Return (6,) factors on a law's axes: the same on all of what gives by one number."""
+    axis = sole_axis(law.constant)
+    return factor if axis is None else np.full(6, factor[axis])

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.declaration import Declaration
 from armflex.errors import Flag, LawError, did_you_mean
+from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.log_compliance import LOOSE, LogCompliance
-from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, check_ordered, embed
+from armflex.laws.law import Law, Parameter, Ranges, Row, block_diagonal, check_ordered, embed, sole_axis
 from armflex.storage.schema import Numbers
 
 SYMMETRY = 1e-9
@@ -25,7 +27,7 @@ SOFTEST = (1e-5, 1e-3)
 EXAMPLE = """
 model = "linear"
 compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6]  # of dx dy dz [m/N], rx ry rz [rad/Nm]; or 6 x 6; or `stiffness`
-relative_std = 0.05  # of every entry; optional
+relative_std = 0.05  # of every entry, of a single hinge as a whole; optional
 """
 
 FIRMEST = 1e-3
@@ -66,10 +68,12 @@ class LinearFit:
 class LinearLaw(Law):
     """Constant compliance. Its parameters are the 21 entries of a declared one, the k rows of k of a fitted one.
 
+    A declared one that gives along one direction alone, as a drive does, has one, however its link's frame is drawn.
+
     Attributes:
         compliance: (6, 6) [m/N, rad/Nm and mixed].
-        relative_std: Relative standard uncertainty of every entry, independent of the others but that the compliance
-            stays symmetric; 0 for none.
+        relative_std: Relative standard uncertainty of every parameter; 0 for none. Entries are independent but that
+            the compliance stays symmetric.
         fit: Uncertainty of a compliance fitted to data, None for a declared one.
     """
 
@@ -80,6 +84,10 @@ class LinearLaw(Law):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """An entry each."""
+        if self._sole is not None:
+            size = self.relative_std * float(self.compliance[self._sole, self._sole])
+            named = f"{TWIST_NAMES[self._sole]}:{WRENCH_NAMES[self._sole]}"
+            return (Parameter(named, _unit(self._sole, self._sole), size),)
         if self.fit is None:
             return entries(self.compliance, self.relative_std)
         size, stds = len(self.fit.residual_std), np.sqrt(self.fit.row_covariance.diagonal(axis1=1, axis2=2))
@@ -89,12 +97,21 @@ class LinearLaw(Law):
     @property
     def values(self) -> Array:
         """Entries [m/N, rad/Nm and mixed]."""
+        if self._sole is not None:
+            return self.compliance[self._sole, self._sole, None]
         if self.fit is None:
             return self.compliance[np.triu_indices(6)]
         size = len(self.fit.residual_std)
         return self.compliance[:size, :size].ravel()
 
+    @cached_property
+    def _sole(self) -> int | None:
+        """The axis of a declared compliance that is one number."""
+        return None if self.fit is not None else sole_axis(self.compliance)
+
     def at(self, values: Array) -> LinearLaw:
+        if self._sole is not None:
+            return replace(self, compliance=self.compliance * (values[0] / self.values[0]))
         if self.fit is None:
             return replace(self, compliance=self.compliance + np.tensordot(values - self.values, SYMMETRIC, axes=1))
         size, compliance = len(self.fit.residual_std), self.compliance.copy()
@@ -116,6 +133,8 @@ class LinearLaw(Law):
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the load that each entry multiplies, at the axis that it moves."""
+        if self._sole is not None:
+            return self.twist(wrench, row)[..., None] / self.values
         if self.fit is None:
             return np.swapaxes((SYMMETRIC @ wrench[..., None, :, None])[..., 0], -1, -2)
         size = len(self.fit.residual_std)
@@ -141,7 +160,7 @@ class LinearLaw(Law):
 
     def freed(self, row: Row) -> tuple[int, ...]:
         """Return the axes that give, of a fitted compliance, too: it is one all the same."""
-        return self.gives(row)
+        return self.gives(row) if self._sole is None else (self._sole,)
 
     def learned(self, travel: Ranges) -> Law | None:
         """Return the compliance by factors and couplings about this one, as uncertain as declared or fitted."""
@@ -151,6 +170,8 @@ class LinearLaw(Law):
         if self.fit is not None:
             known = np.sqrt([self.fit.row_covariance[axis, axis, axis] for axis in axes])
             std = tuple(np.clip(known / np.diag(self.compliance)[list(axes)], FIRMEST, LOOSE).tolist())
+        elif self._sole is not None and len(axes) > 1:
+            return ScaledLaw(self.certain(), np.zeros(6), (self._sole,), self.relative_std or LOOSE)
         return LogCompliance(self, axes, std, np.zeros(len(axes) * (len(axes) + 1) // 2))
 
     def scaled(self, factor: Array) -> LinearLaw:

@@ -26,7 +26,7 @@ from armflex.laws.joint.beam import Beam, MeshedBeam, Section, stiffness
 from armflex.laws.joint.carried import ScaledLaw
 from armflex.laws.joint.linear import LinearFit, LinearLaw, check_compliance
 from armflex.laws.joint.log_compliance import LOOSE
-from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, SteppedLaw, check_ordered, unturned
+from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, SteppedLaw, check_ordered, sole_axis, unturned
 from armflex.storage.schema import Numbers
 
 EXAMPLE = """
@@ -210,7 +210,8 @@ class StructuralLaw(Composed):
             return None
         laws = []
         for sub, own, (_, held) in zip(self.subjoints, self._constants, self.held, strict=True):
-            axes = tuple(int(axis) for axis in held if own[axis, axis] > 0.0)
+            axes, sole = tuple(int(axis) for axis in held if own[axis, axis] > 0.0), sole_axis(own)
+            axes = axes if sole is None or not axes else (sole,)
             laws.append(ScaledLaw(sub.law, np.zeros(6), axes, sub.law.relative_std or LOOSE))
         return self.with_laws(laws)
 

@@ -18,11 +18,11 @@ MOST_BARS = 40
 def account(found: PosePerformance) -> SimpleNamespace:
     """Return what the template shows."""
     arm, measurements, poses, (head, rows) = found.arm, found.measurements, found.poses, table(found)
-    least = max(poses, key=lambda one: one.accuracy.value)
+    least = max(poses, key=lambda one: one.accuracy.value if one.accuracy else 0.0)
     loosest = max(poses, key=lambda one: one.repeatability.value)
     modelled = [one.predicted for one in poses if one.predicted is not None]
     cards = [
-        ("Pose accuracy AP", _said(least.accuracy), f"worst of {len(poses)}, {least.pose}"),
+        *([("Pose accuracy AP", _said(least.accuracy), f"worst of {len(poses)}, {least.pose}")] * bool(least.accuracy)),
         ("Pose repeatability RP", _said(loosest.repeatability), f"worst of {len(poses)}, {loosest.pose}"),
     ]
     if modelled:
@@ -32,13 +32,13 @@ def account(found: PosePerformance) -> SimpleNamespace:
         if several:
             worst = max(several, key=lambda one: one.accuracy)
             cards.append((name, millimetres(worst.accuracy), f"worst of {len(several)}, {worst.pose}"))
-    accuracy, repeated = (millimetres(one.value) for one in (least.accuracy, loosest.repeatability))
-    drawn = sorted(poses, key=lambda one: -one.accuracy.value)[:MOST_BARS]
+    accuracy, repeated = _said(least.accuracy), millimetres(loosest.repeatability.value)
+    drawn = sorted(poses, key=lambda one: -one.accuracy.value if one.accuracy else 0.0)[:MOST_BARS]
     more = f" The {MOST_BARS} least accurate of {len(poses)} are drawn." if len(poses) > MOST_BARS else ""
     return SimpleNamespace(
         title=f"{arm.robot.urdf.name}: pose characteristics after ISO 9283:1998",
         headline=f"Pose accuracy {accuracy}, pose repeatability {repeated}, each of the worst pose.",
-        lead=[text for text in (found.remarks[0] if "instrument" in found.remarks[0] else "", more.strip()) if text],
+        lead=[text for text in (found.remarks[0] if "AP" in found.remarks[0] else "", more.strip()) if text],
         cards=tuple(cards),
         head=head,
         poses=rows,
@@ -76,8 +76,8 @@ def table(found: PosePerformance) -> tuple[list[str], tuple[tuple[str, ...], ...
     return head + ["AP with model"] * modelled, tuple(_row(one, modelled) for one in found.poses)
 
 
-def _said(one: Characteristic) -> str:
-    return millimetres(one.value, one.std)
+def _said(one: Characteristic | None) -> str:
+    return "not stated" if one is None else millimetres(one.value, one.std)
 
 
 def _row(one: AttainedPose, modelled: bool) -> tuple[str, ...]:
@@ -89,7 +89,8 @@ def _row(one: AttainedPose, modelled: bool) -> tuple[str, ...]:
     cycles = f"{one.cycles} (+ {one.excluded} excluded)" if one.excluded else str(one.cycles)
     named = (one.pose + " *" * (one.direction is None), one.payload, one.session, cycles)
     about, again = (_said(figure).removesuffix(" mm") for figure in (one.accuracy, one.repeatability))
-    own, model = plain(one.accuracy.instrument, *one.offset.tolist()), plain(one.predicted) if modelled else ()
+    sizes = (None,) * 4 if one.accuracy is None or one.offset is None else (one.accuracy.instrument, *one.offset)
+    own, model = plain(*sizes), plain(one.predicted) if modelled else ()
     return (*named, about, *own, again, *plain(one.repeatability.instrument), *model)
 
 
@@ -98,7 +99,7 @@ def _bars(poses: list[AttainedPose]) -> str:
     figure, axes = canvas(10.0, 4.4, 2, 1, sharex=True)
     place = np.arange(len(poses))
     for panel, name, colour in zip(axes, ("accuracy", "repeatability"), (BEFORE, AFTER), strict=True):
-        values = [getattr(one, name) for one in poses]
+        values = [getattr(one, name) or Characteristic(0.0, None, None) for one in poses]
         panel.bar(place, [1e3 * one.value for one in values], width=0.7, color=colour)
         std = [1e3 * (one.std or 0.0) for one in values]
         panel.errorbar(place, [1e3 * one.value for one in values], std, fmt="none", ecolor=MUTED, linewidth=1.0)

@@ -19,6 +19,7 @@ import armflex
 from armflex.cli.main import armflex as program
 from armflex.show.report import render_report
 from armflex.tasks.iso9283 import instrument_repeatability, pose_accuracy, pose_repeatability
+from support.lost_campaign import write_arm, write_campaign
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 EXACT = {"rel": 1e-12, "abs": 1e-12}
@@ -170,8 +171,8 @@ def test_sessions_from_anywhere_show_the_same_repeatability(campaign: tuple[armf
     assert len(found.poses) == len(still.poses) == 20 and "instrument's place" in found.remarks[0]
     for one, other in zip(found.poses, still.poses, strict=True):
         assert one.repeatability.value == pytest.approx(other.repeatability.value, rel=1e-9)
-        # The frame has taken the shift that all share; what directions differ by it cannot.
-        assert one.accuracy.value < 0.5 * other.accuracy.value
+        assert one.accuracy is None and one.offset is None  # a frame fitted to them would have most of it
+        assert other.accuracy is not None and other.accuracy.placing == 0.0
     assert [one.accuracy for one in found.directions] == pytest.approx([one.accuracy for one in still.directions])
 
 
@@ -198,3 +199,24 @@ def test_without_repeats_or_a_standard_the_error_says_so(campaign: tuple[armflex
         armflex.iso9283(arm, armflex.read_measurements(once, arm))
     with pytest.raises(armflex.InputError, match=r"block = -1 s: expected a positive time"):
         armflex.iso9283(arm, armflex.read_measurements(path, arm), block=-1.0)
+
+
+def test_the_place_of_a_fitted_instrument_is_in_the_uncertainty_of_accuracy(tmp_path: Path) -> None:
+    """The zero of the upright first joint and the instrument's heading are one; RP knows nothing of either."""
+    arm = armflex.load_arm(write_arm(tmp_path))
+    path, wrong = write_campaign(tmp_path, 0)
+    campaign = armflex.read_measurements(path, arm)
+    calibrated = armflex.calibrate(arm, campaign).arm
+    rows = np.setdiff1d(np.arange(len(campaign)), sorted(wrong))[:6]
+    repeated = campaign.some(np.tile(rows, 3))
+    found = armflex.iso9283(calibrated, repeated)
+    assert "AP rests on" in found.remarks[0]
+    for one in found.poses:
+        reach = np.linalg.norm(one.commanded[:2])
+        assert one.accuracy is not None and one.accuracy.std is not None and one.accuracy.placing is not None
+        assert one.accuracy.std >= one.accuracy.placing and one.accuracy.placing < 4.0 * arm.prior.joint_offset * reach
+    most = max(one.accuracy.placing or 0.0 for one in found.poses if one.accuracy)
+    assert most > 0.5 * arm.prior.joint_offset * 0.5  # half a metre from the first axis, or more
+    open_ = replace(arm, prior=replace(arm.prior, tool=0.3), measurement=replace(arm.measurement, frame="base"))
+    for one in armflex.iso9283(open_, repeated).poses:
+        assert one.accuracy is not None and one.accuracy.placing == pytest.approx(0.3)
