@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -29,7 +29,8 @@ from armflex.errors import (
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
 from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
-from armflex.intake.picture_files import camera, joined_by_number
+from armflex.intake.names import is_resorted, paired_names
+from armflex.intake.picture_files import camera
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
@@ -237,10 +238,13 @@ def _named_alike(
     given = [cells for i in exports if (cells := _cells(sources[i], understood[i], "name")) is not None]
     if not given or any(one.kind == "name" and one.why != COUNTS for one in own):
         return own
-    labels = {str(one).split("::")[-1].strip() for cells in given for one in cells}
-    names = labels | {match[1] for label in labels if (match := TARGET.fullmatch(label))}
+    labels = [str(one).split("::")[-1].strip() for cells in given for one in cells]
+    labels = [*labels, *(match[1] for label in labels if (match := TARGET.fullmatch(label)))]
     for i, (one, cells) in enumerate(zip(own, source.columns, strict=True)):
-        if one.kind in ("covariate", "unused") and 2 * len(names & set(map(str, cells))) > len(cells):
+        pairing = None
+        if one.kind in ("covariate", "unused"):
+            pairing = paired_names(list(map(str, cells)), labels, by_number=False)
+        if pairing is not None and 2 * len(pairing.shared) > len(cells):
             named = replace(one, kind="name", name="pose", unit="", why="the points' names")
             others = [replace(other, kind="unused") if other.kind == "name" else other for other in own]
             return (*others[:i], named, *others[i + 1 :])
@@ -534,35 +538,36 @@ def _joined(
 ) -> tuple[dict[str, np.ndarray], list[str], str, list[str]]:
     """Return by target the (N,) row of the export for each of the log, -1 for none; names of rows, how, and notes.
 
-    By name where the files share any; by time where both have a clock and one is a recording; else row by row where
-    they are as long, else by time.
+    By name where the files share any; by time where both have a clock and one is a recording, or their order is in
+    doubt; else row by row where they are as long, else by time.
+
+    Raises:
+        TableError: Nothing says which rows are of one another: names that differ are no order.
     """
     wanted, given = _cells(log, of_log, "name"), _cells(export, of_export, "name")
     count, what = len(log.lines), "picture" if any(one.kind == "picture" for one in of_export) else "point"
     if what == "picture":
-        given = list(map(str, given or ()))
-        if (known := _cells(log, of_log, "picture")) is not None:
-            wanted = [Path(str(one)).stem for one in known]
-        elif not set(names) & set(given) and (pairs := joined_by_number(names, given)):
-            rows = np.array([given.index(pairs[name]) if name in pairs else -1 for name in names])
-            return {"": rows}, names, "by the number in their names", []
+        given, wanted = list(map(str, given or ())), names
+        if (pictured := _cells(log, of_log, "picture")) is not None:
+            wanted = [Path(str(one)).stem for one in pictured]
     labels = [str(one).split("::")[-1].strip() for one in given or [""] * len(export.lines)]
     split = [(match[1], match[2]) if (match := TARGET.fullmatch(one)) else (one, "") for one in labels]
     targets = sorted({target for _, target in split})
-    if len(targets) < 2 or what == "picture":
+    if len(targets) < 2 or len({base for base, _ in split}) < 2 or what == "picture":
         split, targets = [(one, "") for one in labels], [""]
     several = f", targets {listing(targets)}" if len(targets) > 1 else ""
     rows_of = {one: np.array([i for i, (_, own) in enumerate(split) if own == one]) for one in targets}
-    bases = {base for base, _ in split} if given is not None else set[str]()
-    counted = any(one.kind == "name" and one.why == COUNTS for one in of_log)
-    shared = set(map(str, () if wanted is None else wanted)) & bases
-    if wanted is not None and shared and (not counted or shared == bases):
+    counted = what == "point" and any(one.kind == "name" and one.why == COUNTS for one in of_log)
+    pairing = None
+    if wanted is not None and given is not None:
+        pairing = paired_names(list(map(str, wanted)), [base for base, _ in split])
+    if pairing is not None and not (counted and not pairing.shared >= set(pairing.points)):
         found, spare = {}, list[int]()
         for target, own in rows_of.items():
-            left: dict[str, list[int]] = {}
+            left: dict[Hashable, list[int]] = {}
             for i in own.tolist():
-                left.setdefault(split[i][0], []).append(i)
-            found[target] = np.array([left[str(name)].pop(0) if left.get(str(name)) else -1 for name in wanted])
+                left.setdefault(pairing.points[i], []).append(i)
+            found[target] = np.array([left[key].pop(0) if left.get(key) else -1 for key in pairing.rows])
             spare += [export.lines[i] for some in left.values() for i in some]
         notes = []
         if spare:
@@ -571,7 +576,10 @@ def _joined(
         empty = [names[i] for i in range(count) if all(found[target][i] < 0 for target in targets)]
         if empty:
             notes.append(f"{listing(empty, 5)} without a {what}: {len(empty)} of {count} rows stay empty")
-        return found, names, f"by name{several}", notes
+        pairs = ((names[i], split[own[i]][0]) for own in found.values() for i in range(count) if own[i] >= 0)
+        if (differing := next((pair for pair in pairs if pair[0] != pair[1]), None)) and what == "point":
+            notes.append(f"names are written in two ways: {differing[0]!r} of the log is point {differing[1]!r}")
+        return found, names, f"by {'the number in their names' if pairing.numbered else 'name'}{several}", notes
     if log.spans is not None and export.spans is log.spans:
         empty = sum(not line for line in export.lines)
         notes = [f"{empty} of them have no reading of {export.title}"] if empty else []
@@ -580,7 +588,12 @@ def _joined(
     timed = at is not None and of is not None and not (np.isnan(at).any() or np.isnan(of).any())
     equal = all(len(own) == count for own in rows_of.values())
     recorded = log.spans is not None or export.spans is not None
-    if timed and at is not None and of is not None and (recorded or not equal):
+    other = what == "point" and not counted and all(
+        cells is not None and len(set(map(str, cells))) > 1 for cells in (wanted, given)
+    )  # both have names, and they are not the same
+    resorted = what == "point" and given is not None and is_resorted([split[i][0] for i in rows_of[targets[0]]])
+    unlike = timed and equal and len(targets) == 1 and (np.argsort(at, kind="stable") != np.argsort(of, kind="stable")).any()
+    if timed and at is not None and of is not None and (recorded or not equal or other or resorted or unlike):
         found, shifts, apart = {}, [], []
         for target, own in rows_of.items():
             base, times = (log.spans, of[own]) if export.spans is None else (export.spans, at)
@@ -606,6 +619,13 @@ def _joined(
             notes += [f"{empty} rows have no {what} at their time"] if empty else []
             how = f"by time{several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
             return found, names, how, notes
+    header = [next((one.column for one in own if one.kind == "name"), "") for own in (of_log, of_export)]
+    if equal and (other or (resorted and wanted is None)):
+        called, of_rows = (listing(dict.fromkeys(map(str, cells)), 3) for cells in (labels, names))
+        text = f"the rows of {log.path.name} are called {of_rows}" if other else f"{log.path.name} has no names"
+        text = f"points are called {called}, and {text}: which is of which is not certain. Give both the same names"
+        text += f", or --take '{header[0] if other else header[1]}=unused' joins them row by row"
+        raise TableError(Place(export.path), text)
     if equal:
         open_ = given is not None and wanted is None and what == "point"
         called = [split[i][0] for i in rows_of[targets[0]]] if open_ else names

@@ -146,6 +146,8 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
         text, unit = (base, last.lower()) if len(base) > 0 else (text, None)
     word, why = text.strip().lower(), "as asked" if asked else "its name"
     in_header = "as asked" if asked else "its header"
+    if asked and word == "unused":
+        return Meaning(header, "unused", "", "", why)
     for pattern, usual in JOINTS:
         if match := re.fullmatch(pattern, word):
             parts = match.groupdict()

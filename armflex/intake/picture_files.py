@@ -50,16 +50,6 @@ def of_corners(source: Source) -> Source:
     return Source(source.path, ("picture", "name"), tuple(range(1, len(names) + 1)), (names, stems))
 
 
-def joined_by_number(names: Sequence[str], pictures: Sequence[str]) -> dict[str, str]:
-    """Return the picture of each row by the last number in both names, nothing where one is of no row or of two."""
-    own, there = (
-        [(int(found[-1]), one) for one in some if (found := re.findall(r"\d+", one))] for some in (names, pictures)
-    )
-    rows, shown = dict(own), dict(there)
-    unique = len(rows) == len(own) == len(names) and len(shown) == len(there) == len(pictures)
-    return {rows[i]: shown[i] for i in shown} if unique and shown.keys() <= rows.keys() else {}
-
-
 def board_of(text: str) -> str:
     """Return `board = { .. }` for an arm file of a board in one option: charuco,8x6,30mm,22mm or with ,4X4_50.
 

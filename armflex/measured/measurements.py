@@ -44,8 +44,8 @@ from armflex.measured.table import (
     check_asked,
     check_payloads,
     check_same_arm,
+    check_unknown,
     joint_kinds,
-    misspelt,
     read_pieces,
     read_table,
 )
@@ -363,7 +363,7 @@ class _Covariate:
 
 def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
     """Return the columns that have a meaning, after checking that all needed are there and none is misspelt."""
-    known = [*column_kinds(arm), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
+    known = [*column_kinds(arm), *TEXTS, *(f"{APPROACH}{joint}" for joint in arm.joint_names)]
     needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
     check_same_arm(table, arm)
     table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
@@ -372,15 +372,12 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
             text = f"column {column.header!r}: the arm file declares no [instrument.{sensor}]"
             raise table.fail(f"{text}{did_you_mean(sensor, arm.sensors)}")
     meant = [*known, *(("point",) if points else ())]
-    lowered = [word.lower() for word in meant]
-    long = [word for word in lowered if len(word) > 3]  # of a short one every other short word is a misspelling
     unknown = [name for name in table.columns if name not in meant]
     check_load_names(table, arm, unknown)
     check_asked(table, arm, unknown)
-    for name in unknown:
-        if misspelt(name, long, 0.85) or name.lower() in lowered or name.startswith(("q_", "approach_")):
-            hint = did_you_mean(name, meant)
-            raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
+    for name in (name for name in unknown if name.startswith(APPROACH)):
+        raise table.fail(f"unknown column {table.columns[name].header!r}{did_you_mean(name, meant)}")
+    check_unknown(table, unknown, meant, [*arm.joint_names, *arm.robot.locked])
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     return known
