@@ -28,7 +28,7 @@ from armflex.errors import (
 )
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
-from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
+from armflex.intake.meanings import ANGLES, COUNTS, ROUNDED, UR, VECTOR, Ask, Meaning, meanings
 from armflex.intake.names import is_resorted, paired_names
 from armflex.intake.picture_files import camera
 from armflex.intake.recordings import read_sources
@@ -160,7 +160,7 @@ def intake(
             why = "the controller's own, computed from its joints"
             understood[i] = tuple(
                 replace(one, kind="unused", unit="", why=why)
-                if one.kind == "coordinate" or one.name.lower() in TURNS
+                if one.kind in ("coordinate", "turn") or one.name.lower() in TURNS
                 else one
                 for one in understood[i]
             )
@@ -179,6 +179,8 @@ def intake(
         wrong.append(f"{listing(map(str, paths), FEW)}: {text}: give one log and one export, or one file of both")
     if points and sigma is None:
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
+    if sigma_r is not None and points:
+        wrong += _unturned([sources[i] for i in points], [understood[i] for i in points])
     for one in sources if wrong else ():
         if {"x", "y", "z"} <= {*one.header} and any(name.startswith("sigma") for name in one.header):
             wrong.append(f"{one.path}: has x y z and sigma, as a campaign in SI: calibrate and trace read one as it is")
@@ -319,6 +321,7 @@ def _standing(
                 shifts[path] = offset(clocks[log], moved[log], clocks[i], moved[i])
                 notes.append(f"the clock of {sources[i].title} is {shifts[path]:+.3f} s off, as the motions say")
             shift = shifts[path]
+        sources[i], understood[i] = _one_sided(sources[i], understood[i])
         sources[i] = reduced(sources[i], clocks[i], spans, shift)
         understood[i] = tuple(
             replace(one, kind="unused", why="a signal of a recording")
@@ -426,8 +429,8 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
     """Return what columns are with every open unit settled, and what is wrong with them."""
     found, wrong, answers = [], list[str](), dict[str, str]()
     for one in own:
-        if one.kind in ("joint", "coordinate") and one.unit is None:
-            choices = ("deg", "rad") if one.kind == "joint" else ("mm", "m", "inch")
+        if one.kind in ("joint", "coordinate", "turn") and one.unit is None:
+            choices = ("mm", "m", "inch") if one.kind == "coordinate" else ("deg", "rad")
             if ask is not None and one.kind not in answers:
                 answers[one.kind] = ask(
                     f"{source.path.name}: in which unit is {one.column!r}, and all like it?", choices
@@ -444,7 +447,7 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
     for name in dict.fromkeys(source.header):
         if source.header.count(name) > 1:
             wrong.append(f"{source.path}: two columns are called {name!r}: rename one")
-    for kind in ("joint", "coordinate", "name", "time"):
+    for kind in ("joint", "coordinate", "turn", "name", "time"):
         named = [one for one in found if one.kind == kind]
         for one in {one.name for one in named}:
             twice = [other.column for other in named if other.name == one]
@@ -476,13 +479,60 @@ def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> 
 
 def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
     """Return (N, 4) quaternions x y z w of a target, not a number where none was read; None where it has none."""
-    found = {one.name: numbers(cells) for one, cells in zip(own, source.columns, strict=True) if one.kind == "turn"}
-    if len(found) < 4:
-        return None
-    four = np.column_stack([found[f"q{axis}"] for axis in "xyzw"])
-    size = np.sqrt((four**2).sum(axis=1, keepdims=True))
-    four[size[:, 0] < 0.1] = np.nan  # noughts where nothing was set
-    return np.asarray(four / size, dtype=float)
+    found = {
+        one.name: numbers(cells) * UNITS["angle"].get(one.unit or "", 1.0)
+        for one, cells in zip(own, source.columns, strict=True)
+        if one.kind == "turn"
+    }
+    if found.keys() >= {"qw", "qx", "qy", "qz"}:
+        four = np.column_stack([found[f"q{axis}"] for axis in "xyzw"])
+        size = np.sqrt((four**2).sum(axis=1))
+        four[size < 0.1] = np.nan  # noughts where nothing was set
+        for i in np.flatnonzero(np.abs(size - 1.0) > ROUNDED)[:1] if np.isfinite(four).any() else ():
+            if np.isfinite(four[i]).all():
+                raise TableError(Place(source.path, source.lines[i]), f"its quaternion is {size[i]:.4g} long, expected 1")
+        return np.asarray(four / size[:, None], dtype=float)
+    if names := next((names for names in (VECTOR, ANGLES) if found.keys() >= set(names)), None):
+        three = np.column_stack([found[name] for name in names])
+        read, four = np.isfinite(three).all(axis=1), np.full((len(three), 4), np.nan)
+        if read.any():
+            turn = Rotation.from_rotvec(three[read]) if names == VECTOR else Rotation.from_euler("xyz", three[read])
+            four[read] = turn.as_quat()
+        return four
+    return None
+
+
+def _one_sided(source: Source, own: tuple[Meaning, ...]) -> tuple[Source, tuple[Meaning, ...]]:
+    """Return a recording with its orientation as quaternions on one side, so that means of them exist."""
+    four = _turns(source, own)
+    if four is None or not (read := np.isfinite(four).all(axis=1)).any():
+        return source, own
+    apart = (four[read][1:] * four[read][:-1]).sum(axis=1) < 0.0
+    four[read] *= np.cumprod(np.concatenate([[1.0], np.where(apart, -1.0, 1.0)]))[:, None]
+    kept = [i for i, one in enumerate(own) if one.kind != "turn"]
+    names = ("qx", "qy", "qz", "qw")
+    columns = (*(source.columns[i] for i in kept), *four.T)
+    header = (*(source.header[i] for i in kept), *names)
+    turns = (Meaning(name, "turn", name, "", "its orientation") for name in names)
+    return replace(source, header=header, columns=columns), (*(own[i] for i in kept), *turns)
+
+
+def _unturned(sources: Sequence[Source], understood: Sequence[Sequence[Meaning]]) -> list[str]:
+    """Return why no file has the orientation that --sigma-r is of, nothing where one has it."""
+    turns = [{one.name for one in own if one.kind == "turn"} for own in understood]
+    whole = ({"qw", "qx", "qy", "qz"}, {*VECTOR}, {*ANGLES})
+    if any(names >= some for names in turns for some in whole):
+        return []
+    wrong = list[str]()
+    for source, own in zip(sources, understood, strict=True):
+        text = f"{source.path}: --sigma-r, and no orientation is read"
+        quaternion = [one for one in own if one.name == "turn"]
+        wrong += [f"{text}: {one.column!r} is of {one.why}" for one in quaternion]
+        others = listing(repr(one.column) for one in own if one.kind in ("covariate", "unused", "turn"))
+        if not quaternion:
+            text += f" (other columns: {others}): a quaternion is qw qx qy qz; --take 'COLUMN=rx_deg', ry_deg, rz_deg"
+            wrong.append(f"{text} for a rotation vector, roll_deg, pitch_deg, yaw_deg for angles about fixed x, y, z")
+    return wrong
 
 
 def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
