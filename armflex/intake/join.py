@@ -140,17 +140,20 @@ def intake(
     rows_of_arm = next((one for one in sources if is_dh(one)), None)
     sources, arm = [one for one in sources if one is not rows_of_arm], None
     try:
-        arm = read_dh(rows_of_arm, dh, ask) if rows_of_arm is not None else None
+        unused = [name for name, meaning in known.items() if meaning == "unused"]
+        arm = read_dh(rows_of_arm, dh, ask, unused) if rows_of_arm is not None else None
         robot = load_robot(robots[0], tip, allow_massless=True) if robots else None
     except (TableError, ManyErrors, UrdfError, UnknownNameError) as error:
         wrong += str(error).splitlines()
     if len(robots) + (rows_of_arm is not None) > 1:
         wrong.append("several files describe the arm: give one URDF, or one table of DH parameters")
-    every = dict.fromkeys(name for one in sources for name in one.header)
+    every = dict.fromkeys(name for one in (*sources, *filter(None, [rows_of_arm])) for name in one.header)
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
     ]
-    understood = [meanings(source, known) for source in sources]
+    joints = [] if robot is None else [one.name for one in robot.moving]
+    slides = [] if robot is None else [one.name for one in robot.moving if one.kind == "prismatic"]
+    understood = [meanings(source, known, joints, slides) for source in sources]
     logs = [i for i, own in enumerate(understood) if any(one.kind == "joint" for one in own)]
     points = [i for i, own in enumerate(understood) if any(one.kind == "coordinate" for one in own)]
     points, about = _chosen(sources, points, targets, ask)
@@ -168,7 +171,7 @@ def intake(
     pictures = [i for i, own in enumerate(understood) if i not in logs and any(one.kind == "picture" for one in own)]
     for i, source in enumerate(sources):
         if i in (*logs, *points, *pictures):
-            understood[i], about = _settled(source, understood[i], ask)
+            understood[i], about = _settled(source, understood[i], ask, slides)
             wrong += about
         elif not source.part:
             named = listing(source.header)
@@ -221,12 +224,18 @@ def _by_dh(found: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake
     if {*joints} == {f"{name}_joint" for name in UR}:  # ROS sorts them by name
         joints = [f"{name}_joint" for name in UR]
     elif all(one[-1:].isdigit() for one in joints):
-        joints.sort(key=lambda one: int(one[-1]))
+        joints.sort(key=lambda one: int(re.findall(r"\d+", one)[-1]))
     else:
         notes = (*notes, f"the rows of {source.title} are {listing(joints)}")
     if len(joints) != len(arm.rows):
         text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
         raise TableError(Place(source.path), text)
+    units = {what.removeprefix("joint "): (column, unit) for _, column, what, unit, _ in found.taken}
+    for row, (name, slides) in enumerate(zip(joints, arm.slides, strict=True)):
+        column, unit = units.get(name, (name, "rad"))
+        if unit != "rad" and (unit in LENGTHS) != slides:
+            text = f"joint {name!r} {'slides' if slides else 'turns'}, and column {column!r} of the log is in {unit}"
+            raise TableError(Place(source.path, source.lines[row]), text)
     taken = (*((source.title, *cells) for cells in arm.taken), *found.taken)
     text = arm_text(arm.lines(joints), "flange", found.declare, tracked)
     return replace(found, taken=taken, notes=notes, arm=text)
@@ -259,6 +268,12 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
     Joints that a controller only numbers are those of the file, base to tip.
     """
     named, moving = [one.name for one in of_log if one.kind == "joint"], [one.name for one in robot.moving]
+    kinds = {one.name: one.kind for one in robot.moving}
+    for one in of_log:
+        slides = kinds.get(one.name) == "prismatic"
+        if one.kind == "joint" and one.name in kinds and one.unit not in (None, "rad") and (one.unit in LENGTHS) != slides:
+            text = f"column {one.column!r} is in {one.unit}, and joint {one.name!r} of {robot.urdf.path.name}"
+            return of_log, [f"{text} {'slides' if slides else 'turns'}"]
     if set(moving) <= set(named):
         off = {"kind": "unused", "unit": "", "why": "no joint between base and tip"}
         return tuple(
@@ -425,18 +440,21 @@ def _words(one: Meaning) -> str:
     return words[one.kind]
 
 
-def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[tuple[Meaning, ...], list[str]]:
+def _settled(
+    source: Source, own: Sequence[Meaning], ask: Ask | None, slides: Sequence[str]
+) -> tuple[tuple[Meaning, ...], list[str]]:
     """Return what columns are with every open unit settled, and what is wrong with them."""
-    found, wrong, answers = [], list[str](), dict[str, str]()
+    found, wrong, answers = [], list[str](), dict[tuple[str, bool], str]()
     for one in own:
         if one.kind in ("joint", "coordinate", "turn") and one.unit is None:
-            choices = ("mm", "m", "inch") if one.kind == "coordinate" else ("deg", "rad")
-            if ask is not None and one.kind not in answers:
-                answers[one.kind] = ask(
+            length = one.kind == "coordinate" or (one.kind == "joint" and one.name in slides)
+            choices, kind = ("mm", "m", "inch") if length else ("deg", "rad"), (one.kind, length)
+            if ask is not None and kind not in answers:
+                answers[kind] = ask(
                     f"{source.path.name}: in which unit is {one.column!r}, and all like it?", choices
                 )
-            if one.kind in answers:
-                one = Meaning(one.column, one.kind, one.name, answers[one.kind], "as answered")
+            if kind in answers:
+                one = replace(one, unit=answers[kind], why="as answered")
             else:
                 base = f"q_{one.name}" if one.kind == "joint" else one.name
                 wrong.append(

@@ -35,6 +35,10 @@ JOINTS: tuple[tuple[str, str], ...] = (
 `name` and `listed` are the joint's as a robot's file may have it, `short` as a controller numbers it.
 """
 
+PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel)"
+PLACED = rf"(?:{PLACED_WORD}[ _])?"
+"""What may stand beside a joint's own name in the column of its position."""
+
 RECORDED = "position."
 """Before a joint's name in a column of a recording."""
 
@@ -99,12 +103,16 @@ class Meaning:
     why: str
 
 
-def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
+def meanings(
+    source: Source, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
+) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
     Args:
         source: The file.
-        taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`.
+        taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`; `unused`.
+        joints: Names of the robot's, where its file is there.
+        slides: Those of them that are lengths.
     """
     comment = next(filter(None, (_unit_of_comment(one) for one in source.comments)), None)
     found = []
@@ -113,7 +121,7 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
         if source.part and own is None and header.startswith(RECORDED):  # a message has names, and no units in them
             found.append(Meaning(header, "joint", header.removeprefix(RECORDED), "rad", "as ROS has it"))
             continue
-        found.append(_meaning(own or header, header, cells, comment, own is not None))
+        found.append(_meaning(own or header, header, cells, comment, own is not None, joints))
     asked = {(one.kind, one.name) for one in found if one.column in taken}
     found = [
         replace(one, kind="unused", why="another is, as asked")
@@ -150,18 +158,23 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
     sizes = [
         float(np.nanmax(np.abs(values)))
         for one, cells in zip(found, source.columns, strict=True)
-        if one.kind == "joint" and one.unit is None and np.isfinite(values := numbers(cells)).any()
+        if one.kind == "joint" and one.unit is None and one.name not in slides
+        if np.isfinite(values := numbers(cells)).any()
     ]
     if sizes and max(sizes) > TURN:
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         found = [
-            Meaning(one.column, one.kind, one.name, "deg", why) if one.kind == "joint" and one.unit is None else one
+            replace(one, unit="deg", why=why)
+            if one.kind == "joint" and one.unit is None and one.name not in slides
+            else one
             for one in found
         ]
     return tuple(found)
 
 
-def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool) -> Meaning:
+def _meaning(
+    text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]
+) -> Meaning:
     text, unit = text.strip(), None
     if (match := BRACKETS.fullmatch(text)) and not COUNTED.fullmatch(match[2]):
         text, unit = match[1], match[2].lower().replace("°", "deg")
@@ -172,7 +185,8 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
     in_header = "as asked" if asked else "its header"
     if asked and word == "unused":
         return Meaning(header, "unused", "", "", why)
-    for pattern, usual in JOINTS:
+    named = [(rf"{PLACED}(?P<name>{re.escape(name)})(?:[ _]{PLACED_WORD})?", "") for name in joints]
+    for pattern, usual in (*named, *JOINTS):
         if match := re.fullmatch(pattern, text.strip(), re.IGNORECASE):
             parts = match.groupdict()
             if parts.get("ur"):
@@ -181,6 +195,7 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
                 name = re.sub(r"[ .]", "_", short)
             else:
                 name = f"A{parts['kuka']}" if parts.get("kuka") else str(parts.get("name") or parts.get("listed"))
+            name = next((one for one in joints if one.lower() == name.lower()), name)
             if unit in {"degree", "degrees", "grad"}:
                 unit = "deg"
             given = unit in UNITS["angle"] or unit in LENGTHS
