@@ -35,7 +35,7 @@ from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
 from armflex.measured.points import LENGTHS
-from armflex.measured.table import Column, Table, csv_text
+from armflex.measured.table import NOTHING, Column, Table, csv_text
 from armflex.robot.robot import Robot, load_robot
 
 TARGET = re.compile(
@@ -322,6 +322,12 @@ def _standing(
         i: np.column_stack([*_numbers(sources[i], understood[i], ("joint" if i == log else "coordinate",)).values()])
         for i in clocks
     }
+    for i, values in moved.items():  # cells of other topics' messages are empty
+        for column in values.T:
+            read = np.isfinite(column)
+            if read.any() and not read.all():
+                order = np.flatnonzero(read)[np.argsort(clocks[i][read], kind="stable")]
+                column[:] = np.interp(clocks[i], clocks[i][order], column[order])
     first = log if log in clocks else exports[0]
     spans = dwells(clocks[first], moved[first], "rad" if first == log else "m")
     if not len(spans):
@@ -360,6 +366,9 @@ def _campaign(
     """Return the rows of the log with the places, orientations and pictures that belong to them."""
     log, of_log = sources[log_at], understood[log_at]
     rows, notes, hows = _numbers(log, of_log, ("joint",)), list(notes), list[str]()
+    for name, values in rows.items():
+        for i in np.flatnonzero(~np.isfinite(values))[:1]:
+            raise TableError(Place(log.path, log.lines[i]), f"joint {name!r} has no position while the arm stands here")
     names = list(map(str, _cells(log, of_log, "name") or range(1, len(log.lines) + 1)))
     placed: dict[str, Array] = {}
     turned = np.zeros((0, 4))
@@ -473,12 +482,14 @@ def _settled(
                 wrong.append(
                     f"{source.path}: columns {listing(map(repr, twice))} are all {_words(named[0])}: --take one"
                 )
+    sampled = (time := _time(source, found)) is not None and is_dense(time)  # where a row is of one topic among several
     for one, cells in zip(found, source.columns, strict=True):
         if one.kind in ("joint", "coordinate", "time"):
             values = numbers(cells)
             bad = np.abs(values) > LARGEST
             if one.kind != "time" and not isinstance(cells, np.ndarray):
-                bad |= [not (NUMBER.fullmatch(cell) or (one.kind == "coordinate" and not cell)) for cell in cells]
+                open_ = ("", *NOTHING) if sampled or one.kind == "coordinate" else ()
+                bad |= [not (NUMBER.fullmatch(cell) or cell.lower() in open_) for cell in cells]
             if bad.any():
                 at = int(bad.argmax())
                 place = Place(source.path, source.lines[at])
