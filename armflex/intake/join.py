@@ -53,6 +53,20 @@ TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
 
 
+DIGITS = 12
+"""Decimals of a metre or a radian: further ones are of a conversion."""
+
+SINCE_1970 = 9e8
+"""Times [s] beyond this have a date: no other clock runs for 28 years."""
+
+CIRCUMSTANCE = re.compile(
+    r".*(?:temp|mass|gewicht|weight|humid|feucht|press|druck|operator|bediener).*"
+    r"|(?:.*[\W_])?(?:(?:pay)?load|\w*last)(?:[\W_].*)?",
+    re.IGNORECASE,
+)
+"""Names of what an instrument's program, or a recording, has beside readings and may be a cause of the arm's errors."""
+
+
 @dataclass(frozen=True, eq=False)
 class Intake:
     """Files as one campaign.
@@ -200,8 +214,12 @@ def intake(
     if wrong:
         raise ManyErrors(wrong)
     log, exports = logs[0], [i for i in points if i not in logs]
-    for i in exports:  # what an instrument's program adds is no cause of the arm's errors
-        understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
+    for i in exports:  # what an instrument's program says of its own readings is no cause of the arm's errors
+        why = "of the instrument"
+        understood[i] = tuple(
+            replace(one, kind="unused", why=why) if one.kind == "covariate" and not _is_kept(one) else one
+            for one in understood[i]
+        )
     understood[log] = _named_alike(sources, understood, log, exports)
     sources, notes = _standing(sources, understood, log, exports)
     found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes])
@@ -212,6 +230,11 @@ def intake(
         lines += ["allow_massless = true"] if any(one.code == "massless" for one in robot.flags) else []
         return replace(found, arm=arm_text(lines, robot.tip, found.declare, bool(points)))
     return found if rows_of_arm is None or arm is None else _by_dh(found, rows_of_arm, arm, bool(points))
+
+
+def _is_kept(one: Meaning) -> bool:
+    """Return whether a column beside readings or samples is a covariate: by its name, or as asked."""
+    return one.why == "as asked" or bool(CIRCUMSTANCE.fullmatch(one.name))
 
 
 def _by_dh(found: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake:
@@ -346,7 +369,7 @@ def _standing(
         sources[i] = reduced(sources[i], clocks[i], spans, shift)
         understood[i] = tuple(
             replace(one, kind="unused", why="a signal of a recording")
-            if one.kind == "covariate" and "temp" not in one.name.lower()
+            if one.kind == "covariate" and not _is_kept(one)
             else one
             for one in understood[i]
         )
@@ -371,6 +394,7 @@ def _campaign(
             raise TableError(Place(log.path, log.lines[i]), f"joint {name!r} has no position while the arm stands here")
     names = list(map(str, _cells(log, of_log, "name") or range(1, len(log.lines) + 1)))
     placed: dict[str, Array] = {}
+    exported: list[tuple[int, np.ndarray]] = []
     turned = np.zeros((0, 4))
     for i in points:
         xyz = np.column_stack([_numbers(sources[i], understood[i], ("coordinate",))[axis] for axis in "xyz"])
@@ -381,6 +405,8 @@ def _campaign(
         hows, notes = [*hows, how], [*notes, *about]
         for target, own in pairs.items():
             label = target if len(points) < 2 else str(len(placed) + 1)
+            if i != log_at and own is next(iter(pairs.values())):
+                exported.append((i, own))
             if not placed and (four := _turns(sources[i], understood[i])) is not None:
                 turned = np.where((own >= 0)[:, None], four[own], np.nan)
             placed[label] = np.where((own >= 0)[:, None], xyz[own], np.nan)
@@ -389,8 +415,12 @@ def _campaign(
     for one in of_log:
         if one.kind == "kept":
             columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
-    if (seconds := _time(log, of_log)) is not None:
-        columns["time"] = (seconds - seconds.min()).tolist()
+    timed = _time(log, of_log)
+    if timed is not None and path:
+        columns["time"] = (timed - timed.min()).tolist()
+        notes += [f"time 0 is {_clock(log, of_log, timed)[int(timed.argmin())]}"] if timed.min() > SINCE_1970 else []
+    elif timed is not None:
+        columns["time"] = _clock(log, of_log, timed)
     elif path:
         columns["time"] = np.arange(len(names), dtype=float).tolist()
         notes.append("the log has no times: each row is a second after the one before")
@@ -427,6 +457,8 @@ def _campaign(
         if one.kind == "covariate" and one.name not in columns:  # a socket, a height that was read in some rows
             values = numbers(cells)
             columns[one.name] = values.tolist() if np.isfinite(values).all() else list(map(str, cells))
+    for i, own in exported:
+        notes += _add_beside(columns, sources[i], understood[i], own)
     table = tuple(
         (source.title, one.column, _words(one), one.unit or "", one.why)
         for i, (source, own) in enumerate(zip(sources, understood, strict=True))
@@ -440,6 +472,40 @@ def _campaign(
     )
     how = listing(dict.fromkeys(hows)) if hows else "to nothing: each is a via-point"
     return Intake(columns, table, how, declare, tuple(notes), log.lines, log.path)
+
+
+def _add_beside(
+    columns: dict[str, Sequence[Any]], source: Source, meant: Sequence[Meaning], own: np.ndarray
+) -> list[str]:
+    """Add what an export has beside its readings to a campaign; return what is left out of it, in words.
+
+    Args:
+        columns: Of the campaign; they are not replaced.
+        source: The export.
+        meant: What its columns are.
+        own: (N,) its row for each of the campaign, -1 for none.
+    """
+    for one, cells in zip(meant, source.columns, strict=True):
+        if one.kind in ("covariate", "kept") and one.name not in columns:
+            values, there = numbers(cells)[own], own >= 0
+            texts = [str(cells[k]) if k >= 0 else "" for k in own]
+            columns[one.name] = values.tolist() if (np.isfinite(values) & there).all() else texts
+    if "time" not in columns and (own >= 0).all() and (times := _time(source, meant)) is not None:
+        clock = _clock(source, meant, times)
+        columns["time"] = [clock[k] for k in own]
+    left = [repr(one.column) for one in meant if one.kind == "unused" and one.why == "of the instrument"]
+    text = f"{listing(left, 8)} of {source.title} left out, as of the instrument: --take 'COLUMN=NAME' keeps one"
+    return [text] if left else []
+
+
+def _clock(source: Source, own: Sequence[Meaning], seconds: Array) -> list[Any]:
+    """Return times [s] as a campaign has them: dates where the clock has them (ISO 8601), else from the first."""
+    if not seconds.min() > SINCE_1970:
+        return (seconds - seconds.min()).tolist()
+    cells = _cells(source, own, "time")
+    counted = cells is not None and np.isfinite(numbers(cells)).any()  # of Unix: in UTC
+    dates = [datetime.fromtimestamp(float(one), UTC) for one in seconds]
+    return [(one if counted else one.replace(tzinfo=None)).isoformat() for one in dates]
 
 
 def _words(one: Meaning) -> str:
@@ -499,8 +565,9 @@ def _settled(
 
 def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
     """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""
+    factors = LENGTHS | UNITS["angle"]
     return {
-        one.name: numbers(cells) * (LENGTHS | UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
+        one.name: np.round(numbers(cells) * factors[one.unit or ""], DIGITS)
         for one, cells in zip(own, source.columns, strict=True)
         if one.kind in kinds
     }
@@ -591,7 +658,8 @@ def _time(source: Source, own: Sequence[Meaning]) -> Array | None:
 def _seconds(text: str) -> float | None:
     """Return the time that a text says [s]; of a clock without a day since midnight."""
     try:
-        return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+        date = datetime.fromisoformat(text)
+        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
     except ValueError:
         match = CLOCK.fullmatch(text)
     if match is None:

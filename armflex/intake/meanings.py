@@ -175,7 +175,7 @@ def meanings(
 def _meaning(
     text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]
 ) -> Meaning:
-    text, unit = text.strip(), None
+    taken_as, text, unit = text, text.strip(), None
     if (match := BRACKETS.fullmatch(text)) and not COUNTED.fullmatch(match[2]):
         text, unit = match[1], match[2].lower().replace("°", "deg")
     elif "_" in text and text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"], *UNITS["time"]}:
@@ -222,6 +222,8 @@ def _meaning(
         return Meaning(header, "time", "time", known, in_header if unit else "its size" if stamp else why)
     if word in KEPT:
         return Meaning(header, "kept", word, "", why)
+    if asked:  # called as the caller says
+        return Meaning(header, "covariate", _plain(taken_as), "", why)
     return Meaning(header, "covariate", _plain(header), "", "nothing else")
 
 

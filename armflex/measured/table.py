@@ -458,12 +458,15 @@ def check_unknown(table: Table, names: Iterable[str], known: Sequence[str], join
     before = {name.removesuffix(f"_{joint}") for name, joint in of_joints.items()}
     long = [word for word in before if len(word) >= SHORTEST]
     plain, squeezed = [name for name in known if name not in of_joints], {_squeezed(name) for name in known}
+    words = [name for name in plain if "_" not in name and len(name) > 2]
     digitless = {DIGITS.sub("", joint.lower()) for joint in joints}
     for name in names:
         word, _, rest = name.partition("_")
         meant = word.lower() in before or misspelt(word, long)
         meant = meant and (misspelt(rest, joints) or DIGITS.sub("", rest.lower()) in digitless)
-        if meant or name.startswith("q_") or _squeezed(name) in squeezed or any(is_nearly(name, one) for one in plain):
+        meant = meant or name.startswith("q_") or _squeezed(name) in squeezed
+        meant = meant or any(is_nearly(name, one) for one in plain)
+        if meant or (not DIGITS.search(name) and misspelt(name, words, 0.85)):
             raise table.fail(f"unknown column {table.columns[name].header!r}{did_you_mean(name, known)}")
 
 
