@@ -12,7 +12,7 @@ import numpy as np
 from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import Array, real_array
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, naming
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, naming
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags

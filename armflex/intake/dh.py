@@ -38,7 +38,7 @@ SAME_WAY = re.compile(r"\+?[01](?:\.0*)?|\+|no|false|n", re.IGNORECASE)
 """What cells say of a joint that slides, that turns, and that counts as its axis does."""
 
 BESIDE = re.compile(
-    r"#|i|j|n|(?:joint|axis|achse|gelenk|link|row|zeile|frame|kinematics|dynamics)?[ _]?(?:nr|no|number|index|id|name)?\.?"
+    r"#|i|j|n|(?:joint|axis|achse|gelenk|link|row|zeile|frame|kinematics)?[ _]?(?:nr|no|number|index|id|name)?\.?"
     r"|comments?|remarks?|notes?|bemerkung|description|mass|masse|m|(?:center|centre) of mass|com|inertia.*"
     r"|(?:q|theta|joint)?[ _]?(?:min|max|lower|upper|limits?|range|qlim)(?:imum)?|(?:max )?(?:speed|velocity)",
     re.IGNORECASE,
@@ -93,7 +93,9 @@ class DhTable:
             (theta, alpha, beta), (d, a) = angles, lengths
             key = name if BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
             more = (f", beta_deg = {beta!r}" if beta else "") + (', kind = "prismatic"' if slides else "")
-            lines.append(f"{key} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r}{more} }}")
+            lines.append(
+                f"{key} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r}{more} }}"
+            )
         return lines
 
 

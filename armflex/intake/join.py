@@ -294,7 +294,12 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
     kinds = {one.name: one.kind for one in robot.moving}
     for one in of_log:
         slides = kinds.get(one.name) == "prismatic"
-        if one.kind == "joint" and one.name in kinds and one.unit not in (None, "rad") and (one.unit in LENGTHS) != slides:
+        if (
+            one.kind == "joint"
+            and one.name in kinds
+            and one.unit not in (None, "rad")
+            and (one.unit in LENGTHS) != slides
+        ):
             text = f"column {one.column!r} is in {one.unit}, and joint {one.name!r} of {robot.urdf.path.name}"
             return of_log, [f"{text} {'slides' if slides else 'turns'}"]
     if set(moving) <= set(named):
@@ -525,9 +530,7 @@ def _settled(
             length = one.kind == "coordinate" or (one.kind == "joint" and one.name in slides)
             choices, kind = ("mm", "m", "inch") if length else ("deg", "rad"), (one.kind, length)
             if ask is not None and kind not in answers:
-                answers[kind] = ask(
-                    f"{source.path.name}: in which unit is {one.column!r}, and all like it?", choices
-                )
+                answers[kind] = ask(f"{source.path.name}: in which unit is {one.column!r}, and all like it?", choices)
             if kind in answers:
                 one = replace(one, unit=answers[kind], why="as answered")
             else:
@@ -586,7 +589,9 @@ def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
         four[size < 0.1] = np.nan  # noughts where nothing was set
         for i in np.flatnonzero(np.abs(size - 1.0) > ROUNDED)[:1] if np.isfinite(four).any() else ():
             if np.isfinite(four[i]).all():
-                raise TableError(Place(source.path, source.lines[i]), f"its quaternion is {size[i]:.4g} long, expected 1")
+                raise TableError(
+                    Place(source.path, source.lines[i]), f"its quaternion is {size[i]:.4g} long, expected 1"
+                )
         return np.asarray(four / size[:, None], dtype=float)
     if names := next((names for names in (VECTOR, ANGLES) if found.keys() >= set(names)), None):
         three = np.column_stack([found[name] for name in names])
@@ -735,11 +740,15 @@ def _joined(
     timed = at is not None and of is not None and not (np.isnan(at).any() or np.isnan(of).any())
     equal = all(len(own) == count for own in rows_of.values())
     recorded = log.spans is not None or export.spans is not None
-    other = what == "point" and not counted and all(
-        cells is not None and len(set(map(str, cells))) > 1 for cells in (wanted, given)
+    other = (
+        what == "point"
+        and not counted
+        and all(cells is not None and len(set(map(str, cells))) > 1 for cells in (wanted, given))
     )  # both have names, and they are not the same
     resorted = what == "point" and given is not None and is_resorted([split[i][0] for i in rows_of[targets[0]]])
-    unlike = timed and equal and len(targets) == 1 and (np.argsort(at, kind="stable") != np.argsort(of, kind="stable")).any()
+    unlike = False
+    if at is not None and of is not None and timed and equal and len(targets) == 1:
+        unlike = bool((np.argsort(at, kind="stable") != np.argsort(of, kind="stable")).any())
     if timed and at is not None and of is not None and (recorded or not equal or other or resorted or unlike):
         found, shifts, apart = {}, [], []
         for target, own in rows_of.items():
@@ -767,7 +776,7 @@ def _joined(
             how = f"by time{several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
             return found, names, how, notes
     header = [next((one.column for one in own if one.kind == "name"), "") for own in (of_log, of_export)]
-    if equal and (other or (resorted and wanted is None)):
+    if equal and (other or (resorted and (wanted is None or counted))):
         called, of_rows = (listing(dict.fromkeys(map(str, cells)), 3) for cells in (labels, names))
         text = f"the rows of {log.path.name} are called {of_rows}" if other else f"{log.path.name} has no names"
         text = f"points are called {called}, and {text}: which is of which is not certain. Give both the same names"

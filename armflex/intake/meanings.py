@@ -144,9 +144,14 @@ def meanings(
             own = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
             found[i] = replace(one, **own, unit="", why=COUNTS)
     axes = {one.name for one in found if one.kind == "coordinate"}
-    found = _turned(source, found) if axes == {"x", "y", "z"} else [
-        replace(one, kind="covariate", name=_plain(one.column), unit="") if one.kind == "turn" else one for one in found
-    ]
+    found = (
+        _turned(source, found)
+        if axes == {"x", "y", "z"}
+        else [
+            replace(one, kind="covariate", name=_plain(one.column), unit="") if one.kind == "turn" else one
+            for one in found
+        ]
+    )
     if axes != {"x", "y", "z"}:  # an X of something else
         found = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one
                  for one in found]  # fmt: skip
@@ -172,9 +177,7 @@ def meanings(
     return tuple(found)
 
 
-def _meaning(
-    text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]
-) -> Meaning:
+def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]) -> Meaning:
     taken_as, text, unit = text, text.strip(), None
     if (match := BRACKETS.fullmatch(text)) and not COUNTED.fullmatch(match[2]):
         text, unit = match[1], match[2].lower().replace("°", "deg")
@@ -254,7 +257,8 @@ def _turned(source: Source, found: Sequence[Meaning]) -> list[Meaning]:
             if name != " ":
                 settled[group[axis]] = replace(own, kind="turn", name=f"q{name}", unit="", why=why)
             else:
-                open_ = f"a quaternion, w first or last: --take '{own.column}=q{'w' if axis == '1' else 'xyz'[int(axis) - 2]}'"
+                part = "wxyz"[int(axis) - 1]
+                open_ = f"a quaternion, w first or last: --take '{own.column}=q{part}'"
                 settled[group[axis]] = replace(own, kind="unused", name="turn", unit="", why=open_)
     return settled
 

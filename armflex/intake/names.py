@@ -91,7 +91,8 @@ def _counts(keys: Sequence[tuple[str | int, ...]]) -> tuple[tuple[str | int, ...
 
 
 def _one_series(
-    rows: tuple[tuple[str | int, ...], list[tuple[int, ...]]], points: tuple[tuple[str | int, ...], list[tuple[int, ...]]]
+    rows: tuple[tuple[str | int, ...], list[tuple[int, ...]]],
+    points: tuple[tuple[str | int, ...], list[tuple[int, ...]]],
 ) -> bool:
     """Return whether the numbers of names that differ otherwise are counted alike: one file has all of the other's.
 
