@@ -12,7 +12,7 @@ import numpy as np
 from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import Array, real_array
-from armflex.errors import Flag, InputError, Place, ShapeError, TableError, did_you_mean, naming
+from armflex.errors import Flag, InputError, Place, ShapeError, TableError, naming
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.in_arm import check_approaches, check_covariates, derived_direction
 from armflex.measured.data_flags import check_joint_units, unit_flags
@@ -32,8 +32,8 @@ from armflex.measured.table import (
     check_asked,
     check_payloads,
     check_same_arm,
+    check_unknown,
     joint_kinds,
-    misspelt,
     read_table,
     write_table,
 )
@@ -411,10 +411,7 @@ def read_trajectory(path: Tabular, arm: Arm, unnamed: Unnamed = UNLOADED) -> Tra
     others = [name for name in table.columns if name not in known]
     check_load_names(table, arm, others)
     check_asked(table, arm, others)
-    for name in others:
-        if misspelt(name, known) or name.startswith("q_"):
-            hint = did_you_mean(name, known)
-            raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
+    check_unknown(table, others, known, [*arm.joint_names, *arm.robot.locked])
     remarks = [name for name in others if are_remarks(table.texts(name))]
     warn(
         [Flag("text_column", f"column {name!r} is text: nothing depends on it, and it is left out") for name in remarks]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,19 +12,51 @@ import numpy as np
 from armflex.conventions import UNITS, Array
 from armflex.errors import ManyErrors, Place, TableError
 from armflex.intake.meanings import BRACKETS, Ask
-from armflex.intake.sources import Source, numbers
+from armflex.intake.sources import Source
 from armflex.measured.points import LENGTHS
 
 PARAMETERS = {
-    "theta": r"(?:theta|θ|th|ϑ)(?:_?(?:i|0|off(?:set)?))?",
+    "theta": r"(?:theta|θ|th|ϑ)(?:_?i)?",
     "d": r"d(?:_?i)?",
     "a": r"(?:a|r)(?:_?i|_?\(?i ?- ?1\)?)?",
     "alpha": r"(?:alpha|α|al)(?:_?i|_?\(?i ?- ?1\)?)?",
+    "beta": r"(?:beta|β)(?:_?i|_?\(?i ?- ?1\)?)?",
+    "offset": r"(?:(?:theta|θ|th|ϑ|q|joint)?[ _]?off(?:set)?(?:_?i)?)",
+    "home": r"(?:(?:theta|θ|th|ϑ|q)[ _]?(?:0|home)|home|zero)(?: ?(?:position|angle))?",
 }
+"""Names of columns with numbers; an offset is added to theta, as is a home where theta is none."""
+
+WORDS = {
+    "kind": r"sigma|σ|(?:joint[ _]?)?(?:type|kind|typ|art)",
+    "sign": r"flip(?:ped)?|sign|sense|dir(?:ection)?|invert(?:ed)?|reversed?|mirror(?:ed)?",
+}
+"""Names of columns that say how a joint moves."""
+
+SLIDES = re.compile(r"1(?:\.0*)?|p(?:rism\w*)?|t(?:rans\w*)?|l(?:inear)?|slid\w*|schub\w*", re.IGNORECASE)
+TURNS = re.compile(r"0?(?:\.0*)?|r(?:ev\w*|ot\w*)?|dreh\w*|turn\w*|hinge", re.IGNORECASE)
+SAME_WAY = re.compile(r"\+?[01](?:\.0*)?|\+|no|false|n", re.IGNORECASE)
+"""What cells say of a joint that slides, that turns, and that counts as its axis does."""
+
+BESIDE = re.compile(
+    r"#|i|j|n|(?:joint|axis|achse|gelenk|link|row|zeile|frame|kinematics)?[ _]?(?:nr|no|number|index|id|name)?\.?"
+    r"|comments?|remarks?|notes?|bemerkung|description|mass|masse|m|(?:center|centre) of mass|com|inertia.*"
+    r"|(?:q|theta|joint)?[ _]?(?:min|max|lower|upper|limits?|range|qlim)(?:imum)?|(?:max )?(?:speed|velocity)",
+    re.IGNORECASE,
+)
+"""Columns beside those of the geometry, which is the same without them."""
+
+VARIABLE = r"(?P<variable>(?:q|theta|θ|ϑ|th)_?\d*\*?|d_?\d*\*)"
+CONSTANT = r"(?P<sign>[+-]?)(?:(?P<number>\d+\.?\d*(?:e[+-]?\d+)?|\.\d+)?(?P<pi>\*?pi)?(?:/(?P<per>\d+\.?\d*))?)"
+CELLS = [re.compile(one) for one in (CONSTANT, rf"{VARIABLE}(?:(?=[+-]){CONSTANT})?", rf"{CONSTANT}\+{VARIABLE}")]
+"""A number, also of pi; a joint's variable; and both: q2-90, -pi/2."""
+
 BEFORE = re.compile(r"(?:alpha|α|a)_?\(?i ?- ?1\)?")
 """How a column is called of a row in Craig's, the modified form: it belongs to the link before."""
 
 UPRIGHT = "gravity = [0.0, 0.0, -9.81]     # m/s^2: the base stands upright"
+
+BARE = re.compile(r"[A-Za-z0-9_-]+")
+"""A key of TOML that needs no quotes."""
 
 RIGHT = 2.0 * np.pi
 """No angle of a row is beyond this [rad]: numbers beyond it are degrees."""
@@ -34,12 +67,14 @@ class DhTable:
     """Rows of an arm, base to tip.
 
     Attributes:
-        rows: (n, 4) theta [rad], d [m], a [m] and alpha [rad].
+        rows: (n, 5) theta [rad], d [m], a [m], alpha [rad] and beta [rad].
+        slides: (n,) whether d, and not theta, is the joint's.
         form: "standard" or "modified".
         taken: (column, what it is, unit, why) of each column that counts.
     """
 
     rows: Array
+    slides: tuple[bool, ...]
     form: str
     taken: tuple[tuple[str, str, str, str], ...]
 
@@ -52,11 +87,15 @@ class DhTable:
             "",
         ]
         lines.append("[robot.joint]")
-        for name, (theta, d, a, alpha) in zip(joints, self.rows, strict=True):
-            angles = (float(np.round(np.degrees(one), 9)) + 0.0 for one in (theta, alpha))
+        for name, (theta, d, a, alpha, beta), slides in zip(joints, self.rows, self.slides, strict=True):
+            angles = (float(np.round(np.degrees(one), 9)) + 0.0 for one in (theta, alpha, beta))
             lengths = (float(np.round(1e3 * one, 9)) + 0.0 for one in (d, a))
-            (theta, alpha), (d, a) = angles, lengths
-            lines.append(f"{name} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r} }}")
+            (theta, alpha, beta), (d, a) = angles, lengths
+            key = name if BARE.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+            more = (f", beta_deg = {beta!r}" if beta else "") + (', kind = "prismatic"' if slides else "")
+            lines.append(
+                f"{key} = {{ theta_deg = {theta!r}, d_mm = {d!r}, a_mm = {a!r}, alpha_deg = {alpha!r}{more} }}"
+            )
         return lines
 
 
@@ -66,47 +105,87 @@ def is_dh(source: Source) -> bool:
     return {"a", "alpha"} <= found and bool(found & {"d", "theta"})
 
 
-def read_dh(source: Source, form: str | None, ask: Ask | None) -> DhTable:
+def read_dh(source: Source, form: str | None, ask: Ask | None, unused: Collection[str] = ()) -> DhTable:
     """Return the rows of a table of DH parameters.
 
     Args:
         source: The table.
         form: "standard" or "modified", None where its columns have to say it.
         ask: Asks where it is open.
+        unused: Names of columns that are to be left out.
 
     Raises:
-        TableError: A cell is no number.
-        ManyErrors: A unit or the form are open.
+        TableError: A cell is no number, or a column says of a joint what a row cannot.
+        ManyErrors: A unit, a column or the form are open.
     """
     found, path = _columns(source), source.path
-    rows, taken, open_units = np.zeros((len(source.lines), 4)), list[tuple[str, str, str, str]](), list[str]()
-    for i, name in enumerate(PARAMETERS):
-        if name not in found:
-            continue
+    cells = {name: source.columns[at] for name, (at, _) in found.items() if source.header[at] not in unused}
+    parts, taken, wrong = dict[str, Array](), list[tuple[str, str, str, str]](), list[str]()
+    moved, written = dict[str, np.ndarray](), dict[str, bool]()
+    for name in (name for name in cells if name not in WORDS):
+        read = [_number(str(cell)) for cell in cells[name]]
+        for i, one in enumerate(read):
+            if one is None or (one[2] and name not in ("theta", "d")):
+                place, header = Place(path, source.lines[i]), source.header[found[name][0]]
+                raise TableError(place, f"{header!r} is {str(cells[name][i])!r}, expected a number")
+        parts[name] = np.array([one[0] for one in read if one])
+        written[name] = any(one[1] for one in read if one)
+        moved[name] = np.array([one[2] for one in read if one])
+    for name, values in parts.items():
         at, unit = found[name]
-        values = numbers(source.columns[at])
-        if (bad := np.flatnonzero(~np.isfinite(values))).size:
-            place = Place(path, source.lines[bad[0]])
-            raise TableError(place, f"{source.header[at]!r} is {source.columns[at][bad[0]]!r}, expected a number")
-        known, why = (LENGTHS if name in "da" else UNITS["angle"]), "its header"
+        length, why = name in "da", "its header"
+        known, alike = (LENGTHS if length else UNITS["angle"]), [one for one in parts if (one in "da") == length]
+        largest = max(float(np.abs(parts[one]).max()) for one in alike)
+        if any(written[one] for one in alike):
+            if (unit or "rad") != "rad" or (largest > RIGHT and any(not found[one][1] for one in alike)):
+                wrong.append(f"{path}: {source.header[at]!r} is among angles with pi, and others are in degrees")
+                continue
+            unit, why = "rad", why if unit else "written with pi"
         if unit not in known:
-            others = [
-                numbers(source.columns[place]) for key, (place, _) in found.items() if (key in "da") == (name in "da")
-            ]
-            largest = max(float(np.abs(one).max()) for one in others)
-            if name not in "da" and largest > RIGHT:
+            if not length and largest > RIGHT:
                 unit, why = "deg", f"a value of {largest:g} is no angle in rad"
-            elif name in "da" and largest > 20.0:
+            elif length and largest > 20.0:
                 unit, why = "mm", f"a value of {largest:g} is no length of an arm in m"
+            elif not values.any():
+                unit, why = ("m" if length else "rad"), "all are 0"
             elif ask is not None:
-                choices = ("mm", "m") if name in "da" else ("deg", "rad")
+                choices = ("mm", "m") if length else ("deg", "rad")
                 unit, why = ask(f"{path.name}: in which unit is {source.header[at]!r}?", choices), "as answered"
             else:
-                example = f"{name} [{'mm' if name in 'da' else 'deg'}]"
-                open_units.append(f"{path}: the unit of {source.header[at]!r} is open: write it as {example!r}")
+                example = f"{name} [{'mm' if length else 'deg'}]"
+                wrong.append(f"{path}: the unit of {source.header[at]!r} is open: write it as {example!r}")
                 continue
-        rows[:, i] = values * known[unit]
+        parts[name] = values * known[unit]
         taken.append((source.header[at], f"DH {name}", unit, why))
+    count = len(source.lines)
+    none, never = np.zeros(count), np.zeros(count, dtype=bool)
+    slides = moved.get("d", never).copy()
+    for name in (name for name in cells if name in WORDS):
+        header = source.header[found[name][0]]
+        for i, cell in enumerate(map(str, cells[name])):
+            if name == "kind":
+                slides[i] |= bool(SLIDES.fullmatch(cell))
+            if not (TURNS.fullmatch(cell) or slides[i] if name == "kind" else _same_way(header, cell)):
+                text = "expected R or P" if name == "kind" else "a row has no sign: turn the joint's column in the log"
+                wrong.append(f"{Place(path, source.lines[i])}: {header!r} is {cell!r}: {text}")
+        taken.append((header, "kind of joint" if name == "kind" else "sense of joint", "", "its header"))
+    theta, home, offset = (parts.get(name, none) for name in ("theta", "home", "offset"))
+    header = {name: source.header[at] for name, (at, _) in found.items()}
+    if theta.any() and home.any():
+        text = f"{header['theta']!r} and {header['home']!r} both have angles: leave one out, or add them"
+        wrong.append(f"{path}: {text}")
+    for i in np.flatnonzero(slides & ((offset != 0.0) | (home != 0.0)))[:1]:
+        name = header["offset" if offset[i] else "home"]
+        wrong.append(f"{Place(path, source.lines[i])}: the joint slides, and {name!r} is an angle: add it to d")
+    columns = {at for at, _ in found.values()}
+    for i, name in enumerate(source.header):
+        if i in columns and name not in unused:
+            continue
+        if name in unused or BESIDE.fullmatch(_bare(name)[0]):
+            taken.append((name, "not used", "", "as asked" if name in unused else "no part of the geometry"))
+        else:
+            text = f"{name!r} beside DH parameters is not known: --take '{name}=unused' leaves it out"
+            wrong.append(f"{path}: {text}")
     why = "asked for"
     if form is None and any(BEFORE.fullmatch(_bare(name)[0]) for name in source.header):
         form, why = "modified", "a and alpha are of the link before"
@@ -116,10 +195,30 @@ def read_dh(source: Source, form: str | None, ask: Ask | None) -> DhTable:
             "as answered",
         )
     if form is None:
-        open_units.append(f"{path}: standard (distal) or modified (Craig) DH is open: --dh standard or --dh modified")
-    if form is None or open_units:
-        raise ManyErrors(open_units)
-    return DhTable(rows, form, (*taken, ("(rows)", f"{form} DH", "", why)))
+        wrong.append(f"{path}: standard (distal) or modified (Craig) DH is open: --dh standard or --dh modified")
+    if form is None or wrong:
+        raise ManyErrors(wrong)
+    rows = np.column_stack([theta + offset + home, *(parts.get(name, none) for name in ("d", "a", "alpha", "beta"))])
+    return DhTable(rows, tuple(slides.tolist()), form, (*taken, ("(rows)", f"{form} DH", "", why)))
+
+
+def _same_way(header: str, cell: str) -> bool:
+    """Return whether a cell says that a joint counts as its axis does: 1 where a sign is meant, 0 of a flip."""
+    flips = not re.match(r"sign|sense|dir", header.strip(), re.IGNORECASE)
+    return bool(SAME_WAY.fullmatch(cell)) and ("1" not in cell if flips else "0" not in cell)
+
+
+def _number(cell: str) -> tuple[float, bool, bool] | None:
+    """Return a cell's number, whether it is written with pi, and whether the joint's variable stands there as well."""
+    text = re.sub(r"[\s°]|deg|rad", "", cell.lower()).replace("π", "pi").replace("−", "-").replace("∗", "*")
+    match = next((match for pattern in CELLS if (match := pattern.fullmatch(text))), None)
+    if match is None or not text:
+        return None
+    parts, variable = match.groupdict(), bool(match.groupdict().get("variable"))
+    if not (parts["number"] or parts["pi"]) and (parts["sign"] or parts["per"] or not variable):
+        return None
+    size = float(parts["number"] or (1.0 if parts["pi"] else 0.0)) * (np.pi if parts["pi"] else 1.0)
+    return (-size if parts["sign"] == "-" else size) / float(parts["per"] or 1.0), bool(parts["pi"]), variable
 
 
 def arm_text(robot: Sequence[str], tip: str, declare: str, tracked: bool) -> str:
@@ -157,7 +256,7 @@ def _columns(source: Source) -> dict[str, tuple[int, str]]:
     found: dict[str, tuple[int, str]] = {}
     for i, header in enumerate(source.header):
         word, unit = _bare(header)
-        for name, pattern in PARAMETERS.items():
+        for name, pattern in (PARAMETERS | WORDS).items():
             if re.fullmatch(pattern, word) and name not in found:
                 found[name] = i, unit
     return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -28,13 +28,14 @@ from armflex.errors import (
 )
 from armflex.files.arm_file import ROBOTS
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
-from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
-from armflex.intake.picture_files import camera, joined_by_number
+from armflex.intake.meanings import ANGLES, COUNTS, ROUNDED, UR, VECTOR, Ask, Meaning, meanings
+from armflex.intake.names import is_resorted, paired_names
+from armflex.intake.picture_files import camera
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
 from armflex.measured.points import LENGTHS
-from armflex.measured.table import Column, Table, csv_text
+from armflex.measured.table import NOTHING, Column, Table, csv_text
 from armflex.robot.robot import Robot, load_robot
 
 TARGET = re.compile(
@@ -50,6 +51,20 @@ CLOCK = re.compile(
 
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
+
+
+DIGITS = 12
+"""Decimals of a metre or a radian: further ones are of a conversion."""
+
+SINCE_1970 = 9e8
+"""Times [s] beyond this have a date: no other clock runs for 28 years."""
+
+CIRCUMSTANCE = re.compile(
+    r".*(?:temp|mass|gewicht|weight|humid|feucht|press|druck|operator|bediener).*"
+    r"|(?:.*[\W_])?(?:(?:pay)?load|\w*last)(?:[\W_].*)?",
+    re.IGNORECASE,
+)
+"""Names of what an instrument's program, or a recording, has beside readings and may be a cause of the arm's errors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,17 +154,20 @@ def intake(
     rows_of_arm = next((one for one in sources if is_dh(one)), None)
     sources, arm = [one for one in sources if one is not rows_of_arm], None
     try:
-        arm = read_dh(rows_of_arm, dh, ask) if rows_of_arm is not None else None
+        unused = [name for name, meaning in known.items() if meaning == "unused"]
+        arm = read_dh(rows_of_arm, dh, ask, unused) if rows_of_arm is not None else None
         robot = load_robot(robots[0], tip, allow_massless=True) if robots else None
     except (TableError, ManyErrors, UrdfError, UnknownNameError) as error:
         wrong += str(error).splitlines()
     if len(robots) + (rows_of_arm is not None) > 1:
         wrong.append("several files describe the arm: give one URDF, or one table of DH parameters")
-    every = dict.fromkeys(name for one in sources for name in one.header)
+    every = dict.fromkeys(name for one in (*sources, *filter(None, [rows_of_arm])) for name in one.header)
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
     ]
-    understood = [meanings(source, known) for source in sources]
+    joints = [] if robot is None else [one.name for one in robot.moving]
+    slides = [] if robot is None else [one.name for one in robot.moving if one.kind == "prismatic"]
+    understood = [meanings(source, known, joints, slides) for source in sources]
     logs = [i for i, own in enumerate(understood) if any(one.kind == "joint" for one in own)]
     points = [i for i, own in enumerate(understood) if any(one.kind == "coordinate" for one in own)]
     points, about = _chosen(sources, points, targets, ask)
@@ -159,7 +177,7 @@ def intake(
             why = "the controller's own, computed from its joints"
             understood[i] = tuple(
                 replace(one, kind="unused", unit="", why=why)
-                if one.kind == "coordinate" or one.name.lower() in TURNS
+                if one.kind in ("coordinate", "turn") or one.name.lower() in TURNS
                 else one
                 for one in understood[i]
             )
@@ -167,7 +185,7 @@ def intake(
     pictures = [i for i, own in enumerate(understood) if i not in logs and any(one.kind == "picture" for one in own)]
     for i, source in enumerate(sources):
         if i in (*logs, *points, *pictures):
-            understood[i], about = _settled(source, understood[i], ask)
+            understood[i], about = _settled(source, understood[i], ask, slides)
             wrong += about
         elif not source.part:
             named = listing(source.header)
@@ -178,6 +196,8 @@ def intake(
         wrong.append(f"{listing(map(str, paths), FEW)}: {text}: give one log and one export, or one file of both")
     if points and sigma is None:
         wrong.append("the files have coordinates: --sigma 0.05mm says how well one is measured")
+    if sigma_r is not None and points:
+        wrong += _unturned([sources[i] for i in points], [understood[i] for i in points])
     for one in sources if wrong else ():
         if {"x", "y", "z"} <= {*one.header} and any(name.startswith("sigma") for name in one.header):
             wrong.append(f"{one.path}: has x y z and sigma, as a campaign in SI: calibrate and trace read one as it is")
@@ -194,8 +214,12 @@ def intake(
     if wrong:
         raise ManyErrors(wrong)
     log, exports = logs[0], [i for i in points if i not in logs]
-    for i in exports:  # what an instrument's program adds is no cause of the arm's errors
-        understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
+    for i in exports:  # what an instrument's program says of its own readings is no cause of the arm's errors
+        why = "of the instrument"
+        understood[i] = tuple(
+            replace(one, kind="unused", why=why) if one.kind == "covariate" and not _is_kept(one) else one
+            for one in understood[i]
+        )
     understood[log] = _named_alike(sources, understood, log, exports)
     sources, notes = _standing(sources, understood, log, exports)
     found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes])
@@ -208,6 +232,11 @@ def intake(
     return found if rows_of_arm is None or arm is None else _by_dh(found, rows_of_arm, arm, bool(points))
 
 
+def _is_kept(one: Meaning) -> bool:
+    """Return whether a column beside readings or samples is a covariate: by its name, or as asked."""
+    return one.why == "as asked" or bool(CIRCUMSTANCE.fullmatch(one.name))
+
+
 def _by_dh(found: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake:
     """Return a campaign with the arm file of a table of DH parameters, whose rows are the log's joints.
 
@@ -218,12 +247,18 @@ def _by_dh(found: Intake, source: Source, arm: DhTable, tracked: bool) -> Intake
     if {*joints} == {f"{name}_joint" for name in UR}:  # ROS sorts them by name
         joints = [f"{name}_joint" for name in UR]
     elif all(one[-1:].isdigit() for one in joints):
-        joints.sort(key=lambda one: int(one[-1]))
+        joints.sort(key=lambda one: int(re.findall(r"\d+", one)[-1]))
     else:
         notes = (*notes, f"the rows of {source.title} are {listing(joints)}")
     if len(joints) != len(arm.rows):
         text = f"has {len(arm.rows)} rows, and the log {len(joints)} joints: {listing(joints)}"
         raise TableError(Place(source.path), text)
+    units = {what.removeprefix("joint "): (column, unit) for _, column, what, unit, _ in found.taken}
+    for row, (name, slides) in enumerate(zip(joints, arm.slides, strict=True)):
+        column, unit = units.get(name, (name, "rad"))
+        if unit != "rad" and (unit in LENGTHS) != slides:
+            text = f"joint {name!r} {'slides' if slides else 'turns'}, and column {column!r} of the log is in {unit}"
+            raise TableError(Place(source.path, source.lines[row]), text)
     taken = (*((source.title, *cells) for cells in arm.taken), *found.taken)
     text = arm_text(arm.lines(joints), "flange", found.declare, tracked)
     return replace(found, taken=taken, notes=notes, arm=text)
@@ -237,10 +272,13 @@ def _named_alike(
     given = [cells for i in exports if (cells := _cells(sources[i], understood[i], "name")) is not None]
     if not given or any(one.kind == "name" and one.why != COUNTS for one in own):
         return own
-    labels = {str(one).split("::")[-1].strip() for cells in given for one in cells}
-    names = labels | {match[1] for label in labels if (match := TARGET.fullmatch(label))}
+    labels = [str(one).split("::")[-1].strip() for cells in given for one in cells]
+    labels = [*labels, *(match[1] for label in labels if (match := TARGET.fullmatch(label)))]
     for i, (one, cells) in enumerate(zip(own, source.columns, strict=True)):
-        if one.kind in ("covariate", "unused") and 2 * len(names & set(map(str, cells))) > len(cells):
+        pairing = None
+        if one.kind in ("covariate", "unused"):
+            pairing = paired_names(list(map(str, cells)), labels, by_number=False)
+        if pairing is not None and 2 * len(pairing.shared) > len(cells):
             named = replace(one, kind="name", name="pose", unit="", why="the points' names")
             others = [replace(other, kind="unused") if other.kind == "name" else other for other in own]
             return (*others[:i], named, *others[i + 1 :])
@@ -253,6 +291,17 @@ def _as_robot(of_log: tuple[Meaning, ...], robot: Robot) -> tuple[tuple[Meaning,
     Joints that a controller only numbers are those of the file, base to tip.
     """
     named, moving = [one.name for one in of_log if one.kind == "joint"], [one.name for one in robot.moving]
+    kinds = {one.name: one.kind for one in robot.moving}
+    for one in of_log:
+        slides = kinds.get(one.name) == "prismatic"
+        if (
+            one.kind == "joint"
+            and one.name in kinds
+            and one.unit not in (None, "rad")
+            and (one.unit in LENGTHS) != slides
+        ):
+            text = f"column {one.column!r} is in {one.unit}, and joint {one.name!r} of {robot.urdf.path.name}"
+            return of_log, [f"{text} {'slides' if slides else 'turns'}"]
     if set(moving) <= set(named):
         off = {"kind": "unused", "unit": "", "why": "no joint between base and tip"}
         return tuple(
@@ -301,6 +350,12 @@ def _standing(
         i: np.column_stack([*_numbers(sources[i], understood[i], ("joint" if i == log else "coordinate",)).values()])
         for i in clocks
     }
+    for i, values in moved.items():  # cells of other topics' messages are empty
+        for column in values.T:
+            read = np.isfinite(column)
+            if read.any() and not read.all():
+                order = np.flatnonzero(read)[np.argsort(clocks[i][read], kind="stable")]
+                column[:] = np.interp(clocks[i], clocks[i][order], column[order])
     first = log if log in clocks else exports[0]
     spans = dwells(clocks[first], moved[first], "rad" if first == log else "m")
     if not len(spans):
@@ -315,10 +370,11 @@ def _standing(
                 shifts[path] = offset(clocks[log], moved[log], clocks[i], moved[i])
                 notes.append(f"the clock of {sources[i].title} is {shifts[path]:+.3f} s off, as the motions say")
             shift = shifts[path]
+        sources[i], understood[i] = _one_sided(sources[i], understood[i])
         sources[i] = reduced(sources[i], clocks[i], spans, shift)
         understood[i] = tuple(
             replace(one, kind="unused", why="a signal of a recording")
-            if one.kind == "covariate" and "temp" not in one.name.lower()
+            if one.kind == "covariate" and not _is_kept(one)
             else one
             for one in understood[i]
         )
@@ -338,8 +394,12 @@ def _campaign(
     """Return the rows of the log with the places, orientations and pictures that belong to them."""
     log, of_log = sources[log_at], understood[log_at]
     rows, notes, hows = _numbers(log, of_log, ("joint",)), list(notes), list[str]()
+    for name, values in rows.items():
+        for i in np.flatnonzero(~np.isfinite(values))[:1]:
+            raise TableError(Place(log.path, log.lines[i]), f"joint {name!r} has no position while the arm stands here")
     names = list(map(str, _cells(log, of_log, "name") or range(1, len(log.lines) + 1)))
     placed: dict[str, Array] = {}
+    exported: list[tuple[int, np.ndarray]] = []
     turned = np.zeros((0, 4))
     for i in points:
         xyz = np.column_stack([_numbers(sources[i], understood[i], ("coordinate",))[axis] for axis in "xyz"])
@@ -350,6 +410,8 @@ def _campaign(
         hows, notes = [*hows, how], [*notes, *about]
         for target, own in pairs.items():
             label = target if len(points) < 2 else str(len(placed) + 1)
+            if i != log_at and own is next(iter(pairs.values())):
+                exported.append((i, own))
             if not placed and (four := _turns(sources[i], understood[i])) is not None:
                 turned = np.where((own >= 0)[:, None], four[own], np.nan)
             placed[label] = np.where((own >= 0)[:, None], xyz[own], np.nan)
@@ -358,8 +420,12 @@ def _campaign(
     for one in of_log:
         if one.kind == "kept":
             columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
-    if (seconds := _time(log, of_log)) is not None:
-        columns["time"] = (seconds - seconds.min()).tolist()
+    timed = _time(log, of_log)
+    if timed is not None and path:
+        columns["time"] = (timed - timed.min()).tolist()
+        notes += [f"time 0 is {_clock(log, of_log, timed)[int(timed.argmin())]}"] if timed.min() > SINCE_1970 else []
+    elif timed is not None:
+        columns["time"] = _clock(log, of_log, timed)
     elif path:
         columns["time"] = np.arange(len(names), dtype=float).tolist()
         notes.append("the log has no times: each row is a second after the one before")
@@ -396,6 +462,8 @@ def _campaign(
         if one.kind == "covariate" and one.name not in columns:  # a socket, a height that was read in some rows
             values = numbers(cells)
             columns[one.name] = values.tolist() if np.isfinite(values).all() else list(map(str, cells))
+    for i, own in exported:
+        notes += _add_beside(columns, sources[i], understood[i], own)
     table = tuple(
         (source.title, one.column, _words(one), one.unit or "", one.why)
         for i, (source, own) in enumerate(zip(sources, understood, strict=True))
@@ -411,6 +479,40 @@ def _campaign(
     return Intake(columns, table, how, declare, tuple(notes), log.lines, log.path)
 
 
+def _add_beside(
+    columns: dict[str, Sequence[Any]], source: Source, meant: Sequence[Meaning], own: np.ndarray
+) -> list[str]:
+    """Add what an export has beside its readings to a campaign; return what is left out of it, in words.
+
+    Args:
+        columns: Of the campaign; they are not replaced.
+        source: The export.
+        meant: What its columns are.
+        own: (N,) its row for each of the campaign, -1 for none.
+    """
+    for one, cells in zip(meant, source.columns, strict=True):
+        if one.kind in ("covariate", "kept") and one.name not in columns:
+            values, there = numbers(cells)[own], own >= 0
+            texts = [str(cells[k]) if k >= 0 else "" for k in own]
+            columns[one.name] = values.tolist() if (np.isfinite(values) & there).all() else texts
+    if "time" not in columns and (own >= 0).all() and (times := _time(source, meant)) is not None:
+        clock = _clock(source, meant, times)
+        columns["time"] = [clock[k] for k in own]
+    left = [repr(one.column) for one in meant if one.kind == "unused" and one.why == "of the instrument"]
+    text = f"{listing(left, 8)} of {source.title} left out, as of the instrument: --take 'COLUMN=NAME' keeps one"
+    return [text] if left else []
+
+
+def _clock(source: Source, own: Sequence[Meaning], seconds: Array) -> list[Any]:
+    """Return times [s] as a campaign has them: dates where the clock has them (ISO 8601), else from the first."""
+    if not seconds.min() > SINCE_1970:
+        return (seconds - seconds.min()).tolist()
+    cells = _cells(source, own, "time")
+    counted = cells is not None and np.isfinite(numbers(cells)).any()  # of Unix: in UTC
+    dates = [datetime.fromtimestamp(float(one), UTC) for one in seconds]
+    return [(one if counted else one.replace(tzinfo=None)).isoformat() for one in dates]
+
+
 def _words(one: Meaning) -> str:
     words = {"joint": f"joint {one.name}", "coordinate": f"measured {one.name}", "name": "name of the row or point"}
     words |= {"turn": f"measured orientation {one.name}", "picture": f"picture of {one.name}"}
@@ -418,18 +520,19 @@ def _words(one: Meaning) -> str:
     return words[one.kind]
 
 
-def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[tuple[Meaning, ...], list[str]]:
+def _settled(
+    source: Source, own: Sequence[Meaning], ask: Ask | None, slides: Sequence[str]
+) -> tuple[tuple[Meaning, ...], list[str]]:
     """Return what columns are with every open unit settled, and what is wrong with them."""
-    found, wrong, answers = [], list[str](), dict[str, str]()
+    found, wrong, answers = [], list[str](), dict[tuple[str, bool], str]()
     for one in own:
-        if one.kind in ("joint", "coordinate") and one.unit is None:
-            choices = ("deg", "rad") if one.kind == "joint" else ("mm", "m", "inch")
-            if ask is not None and one.kind not in answers:
-                answers[one.kind] = ask(
-                    f"{source.path.name}: in which unit is {one.column!r}, and all like it?", choices
-                )
-            if one.kind in answers:
-                one = Meaning(one.column, one.kind, one.name, answers[one.kind], "as answered")
+        if one.kind in ("joint", "coordinate", "turn") and one.unit is None:
+            length = one.kind == "coordinate" or (one.kind == "joint" and one.name in slides)
+            choices, kind = ("mm", "m", "inch") if length else ("deg", "rad"), (one.kind, length)
+            if ask is not None and kind not in answers:
+                answers[kind] = ask(f"{source.path.name}: in which unit is {one.column!r}, and all like it?", choices)
+            if kind in answers:
+                one = replace(one, unit=answers[kind], why="as answered")
             else:
                 base = f"q_{one.name}" if one.kind == "joint" else one.name
                 wrong.append(
@@ -440,7 +543,7 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
     for name in dict.fromkeys(source.header):
         if source.header.count(name) > 1:
             wrong.append(f"{source.path}: two columns are called {name!r}: rename one")
-    for kind in ("joint", "coordinate", "name", "time"):
+    for kind in ("joint", "coordinate", "turn", "name", "time"):
         named = [one for one in found if one.kind == kind]
         for one in {one.name for one in named}:
             twice = [other.column for other in named if other.name == one]
@@ -448,12 +551,14 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
                 wrong.append(
                     f"{source.path}: columns {listing(map(repr, twice))} are all {_words(named[0])}: --take one"
                 )
+    sampled = (time := _time(source, found)) is not None and is_dense(time)  # where a row is of one topic among several
     for one, cells in zip(found, source.columns, strict=True):
         if one.kind in ("joint", "coordinate", "time"):
             values = numbers(cells)
             bad = np.abs(values) > LARGEST
             if one.kind != "time" and not isinstance(cells, np.ndarray):
-                bad |= [not (NUMBER.fullmatch(cell) or (one.kind == "coordinate" and not cell)) for cell in cells]
+                open_ = ("", *NOTHING) if sampled or one.kind == "coordinate" else ()
+                bad |= [not (NUMBER.fullmatch(cell) or cell.lower() in open_) for cell in cells]
             if bad.any():
                 at = int(bad.argmax())
                 place = Place(source.path, source.lines[at])
@@ -463,8 +568,9 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
 
 def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
     """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""
+    factors = LENGTHS | UNITS["angle"]
     return {
-        one.name: numbers(cells) * (LENGTHS | UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
+        one.name: np.round(numbers(cells) * factors[one.unit or ""], DIGITS)
         for one, cells in zip(own, source.columns, strict=True)
         if one.kind in kinds
     }
@@ -472,13 +578,62 @@ def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> 
 
 def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
     """Return (N, 4) quaternions x y z w of a target, not a number where none was read; None where it has none."""
-    found = {one.name: numbers(cells) for one, cells in zip(own, source.columns, strict=True) if one.kind == "turn"}
-    if len(found) < 4:
-        return None
-    four = np.column_stack([found[f"q{axis}"] for axis in "xyzw"])
-    size = np.sqrt((four**2).sum(axis=1, keepdims=True))
-    four[size[:, 0] < 0.1] = np.nan  # noughts where nothing was set
-    return np.asarray(four / size, dtype=float)
+    found = {
+        one.name: numbers(cells) * UNITS["angle"].get(one.unit or "", 1.0)
+        for one, cells in zip(own, source.columns, strict=True)
+        if one.kind == "turn"
+    }
+    if found.keys() >= {"qw", "qx", "qy", "qz"}:
+        four = np.column_stack([found[f"q{axis}"] for axis in "xyzw"])
+        size = np.sqrt((four**2).sum(axis=1))
+        four[size < 0.1] = np.nan  # noughts where nothing was set
+        for i in np.flatnonzero(np.abs(size - 1.0) > ROUNDED)[:1] if np.isfinite(four).any() else ():
+            if np.isfinite(four[i]).all():
+                raise TableError(
+                    Place(source.path, source.lines[i]), f"its quaternion is {size[i]:.4g} long, expected 1"
+                )
+        return np.asarray(four / size[:, None], dtype=float)
+    if names := next((names for names in (VECTOR, ANGLES) if found.keys() >= set(names)), None):
+        three = np.column_stack([found[name] for name in names])
+        read, four = np.isfinite(three).all(axis=1), np.full((len(three), 4), np.nan)
+        if read.any():
+            turn = Rotation.from_rotvec(three[read]) if names == VECTOR else Rotation.from_euler("xyz", three[read])
+            four[read] = turn.as_quat()
+        return four
+    return None
+
+
+def _one_sided(source: Source, own: tuple[Meaning, ...]) -> tuple[Source, tuple[Meaning, ...]]:
+    """Return a recording with its orientation as quaternions on one side, so that means of them exist."""
+    four = _turns(source, own)
+    if four is None or not (read := np.isfinite(four).all(axis=1)).any():
+        return source, own
+    apart = (four[read][1:] * four[read][:-1]).sum(axis=1) < 0.0
+    four[read] *= np.cumprod(np.concatenate([[1.0], np.where(apart, -1.0, 1.0)]))[:, None]
+    kept = [i for i, one in enumerate(own) if one.kind != "turn"]
+    names = ("qx", "qy", "qz", "qw")
+    columns = (*(source.columns[i] for i in kept), *four.T)
+    header = (*(source.header[i] for i in kept), *names)
+    turns = (Meaning(name, "turn", name, "", "its orientation") for name in names)
+    return replace(source, header=header, columns=columns), (*(own[i] for i in kept), *turns)
+
+
+def _unturned(sources: Sequence[Source], understood: Sequence[Sequence[Meaning]]) -> list[str]:
+    """Return why no file has the orientation that --sigma-r is of, nothing where one has it."""
+    turns = [{one.name for one in own if one.kind == "turn"} for own in understood]
+    whole = ({"qw", "qx", "qy", "qz"}, {*VECTOR}, {*ANGLES})
+    if any(names >= some for names in turns for some in whole):
+        return []
+    wrong = list[str]()
+    for source, own in zip(sources, understood, strict=True):
+        text = f"{source.path}: --sigma-r, and no orientation is read"
+        quaternion = [one for one in own if one.name == "turn"]
+        wrong += [f"{text}: {one.column!r} is of {one.why}" for one in quaternion]
+        others = listing(repr(one.column) for one in own if one.kind in ("covariate", "unused", "turn"))
+        if not quaternion:
+            text += f" (other columns: {others}): a quaternion is qw qx qy qz; --take 'COLUMN=rx_deg', ry_deg, rz_deg"
+            wrong.append(f"{text} for a rotation vector, roll_deg, pitch_deg, yaw_deg for angles about fixed x, y, z")
+    return wrong
 
 
 def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
@@ -508,7 +663,8 @@ def _time(source: Source, own: Sequence[Meaning]) -> Array | None:
 def _seconds(text: str) -> float | None:
     """Return the time that a text says [s]; of a clock without a day since midnight."""
     try:
-        return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+        date = datetime.fromisoformat(text)
+        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
     except ValueError:
         match = CLOCK.fullmatch(text)
     if match is None:
@@ -534,35 +690,36 @@ def _joined(
 ) -> tuple[dict[str, np.ndarray], list[str], str, list[str]]:
     """Return by target the (N,) row of the export for each of the log, -1 for none; names of rows, how, and notes.
 
-    By name where the files share any; by time where both have a clock and one is a recording; else row by row where
-    they are as long, else by time.
+    By name where the files share any; by time where both have a clock and one is a recording, or their order is in
+    doubt; else row by row where they are as long, else by time.
+
+    Raises:
+        TableError: Nothing says which rows are of one another: names that differ are no order.
     """
     wanted, given = _cells(log, of_log, "name"), _cells(export, of_export, "name")
     count, what = len(log.lines), "picture" if any(one.kind == "picture" for one in of_export) else "point"
     if what == "picture":
-        given = list(map(str, given or ()))
-        if (known := _cells(log, of_log, "picture")) is not None:
-            wanted = [Path(str(one)).stem for one in known]
-        elif not set(names) & set(given) and (pairs := joined_by_number(names, given)):
-            rows = np.array([given.index(pairs[name]) if name in pairs else -1 for name in names])
-            return {"": rows}, names, "by the number in their names", []
+        given, wanted = list(map(str, given or ())), names
+        if (pictured := _cells(log, of_log, "picture")) is not None:
+            wanted = [Path(str(one)).stem for one in pictured]
     labels = [str(one).split("::")[-1].strip() for one in given or [""] * len(export.lines)]
     split = [(match[1], match[2]) if (match := TARGET.fullmatch(one)) else (one, "") for one in labels]
     targets = sorted({target for _, target in split})
-    if len(targets) < 2 or what == "picture":
+    if len(targets) < 2 or len({base for base, _ in split}) < 2 or what == "picture":
         split, targets = [(one, "") for one in labels], [""]
     several = f", targets {listing(targets)}" if len(targets) > 1 else ""
     rows_of = {one: np.array([i for i, (_, own) in enumerate(split) if own == one]) for one in targets}
-    bases = {base for base, _ in split} if given is not None else set[str]()
-    counted = any(one.kind == "name" and one.why == COUNTS for one in of_log)
-    shared = set(map(str, () if wanted is None else wanted)) & bases
-    if wanted is not None and shared and (not counted or shared == bases):
+    counted = what == "point" and any(one.kind == "name" and one.why == COUNTS for one in of_log)
+    pairing = None
+    if wanted is not None and given is not None:
+        pairing = paired_names(list(map(str, wanted)), [base for base, _ in split])
+    if pairing is not None and not (counted and not pairing.shared >= set(pairing.points)):
         found, spare = {}, list[int]()
         for target, own in rows_of.items():
-            left: dict[str, list[int]] = {}
+            left: dict[Hashable, list[int]] = {}
             for i in own.tolist():
-                left.setdefault(split[i][0], []).append(i)
-            found[target] = np.array([left[str(name)].pop(0) if left.get(str(name)) else -1 for name in wanted])
+                left.setdefault(pairing.points[i], []).append(i)
+            found[target] = np.array([left[key].pop(0) if left.get(key) else -1 for key in pairing.rows])
             spare += [export.lines[i] for some in left.values() for i in some]
         notes = []
         if spare:
@@ -571,7 +728,10 @@ def _joined(
         empty = [names[i] for i in range(count) if all(found[target][i] < 0 for target in targets)]
         if empty:
             notes.append(f"{listing(empty, 5)} without a {what}: {len(empty)} of {count} rows stay empty")
-        return found, names, f"by name{several}", notes
+        pairs = ((names[i], split[own[i]][0]) for own in found.values() for i in range(count) if own[i] >= 0)
+        if (differing := next((pair for pair in pairs if pair[0] != pair[1]), None)) and what == "point":
+            notes.append(f"names are written in two ways: {differing[0]!r} of the log is point {differing[1]!r}")
+        return found, names, f"by {'the number in their names' if pairing.numbered else 'name'}{several}", notes
     if log.spans is not None and export.spans is log.spans:
         empty = sum(not line for line in export.lines)
         notes = [f"{empty} of them have no reading of {export.title}"] if empty else []
@@ -580,7 +740,16 @@ def _joined(
     timed = at is not None and of is not None and not (np.isnan(at).any() or np.isnan(of).any())
     equal = all(len(own) == count for own in rows_of.values())
     recorded = log.spans is not None or export.spans is not None
-    if timed and at is not None and of is not None and (recorded or not equal):
+    other = (
+        what == "point"
+        and not counted
+        and all(cells is not None and len(set(map(str, cells))) > 1 for cells in (wanted, given))
+    )  # both have names, and they are not the same
+    resorted = what == "point" and given is not None and is_resorted([split[i][0] for i in rows_of[targets[0]]])
+    unlike = False
+    if at is not None and of is not None and timed and equal and len(targets) == 1:
+        unlike = bool((np.argsort(at, kind="stable") != np.argsort(of, kind="stable")).any())
+    if timed and at is not None and of is not None and (recorded or not equal or other or resorted or unlike):
         found, shifts, apart = {}, [], []
         for target, own in rows_of.items():
             base, times = (log.spans, of[own]) if export.spans is None else (export.spans, at)
@@ -606,6 +775,13 @@ def _joined(
             notes += [f"{empty} rows have no {what} at their time"] if empty else []
             how = f"by time{several}" + (f", {float(np.median(apart)):.3g} s apart" if apart else "")
             return found, names, how, notes
+    header = [next((one.column for one in own if one.kind == "name"), "") for own in (of_log, of_export)]
+    if equal and (other or (resorted and (wanted is None or counted))):
+        called, of_rows = (listing(dict.fromkeys(map(str, cells)), 3) for cells in (labels, names))
+        text = f"the rows of {log.path.name} are called {of_rows}" if other else f"{log.path.name} has no names"
+        text = f"points are called {called}, and {text}: which is of which is not certain. Give both the same names"
+        text += f", or --take '{header[0] if other else header[1]}=unused' joins them row by row"
+        raise TableError(Place(export.path), text)
     if equal:
         open_ = given is not None and wanted is None and what == "point"
         called = [split[i][0] for i in rows_of[targets[0]]] if open_ else names

@@ -21,16 +21,26 @@ TURN = 2.2 * np.pi
 UR = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 
 JOINTS: tuple[tuple[str, str], ...] = (
-    (r"q_(?P<name>\w+)", "rad"),
+    (r"q_(?P<name>.*\S)", "rad"),
     (r"(?:actual|target)_q_(?P<ur>[0-5])", "rad"),
-    (r"\$?axis_act(?:_meas)?[._ ]?(?P<name>[ae][1-6])", "deg"),
-    (r"(?:/?joint_states?[./])?position[._\[](?P<name>\w+?)\]?", "rad"),
-    (r"(?:.*/)?joint_states?/(?P<name>\w+)/position", "rad"),
+    (r"\$?axis_act(?:_meas)?[._ ]?(?P<short>[ae][1-6])", "deg"),
+    (r"(?:/?joint_states?[./])?position(?:[._](?P<name>.*\S)|\[(?P<listed>[^\[\]]+)\])", "rad"),
+    (r"(?:.*/)?joint_states?/(?P<name>.+)/position", "rad"),
     (r"axispos_(?:act|cmd)_?(?P<kuka>[1-6])", ""),
-    (r"(?P<name>rax_[1-6])", "deg"),
-    (r"(?P<name>(?:j|a|axis|joint|achse|gelenk)[ _.]?[1-9])(?:[ _.](?:act|actual|pos|ist))?", ""),
+    (r"(?P<short>rax_[1-6])", "deg"),
+    (r"(?P<short>(?:j|a|axis|joint|achse|gelenk)[ _.]?[1-9])(?:[ _.](?:act|actual|pos|ist))?", ""),
 )
-"""Patterns of a joint's column, and the unit that their controller writes; '' where people write either."""
+"""Patterns of a joint's column, and the unit that their controller writes; '' where people write either.
+
+`name` and `listed` are the joint's as a robot's file may have it, `short` as a controller numbers it.
+"""
+
+PLACED_WORD = r"(?:act(?:ual)?|ist|pos(?:ition)?|angle|winkel)"
+PLACED = rf"(?:{PLACED_WORD}[ _])?"
+"""What may stand beside a joint's own name in the column of its position."""
+
+RECORDED = "position."
+"""Before a joint's name in a column of a recording."""
 
 COMMANDED = re.compile(r"target|command|cmd|set ?point|soll|desired", re.IGNORECASE)
 """In the name of a column beside one of the same joint that says where it is."""
@@ -53,8 +63,20 @@ STAMPS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
 KEPT = ("payload", "session")
 PICTURE = r"(?:picture|image|photo|foto|bild)(?:[ _]?(?:file|name|path))?"
-TURN_OF = r"(?:(?:.*(?:orientation|rotation)[./])|q(?:uat\w*)?[ _]?)(?P<axis>[xyzw])"
-"""Part of a quaternion."""
+TURN_OF = re.compile(r"(?P<stem>.*?)[ _.\-/]*(?P<axis>[wxyz0-4])")
+"""What may be a part of a quaternion: all four of a stem, of which the squares add up to 1."""
+
+QUATERNIONS = {"wxyz": "wxyz", "0xyz": "wxyz", "0123": "wxyz"}
+"""Axes of columns that are w x y z; that of 1234 is not said."""
+
+ROUNDED = 0.02
+"""Tolerance: how far the length of a quaternion is from 1 where it is written with two digits, or a mean."""
+
+VECTOR, ANGLES = ("rx", "ry", "rz"), ("roll", "pitch", "yaw")
+"""A rotation vector, which a header alone does not say; and angles about the fixed axes x, then y, then z."""
+
+COUNTED = re.compile(r"\d+")
+"""What stands in brackets at the end of a name that is counted so, `j[1]`, and is no unit."""
 
 BRACKETS = re.compile(r"(.*?)\s*[\[(]\s*([^\])]*?)\s*[\])]\s*")
 
@@ -81,18 +103,25 @@ class Meaning:
     why: str
 
 
-def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
+def meanings(
+    source: Source, taken: Mapping[str, str], joints: Sequence[str] = (), slides: Sequence[str] = ()
+) -> tuple[Meaning, ...]:
     """Return what every column of a file is.
 
     Args:
         source: The file.
-        taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`.
+        taken: What the caller says columns are, by their name: `q_J1_deg`, `x_mm`, `pose`, `time`; `unused`.
+        joints: Names of the robot's, where its file is there.
+        slides: Those of them that are lengths.
     """
     comment = next(filter(None, (_unit_of_comment(one) for one in source.comments)), None)
     found = []
     for header, cells in zip(source.header, source.columns, strict=True):
         own = taken.get(header)
-        found.append(_meaning(own or header, header, cells, comment, own is not None))
+        if source.part and own is None and header.startswith(RECORDED):  # a message has names, and no units in them
+            found.append(Meaning(header, "joint", header.removeprefix(RECORDED), "rad", "as ROS has it"))
+            continue
+        found.append(_meaning(own or header, header, cells, comment, own is not None, joints))
     asked = {(one.kind, one.name) for one in found if one.column in taken}
     found = [
         replace(one, kind="unused", why="another is, as asked")
@@ -115,6 +144,14 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
             own = {"kind": "name", "name": "pose"} if "joint" in kinds and "name" not in kinds else {"kind": "unused"}
             found[i] = replace(one, **own, unit="", why=COUNTS)
     axes = {one.name for one in found if one.kind == "coordinate"}
+    found = (
+        _turned(source, found)
+        if axes == {"x", "y", "z"}
+        else [
+            replace(one, kind="covariate", name=_plain(one.column), unit="") if one.kind == "turn" else one
+            for one in found
+        ]
+    )
     if axes != {"x", "y", "z"}:  # an X of something else
         found = [Meaning(one.column, "covariate", one.column, "", "a number") if one.kind == "coordinate" else one
                  for one in found]  # fmt: skip
@@ -126,39 +163,48 @@ def meanings(source: Source, taken: Mapping[str, str]) -> tuple[Meaning, ...]:
     sizes = [
         float(np.nanmax(np.abs(values)))
         for one, cells in zip(found, source.columns, strict=True)
-        if one.kind == "joint" and one.unit is None and np.isfinite(values := numbers(cells)).any()
+        if one.kind == "joint" and one.unit is None and one.name not in slides
+        if np.isfinite(values := numbers(cells)).any()
     ]
     if sizes and max(sizes) > TURN:
         why = f"a value of {max(sizes):.4g} is no angle in rad"
         found = [
-            Meaning(one.column, one.kind, one.name, "deg", why) if one.kind == "joint" and one.unit is None else one
+            replace(one, unit="deg", why=why)
+            if one.kind == "joint" and one.unit is None and one.name not in slides
+            else one
             for one in found
         ]
     return tuple(found)
 
 
-def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool) -> Meaning:
-    text, unit = text.strip(), None
-    if match := BRACKETS.fullmatch(text):
+def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]) -> Meaning:
+    taken_as, text, unit = text, text.strip(), None
+    if (match := BRACKETS.fullmatch(text)) and not COUNTED.fullmatch(match[2]):
         text, unit = match[1], match[2].lower().replace("°", "deg")
     elif "_" in text and text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"], *UNITS["time"]}:
         base, _, last = text.rpartition("_")
         text, unit = (base, last.lower()) if len(base) > 0 else (text, None)
     word, why = text.strip().lower(), "as asked" if asked else "its name"
     in_header = "as asked" if asked else "its header"
-    for pattern, usual in JOINTS:
-        if match := re.fullmatch(pattern, word):
+    if asked and word == "unused":
+        return Meaning(header, "unused", "", "", why)
+    named = [(rf"{PLACED}(?P<name>{re.escape(name)})(?:[ _]{PLACED_WORD})?", "") for name in joints]
+    for pattern, usual in (*named, *JOINTS):
+        if match := re.fullmatch(pattern, text.strip(), re.IGNORECASE):
             parts = match.groupdict()
             if parts.get("ur"):
                 name = f"{UR[int(parts['ur'])]}_joint"
+            elif short := parts.get("short"):
+                name = re.sub(r"[ .]", "_", short)
             else:
-                name = f"A{parts['kuka']}" if parts.get("kuka") else text[match.start("name") : match.end("name")]
+                name = f"A{parts['kuka']}" if parts.get("kuka") else str(parts.get("name") or parts.get("listed"))
+            name = next((one for one in joints if one.lower() == name.lower()), name)
             if unit in {"degree", "degrees", "grad"}:
                 unit = "deg"
             given = unit in UNITS["angle"] or unit in LENGTHS
             known = unit if given else usual or None
             reason = in_header if given else "as this controller writes it" if usual else why
-            return Meaning(header, "joint", name.replace(" ", "_").replace(".", "_"), known, reason)
+            return Meaning(header, "joint", name, known, reason)
     if match := re.fullmatch(COORDINATE, word):
         known = unit if unit in LENGTHS else comment
         return Meaning(header, "coordinate", match["axis"], known, in_header if unit in LENGTHS else "a comment")
@@ -166,8 +212,10 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
         return Meaning(header, "coordinate", match["axis"], "m", "as ROS has it")
     if re.fullmatch(PICTURE, header.strip().lower()) and not isinstance(cells, np.ndarray) and "." in str(cells[0]):
         return Meaning(header, "picture", text if asked else "cam", "", why)
-    if match := re.fullmatch(TURN_OF, word):
-        return Meaning(header, "turn", f"q{match['axis']}", "", why)
+    if word in ANGLES or (asked and word in VECTOR):
+        return Meaning(header, "turn", word, {"degree": "deg", "degrees": "deg"}.get(unit or "", unit), in_header)
+    if asked and re.fullmatch("q[wxyz]", word):
+        return Meaning(header, "turn", word, "", why)
     if re.fullmatch(NAMES, word):
         return Meaning(header, "name", "pose", "", why)
     if re.fullmatch(TIMES, word):
@@ -177,7 +225,42 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
         return Meaning(header, "time", "time", known, in_header if unit else "its size" if stamp else why)
     if word in KEPT:
         return Meaning(header, "kept", word, "", why)
-    return Meaning(header, "covariate", re.sub(r"\W+", "_", header).strip("_") or "column", "", "nothing else")
+    if asked:  # called as the caller says
+        return Meaning(header, "covariate", _plain(taken_as), "", why)
+    return Meaning(header, "covariate", _plain(header), "", "nothing else")
+
+
+def _plain(header: str) -> str:
+    """Return what a column without a meaning is called in a campaign."""
+    return re.sub(r"\W+", "_", header).strip("_") or "column"
+
+
+def _turned(source: Source, found: Sequence[Meaning]) -> list[Meaning]:
+    """Return what columns are where some of them are quaternions: beside x y z, and of length 1."""
+    groups: dict[str, dict[str, int]] = {}
+    for i, one in enumerate(found):
+        match = TURN_OF.fullmatch(re.sub(r"\s*[\[(][^\])]*[\])]$", "", one.column.strip().lower()))
+        if match and one.kind in ("covariate", "joint"):
+            groups.setdefault(match["stem"], {})[match["axis"]] = i
+    settled = list(found)
+    for group in groups.values() if not any(one.kind == "turn" for one in found) else ():
+        axes = "".join(sorted(group, key="w01234xyz".index))
+        if axes not in (*QUATERNIONS, "1234"):
+            continue
+        sizes = np.sqrt(sum(numbers(source.columns[i]) ** 2 for i in group.values()))
+        given = np.isfinite(sizes) & (sizes > 0.1)  # noughts where nothing was set
+        if not given.any() or (np.abs(sizes[given] - 1.0) > ROUNDED).any():
+            continue
+        why = "four columns of length 1"
+        for axis, name in zip(axes, QUATERNIONS.get(axes, "    "), strict=True):
+            own = settled[group[axis]]
+            if name != " ":
+                settled[group[axis]] = replace(own, kind="turn", name=f"q{name}", unit="", why=why)
+            else:
+                part = "wxyz"[int(axis) - 1]
+                open_ = f"a quaternion, w first or last: --take '{own.column}=q{part}'"
+                settled[group[axis]] = replace(own, kind="unused", name="turn", unit="", why=open_)
+    return settled
 
 
 def _unit_of_comment(text: str) -> str | None:

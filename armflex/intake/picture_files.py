@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -48,16 +47,6 @@ def of_corners(source: Source) -> Source:
     names = tuple(dict.fromkeys(map(str, source.columns[source.header.index("picture")])))
     stems = tuple(Path(name).stem for name in names)
     return Source(source.path, ("picture", "name"), tuple(range(1, len(names) + 1)), (names, stems))
-
-
-def joined_by_number(names: Sequence[str], pictures: Sequence[str]) -> dict[str, str]:
-    """Return the picture of each row by the last number in both names, nothing where one is of no row or of two."""
-    own, there = (
-        [(int(found[-1]), one) for one in some if (found := re.findall(r"\d+", one))] for some in (names, pictures)
-    )
-    rows, shown = dict(own), dict(there)
-    unique = len(rows) == len(own) == len(names) and len(shown) == len(there) == len(pictures)
-    return {rows[i]: shown[i] for i in shown} if unique and shown.keys() <= rows.keys() else {}
 
 
 def board_of(text: str) -> str:

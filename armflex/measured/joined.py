@@ -107,6 +107,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
             [replace(flag, text=f"{name}: {flag.text}") for name, one in given.items() for flag in one.flags] + flags
         ),
         frame=first.frame if all(one.frame == first.frame for one in campaigns) else "",
+        dates=(min(dates), max(dates)) if (dates := [date for one in campaigns for date in one.dates]) else (),
         units={
             name: unit for name, unit in first.units.items() if all(one.units.get(name) == unit for one in campaigns)
         },

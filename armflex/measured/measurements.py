@@ -7,8 +7,10 @@ arm went but nothing was read stay, masked. Every column without a meaning of it
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ import numpy as np
 from armflex.arguments import checked_init, checked_kinds
 from armflex.arm import Arm, warn
 from armflex.conventions import LARGEST, NUMBER, SMALLEST_STD, UNITS, Array
-from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing
+from armflex.errors import Flag, InputError, Place, TableError, did_you_mean, listing, shown
 from armflex.measured.data_flags import (
     branch_flags,
     check_joint_units,
@@ -44,8 +46,8 @@ from armflex.measured.table import (
     check_asked,
     check_payloads,
     check_same_arm,
+    check_unknown,
     joint_kinds,
-    misspelt,
     read_pieces,
     read_table,
 )
@@ -85,6 +87,7 @@ class Measurements(Rows, Result):
         flags: Flags about the table.
         frame: Name of the frame that the positions are in, '' where the files do not say.
         units: Units that the file has its columns in, by column; those in SI are left out.
+        dates: The first and the last date of `time`, ISO 8601, empty where it has none.
     """
 
     readings: Readings
@@ -92,6 +95,7 @@ class Measurements(Rows, Result):
     flags: tuple[Flag, ...] = ()
     frame: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
+    dates: tuple[str, ...] = ()
 
     FIELDS = ("table", "sha256", "frame", "flags")
     ROWS = "table"
@@ -143,6 +147,7 @@ class Measurements(Rows, Result):
         flags: tuple[Flag, ...] = (),
         frame: str = "",
         units: Mapping[str, str] | None = None,
+        dates: tuple[str, ...] = (),
         **rows: Any,
     ) -> None:
         """Take the attributes of `Rows`, and readings as they are or by number.
@@ -152,8 +157,9 @@ class Measurements(Rows, Result):
         """
         loose = {name: rows.pop(name) for name in ("position", "sigma", "rotation", "sigma_r") if name in rows}
         super().__init__(**rows)
-        own = {"readings": _with(len(self), readings or Readings(len(self)), loose), "sha256": sha256}
-        for name, value in {**own, "flags": flags, "frame": frame, "units": dict(units or {})}.items():
+        own: dict[str, Any] = {"readings": _with(len(self), readings or Readings(len(self)), loose), "sha256": sha256}
+        own |= {"flags": flags, "frame": frame, "units": dict(units or {}), "dates": dates}
+        for name, value in own.items():
             object.__setattr__(self, name, value)
 
     @classmethod
@@ -294,6 +300,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
         yield read_measurements(path, arm, inputs_only=True, unnamed=unnamed).levelled()
         return
     far, positions = [np.zeros((0, len(arm.joint_names)))], [np.zeros((0, 3))]
+    earliest: list[datetime] = []
     far_places: list[Place] = []
     places: list[Place] = []
     seen: dict[str, _Covariate] = {}
@@ -301,6 +308,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     for table in read_pieces(path, kinds, most):
         known, found = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
         asked.append(unit_flags(table, arm))
+        earliest += [datetime.fromisoformat(one) for one in found.dates[:1]]
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Covariate(name)).add(table)
         odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.positioned)
@@ -317,7 +325,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     before: tuple[Array, Array] | None = None
     first = 0
     for table in read_pieces(path, kinds, most):
-        found = _measurements(table, arm, unnamed, first, before)
+        found = _measurements(table, arm, unnamed, first, before, min(earliest, default=None))
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():
             if not column.numeric:
@@ -363,7 +371,7 @@ class _Covariate:
 
 def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExport | None) -> list[str]:
     """Return the columns that have a meaning, after checking that all needed are there and none is misspelt."""
-    known = [*column_kinds(arm), *TEXTS, *(f"approach_{joint}" for joint in arm.joint_names)]
+    known = [*column_kinds(arm), *TEXTS, *(f"{APPROACH}{joint}" for joint in arm.joint_names)]
     needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
     check_same_arm(table, arm)
     table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
@@ -372,15 +380,12 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
             text = f"column {column.header!r}: the arm file declares no [instrument.{sensor}]"
             raise table.fail(f"{text}{did_you_mean(sensor, arm.sensors)}")
     meant = [*known, *(("point",) if points else ())]
-    lowered = [word.lower() for word in meant]
-    long = [word for word in lowered if len(word) > 3]  # of a short one every other short word is a misspelling
     unknown = [name for name in table.columns if name not in meant]
     check_load_names(table, arm, unknown)
     check_asked(table, arm, unknown)
-    for name in unknown:
-        if misspelt(name, long, 0.85) or name.lower() in lowered or name.startswith(("q_", "approach_")):
-            hint = did_you_mean(name, meant)
-            raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
+    for name in (name for name in unknown if name.startswith(APPROACH)):
+        raise table.fail(f"unknown column {table.columns[name].header!r}{did_you_mean(name, meant)}")
+    check_unknown(table, unknown, meant, [*arm.joint_names, *arm.robot.locked])
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
     return known
@@ -399,10 +404,53 @@ def _undeclared(name: str, arm: Arm) -> str:
     return base if name != base and arm.sensors else ""
 
 
+DATE = re.compile(r"\d{4}-\d\d-\d\d(?:[T ].*)?")
+"""How a cell begins that is a date, and no number of seconds."""
+
+
+def _dates(table: Table) -> list[datetime] | None:
+    """Return when each row was, None where the column time has numbers or is not there.
+
+    Raises:
+        TableError: A cell is no date where the first is one, or only some say how far they are from UTC.
+    """
+    cells = table.texts("time") if "time" in table.columns else ()
+    if not cells or table.columns["time"].unit or not DATE.fullmatch(cells[0]):
+        return None
+    found = list[datetime]()
+    for row, cell in enumerate(cells):
+        try:
+            date = datetime.fromisoformat(cell) if DATE.fullmatch(cell) else None
+        except ValueError:
+            date = None
+        if date is None:
+            raise table.fail(f"column 'time' is {shown(cell)}, expected a date as in the first row (ISO 8601)", row)
+        if found and (date.tzinfo is None) != (found[0].tzinfo is None):
+            raise table.fail(f"column 'time' is {shown(cell)}, and only some rows say how far they are from UTC", row)
+        found.append(date)
+    return found
+
+
 def _measurements(
-    table: Table, arm: Arm, unnamed: Unnamed, first: int = 0, before: tuple[Array, Array] | None = None
+    table: Table,
+    arm: Arm,
+    unnamed: Unnamed,
+    first: int = 0,
+    before: tuple[Array, Array] | None = None,
+    start: datetime | None = None,
 ) -> Measurements:
-    """Return the rows of a table without covariates; `first` is the first's number, `before` as of `last_motion`."""
+    """Return the rows of a table without covariates.
+
+    `first` is the first's number, `before` as of `last_motion`. Dates are [s] from `start`, the earliest where it is
+    not given.
+    """
+    dates = _dates(table)
+    if dates is not None:
+        start = start or min(dates)
+        time = np.array([(date - start).total_seconds() for date in dates])
+    else:
+        count = np.arange(first, first + len(table), dtype=float)
+        time = table.numbers("time") if "time" in table.columns else count
     q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
     measured, position = _vectors(table, POSITION)
     turned, rotation = _vectors(table, ROTATION)
@@ -441,7 +489,7 @@ def _measurements(
         pose=named("pose", None),
         session=named("session", "session"),
         payload=payload,
-        time=table.numbers("time") if "time" in table.columns else np.arange(first, first + len(table), dtype=float),
+        time=time,
         q=q,
         approach=approach,
         measured=measured | readings.read,
@@ -451,6 +499,7 @@ def _measurements(
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
         wrenches=read_loads(table, arm, unnamed.force),
+        dates=() if dates is None else (min(dates).isoformat(), max(dates).isoformat()),
     )
 
 

@@ -14,7 +14,6 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
 from itertools import zip_longest
 from pathlib import Path
 
@@ -254,13 +253,7 @@ def with_points(table: Table, points: PointExport) -> tuple[Table, tuple[Flag, .
     # ISO 8601 stamps are seconds since the first; other formats leave month and day open and stay text.
     stamps = next((name for name, cells in points.extras.items() if all(map(_ISO.fullmatch, cells))), None)
     if stamps and "time" not in table.columns and None not in point_of:
-        times = []
-        for line, cell in zip(points.lines, exported.pop(stamps), strict=True):
-            try:
-                times.append(datetime.fromisoformat(cell).replace(tzinfo=None).timestamp())
-            except ValueError:
-                raise TableError(Place(points.path, line), f"{cell!r} is no date and time") from None
-        exported["time"] = [repr(float(seconds)) for seconds in np.array(times) - min(times)]
+        exported["time"] = exported.pop(stamps)
     kept = {name: cells for name, cells in table.columns.items() if name != "point"}
     for name, cells in exported.items():
         given = tuple("" if i is None else cells[i] for i in point_of)

@@ -448,6 +448,33 @@ def misspelt(name: str, known: Iterable[str], likeness: float = 0.75) -> bool:
     return bool(difflib.get_close_matches(name, lowered, n=1, cutoff=likeness)) or not exchanged.isdisjoint(lowered)
 
 
+def check_unknown(table: Table, names: Iterable[str], known: Sequence[str], joints: Sequence[str]) -> None:
+    """Raise `TableError` at a column without a meaning whose name is one of the `known` ones misspelt.
+
+    A joint in the name of a column is no likeness: `speed_elbow` is recorded beside `q_elbow`. Of such a name the word
+    before the joint counts, and the joint only where that word is one of the known columns'.
+    """
+    of_joints = {name: joint for name in known for joint in joints if name.endswith(f"_{joint}")}
+    before = {name.removesuffix(f"_{joint}") for name, joint in of_joints.items()}
+    long = [word for word in before if len(word) >= SHORTEST]
+    plain, squeezed = [name for name in known if name not in of_joints], {_squeezed(name) for name in known}
+    words = [name for name in plain if "_" not in name and len(name) > 2]
+    digitless = {DIGITS.sub("", joint.lower()) for joint in joints}
+    for name in names:
+        word, _, rest = name.partition("_")
+        meant = word.lower() in before or misspelt(word, long)
+        meant = meant and (misspelt(rest, joints) or DIGITS.sub("", rest.lower()) in digitless)
+        meant = meant or name.startswith("q_") or _squeezed(name) in squeezed
+        meant = meant or any(is_nearly(name, one) for one in plain)
+        if meant or (not DIGITS.search(name) and misspelt(name, words, 0.85)):
+            raise table.fail(f"unknown column {table.columns[name].header!r}{did_you_mean(name, known)}")
+
+
+def _squeezed(name: str) -> str:
+    """Return the letters and digits of a name, small."""
+    return re.sub(r"[\W_]", "", name).lower()
+
+
 def asked_columns(arm: Arm) -> tuple[str, ...]:
     """Return the columns that an arm's effects depend on, those of its joints left out; of a level its column."""
     return tuple(dict.fromkeys(name.partition(LEVEL_OF)[0] for name in depended_on(arm)))

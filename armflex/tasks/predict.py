@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from armflex.arguments import checked_kinds
-from armflex.arm import Arm, Setup
+from armflex.arm import Arm, Setup, other_unit
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
@@ -219,14 +220,19 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         known = known_rows(arm, rows, gravity)
     if gravity is not None:
         certain = replace(certain, robot=replace(certain.robot, gravity=gravity[0]))
+    # Rows may be those of a campaign: what stood beyond a limit stood there, unless it is rather in another unit.
+    beyond = np.argwhere((rows.q < arm.robot.lower) | (rows.q > arm.robot.upper)).tolist()
+    asked: dict[str, Any] = {
+        "enforce_limits": any(other_unit(arm.robot.moving[j], float(rows.q[i, j])) for i, j in beyond)
+    }
     try:
-        found = certain.deflection(rows.q, rows.payload, covariates=known, wrenches=rows.wrenches)
+        found = certain.deflection(rows.q, rows.payload, covariates=known, wrenches=rows.wrenches, **asked)
     except ArmflexError:
         for i in every:  # which of them it is, by its place
             with naming(rows.places[i]):
                 given = {name: values[i] for name, values in known.items()}
                 pulled = wrenches_in(rows.wrenches, int(i))
-                certain.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled)
+                certain.deflection(rows.q[i], rows.payload[i], covariates=given, wrenches=pulled, **asked)
         raise
     # The tip's position comes first; see `Readings`.
     wanted = [Position.unread(len(rows))]
@@ -292,6 +298,7 @@ class _Flags:
 
     def __init__(self, arm: Arm) -> None:
         self._arm, self.rows = arm, 0
+        self._beyond = 0
         self._unclear: dict[str, int] = {}
         self._sessions: set[str] = set()
         self._first: dict[str, Flag] = {}
@@ -307,7 +314,10 @@ class _Flags:
         if known:
             self._sessions |= set(rows.session) - set(known)
         for number, flag in sorted(found.flags_by_row, key=lambda pair: pair[0]):
-            said = flag if flag in arm.flags else Flag(flag.code, f"row {self.rows + number}: {flag.text}")
+            limited = flag.code == "outside_limits"
+            self._beyond += limited
+            at = rows.places[number] if limited and rows.places else f"row {self.rows + number}"
+            said = flag if flag in arm.flags else Flag(flag.code, f"{at}: {flag.text}")
             self._first.setdefault(flag.code, said)
         for number, flags in enumerate(predicted.outside):
             for key in dict.fromkeys((flag.code, flag.about) for flag in flags):
@@ -330,11 +340,14 @@ class _Flags:
             text = f"{names}: not among the calibrated sessions, so taken without a shift of their own"
             about["new_session"] = Flag("new_session", text)
         derived = [derived_direction(name, unclear) for name, unclear in self._unclear.items()]
+        if self._beyond > 1:
+            first = self._first["outside_limits"]
+            about["outside_limits"] = replace(first, text=f"{first.text} (the first of {self._beyond} rows)")
         worst = []
         for rows, number, flag in self._worst.values():
             more = f" (the worst of {rows} rows)" if rows > 1 else ""
             worst.append(replace(flag, text=f"row {number}: {flag.text}{more}"))
-        return (*derived, *(about | self._first).values(), *worst, *self._fitted)
+        return (*derived, *(self._first | about).values(), *worst, *self._fitted)
 
 
 def _columns(prediction: Prediction) -> dict[str, list]:

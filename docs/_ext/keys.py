@@ -349,7 +349,7 @@ KEYS: dict[str, dict[str, Key]] = {
 """Table -> key -> meaning."""
 
 _ROW = {
-    "time": Key("when: from any origin", "s", "the row's number"),
+    "time": Key("when: from any origin; of a campaign also a date (ISO 8601)", "s", "the row's number"),
     "payload": Key("a payload of the arm.toml", default="`none`, also where the cell is empty"),
     "q_JOINT": Key(
         "the controller's position of every moving joint of the chain; of joints beside it, as of a second arm, where "

@@ -100,8 +100,8 @@ def facts(arm: Arm, measurements: Measurements, readings: str) -> Table:
 
 
 def dates(measurements: Measurements) -> str:
-    """Return the first and last day that a text column of the campaign names, ISO 8601."""
-    days = sorted(
+    """Return the first and last day that the times or a text column of the campaign name, ISO 8601."""
+    days = [date[:10] for date in measurements.dates] or sorted(
         cell[:10]
         for values in measurements.covariates.values()
         if not isinstance(values, np.ndarray)
@@ -109,7 +109,7 @@ def dates(measurements: Measurements) -> str:
         if len(cell) >= 10 and cell[:4].isdigit() and cell[4] == cell[7] == "-"
     )
     if not days:
-        return "not recorded (a column date, as 2026-03-09, says it)"
+        return "not recorded (a column time or date, as 2026-03-09, says it)"
     return days[0] if days[0] == days[-1] else f"{days[0]} to {days[-1]}"
 
 

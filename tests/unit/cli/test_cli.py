@@ -307,7 +307,7 @@ BAD = {
         ["predict", A, "paylod.csv", "-o", "o"],
         "'paylod', did you mean 'payload'",
     ),
-    "predict outside limits": (["predict", A, "outside.csv", "-o", "o"], "outside.csv:3: joint 'A2' at 2 is outside"),
+    "predict degrees": (["predict", A, "outside.csv", "-o", "o"], "outside.csv:3: joint 'A2' at 12 is outside"),
     "magnify nothing": (["view", A, "-o", "o", "--magnify", "0"], "magnification must be positive"),
     "magnify out of sight": (
         ["view", A, "-o", "o", "--magnify", "1e300"],
@@ -323,7 +323,7 @@ def test_bad_input_exits_with_2_and_says_what(armflex: Run, tmp_path: Path, argu
     header = "q_M1,q_A1,q_A2,q_A3,q_A4,q_A5,q_A6"
     (tmp_path / "nounit.csv").write_text("fx,fy,fz,dx,dy,dz\n" + "1,2,3,4,5,6\n" * 9)
     (tmp_path / "paylod.csv").write_text(f"{header},paylod\n0,0,0,0,0,0,0,p600\n")
-    (tmp_path / "outside.csv").write_text(f"{header}\n0,0,0,0,0,0,0\n0,0,2,0,0,0,0\n")
+    (tmp_path / "outside.csv").write_text(f"{header}\n0,0,0,0,0,0,0\n0,0,12,0,0,0,0\n")
     before = sorted(tmp_path.rglob("*"))
     json_file = [] if arguments[0] in ("demo", "chek") else ["--json", "j.json"]
     result = fine(armflex(*arguments, *json_file), 2)

@@ -1,0 +1,252 @@
+"""`intake`: what is of one another in two files, and what is asked where that is not certain."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from armflex.errors import InputError, TableError
+from armflex.intake import intake
+from armflex.intake.names import paired_names
+
+COUNT = 12
+TEXTS = sorted(range(1, COUNT + 1), key=str)
+"""1 10 11 12 2 ..: as a program sorts that takes numbers for texts."""
+
+
+def log(path: Path, names: Sequence[str], header: str = "Pose") -> Path:
+    """Write a log whose joint J1 is at as many degrees as the number of its row."""
+    path.write_text(f"{header},J1 [deg],J2 [deg]\n" + "".join(f"{one},{i},-90\n" for i, one in enumerate(names, 1)))
+    return path
+
+
+def export(path: Path, names: Sequence[str], order: Sequence[int], more: str = "", cells: Sequence[str] = ()) -> Path:
+    """Write points whose x is as many mm as the row that they are of."""
+    rows = [f"{name},{i},0,5{cell}" for name, i, cell in zip(names, order, cells or [""] * len(names), strict=True)]
+    path.write_text("\n".join([f"Name,X [mm],Y [mm],Z [mm]{more}", *rows]))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("of_rows", "of_points"),
+    [
+        ("P{:02d}", "P{}"),
+        ("P{}", "p{}"),
+        ("pose_{}", "Pt_{}"),
+        ("{}", "P{:03d}"),
+        ("{}", "{}.0"),
+        ("P{}", "M{}"),
+        ("P{}", "A::Main::P{}"),
+        ("Pose {}", "2024-11-03/Station 1/POSE-{:04d}"),
+    ],
+)
+@pytest.mark.parametrize("order", [TEXTS, range(COUNT, 0, -1)])
+def test_names_that_differ_in_writing_alone_are_of_one_another(
+    tmp_path: Path, of_rows: str, of_points: str, order: Sequence[int]
+) -> None:
+    rows = log(tmp_path / "log.csv", [of_rows.format(i) for i in range(1, COUNT + 1)])
+    points = export(tmp_path / "export.csv", [of_points.format(i) for i in order], order)
+    found = intake([rows, points], 5e-5)
+    assert found.columns["x"] == pytest.approx(1e-3 * np.arange(1, COUNT + 1))
+    assert found.joined.startswith("by ")
+
+
+@pytest.mark.parametrize(
+    ("of_rows", "of_points"),
+    [
+        ([f"P{i}" for i in range(6)], [f"M{i}" for i in range(1, 7)]),
+        ([str(i) for i in range(6)], [str(i) for i in range(1, 7)]),
+        ([f"L1_P{i}" for i in range(6)], [f"L2_P{i}" for i in range(6)]),
+        ([f"A{i}" for i in range(6)], ["one", "two", "three", "four", "five", "six"]),
+        (list("abcdef"), [f"P{i}" for i in range(6)]),
+        ([f"P{i}" for i in (1, 2, 3, 4, 5, 7)], [f"M{i}" for i in (1, 2, 3, 4, 5, 6)]),
+    ],
+)
+def test_names_that_do_not_match_are_no_order(tmp_path: Path, of_rows: list[str], of_points: list[str]) -> None:
+    paths = [log(tmp_path / "log.csv", of_rows), export(tmp_path / "export.csv", of_points, range(1, 7))]
+    with pytest.raises(TableError, match=r"which is of which is not certain.*--take 'Pose=unused'"):
+        intake(paths, 5e-5)
+    assert intake(paths, 5e-5, {"Pose": "unused"}).columns["x"] == pytest.approx(1e-3 * np.arange(1, 7))
+
+
+def test_points_that_a_program_sorted_are_no_order(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("J1 [deg],J2 [deg]\n" + "".join(f"{i * i},-90\n" for i in range(1, COUNT + 1)))
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in TEXTS], TEXTS)
+    with pytest.raises(TableError, match=r"called P1, P10, P11.*log.csv has no names.*--take 'Name=unused'"):
+        intake([tmp_path / "log.csv", points], 5e-5)
+
+
+def test_clocks_outweigh_the_order_of_rows(tmp_path: Path) -> None:
+    rows = "".join(f"10:00:{3 * i:02d},{i},-90\n" for i in range(1, 7))
+    (tmp_path / "log.csv").write_text(f"time,J1 [deg],J2 [deg]\n{rows}")
+    order = (3, 1, 2, 6, 5, 4)
+    text = "Zeit,X [mm],Y [mm],Z [mm]\n" + "".join(f"10:00:{3 * i:02d},{i},0,5\n" for i in order)
+    (tmp_path / "export.csv").write_text(text)
+    found = intake([tmp_path / "log.csv", tmp_path / "export.csv"], 5e-5)
+    assert found.columns["x"] == pytest.approx(1e-3 * np.arange(1, 7))
+
+
+def test_keys_are_those_of_most_rows() -> None:
+    found = paired_names(["P01", "P02", "P10"], ["P1", "P2", "P10"])
+    assert found is not None and found.rows == found.points and not found.numbered
+    assert paired_names(["A1", "B1"], ["1", "2"]) is None
+
+
+TURNS = Rotation.from_rotvec(np.random.default_rng(3).uniform(-1.5, 1.5, (6, 3)))
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["qw,qx,qy,qz", "quat_w,quat_x,quat_y,quat_z", "Q0,Qx,Qy,Qz", "q_w,q_x,q_y,q_z", "RW,RX,RY,RZ", "e0,e1,e2,e3"],
+)
+def test_a_quaternion_is_known_by_its_length(tmp_path: Path, header: str) -> None:
+    four = [",".join(["", *map(str, np.roll(one, 1).round(7))]) for one in TURNS.as_quat()]
+    names = [f"P{i}" for i in range(1, 7)]
+    points = export(tmp_path / "export.csv", names, range(1, 7), f",{header}", four)
+    found = intake([log(tmp_path / "log.csv", names), points], 5e-5, sigma_r=5e-4).columns
+    turned = Rotation.from_rotvec(np.array([found[name] for name in ("rx", "ry", "rz")]).T)
+    assert (turned * TURNS.inv()).magnitude() == pytest.approx(np.zeros(6), abs=1e-6)
+    assert [name for name in found if name.startswith("q_")] == ["q_J1", "q_J2"]
+
+
+def test_an_orientation_that_is_asked_for_and_open_is_refused(tmp_path: Path) -> None:
+    names = [f"P{i}" for i in range(1, 7)]
+    rows, path = log(tmp_path / "log.csv", names), tmp_path / "export.csv"
+    angles = [",".join(["", *map(str, one.round(5))]) for one in TURNS.as_euler("xyz", degrees=True)]
+    paths = [rows, export(path, names, range(1, 7), ",Rx [deg],Ry [deg],Rz [deg]", angles)]
+    with pytest.raises(InputError, match=r"no orientation is read \(other columns: 'Rx \[deg\]'.*roll_deg"):
+        intake(paths, 5e-5, sigma_r=5e-4)
+    taken = {"Rx [deg]": "roll_deg", "Ry [deg]": "pitch_deg", "Rz [deg]": "yaw_deg"}
+    found = intake(paths, 5e-5, taken, sigma_r=5e-4).columns
+    turned = Rotation.from_rotvec(np.array([found[name] for name in ("rx", "ry", "rz")]).T)
+    assert (turned * TURNS.inv()).magnitude() == pytest.approx(np.zeros(6), abs=1e-6)
+    export(path, names, range(1, 7), ",q1,q2,q3,q4", [",".join(["", *map(str, one)]) for one in TURNS.as_quat()])
+    with pytest.raises(InputError, match=r"w first or last: --take 'q1=qw'"):
+        intake(paths, 5e-5, sigma_r=5e-4)
+    export(path, names, range(1, 7))
+    with pytest.raises(InputError, match="--sigma-r, and no orientation is read"):
+        intake(paths, 5e-5, sigma_r=5e-4)
+
+
+@pytest.mark.parametrize("name", ["arm/j{}", "arm-j{}", "r.j{}", "joint {}", "r::j{}", "j[{}]", "Gelenk_ä{}"])
+def test_joints_are_called_as_a_robots_file_may_have_them(tmp_path: Path, name: str) -> None:
+    names = [name.format(i) for i in (1, 2)]
+    for header, unit in (("q_{}_deg", 180.0 / np.pi), ("position.{}", 1.0), ("/joint_states/{}/position", 1.0)):
+        head = ",".join(header.format(one) for one in names)
+        (tmp_path / "log.csv").write_text(f"pose,{head}\n" + "".join(f"P{i},{i},-{i}\n" for i in range(1, 7)))
+        points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 7)], range(1, 7))
+        found = intake([tmp_path / "log.csv", points], 5e-5).columns
+        assert found[f"q_{names[1]}"] == pytest.approx(-np.arange(1, 7) / unit)
+
+
+def urdf(path: Path) -> Path:
+    body = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = "".join(f'<link name="{one}">{body}</link>' for one in "abc")
+    joints = "".join(
+        f'<joint name="{name}" type="{kind}"><parent link="{a}"/><child link="{b}"/><origin xyz="0 0 1"/>'
+        '<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        for name, kind, a, b in (("boom_swing", "revolute", "a", "b"), ("boom_reach", "prismatic", "b", "c"))
+    )
+    path.write_text(f'<robot name="boom">{links}{joints}</robot>')
+    return path
+
+
+def test_the_robots_own_names_are_known_in_a_log(tmp_path: Path) -> None:
+    rows = "".join(f"P{i},{10 * i},{300 + i},7\n" for i in range(1, 7))
+    paths = [urdf(tmp_path / "boom.urdf"), tmp_path / "log.csv"]
+    points = export(tmp_path / "export.csv", [f"P{i}" for i in range(1, 7)], range(1, 7))
+    for head in ("boom_swing [deg],boom_reach [mm]", "Boom_Swing_deg,actual boom_reach [mm]"):
+        paths[1].write_text(f"Pose,{head},tau_boom_swing\n{rows}")
+        found = intake([*paths, points], 5e-5).columns
+        assert found["q_boom_swing"][0] == pytest.approx(np.radians(10.0))
+        assert found["q_boom_reach"][0] == pytest.approx(0.301)
+        assert found["tau_boom_swing"] == [7.0] * 6
+    for head, text in {
+        "boom_swing,boom_reach": r"the unit of column 'boom_reach'.*q_boom_reach_mm",
+        "boom_swing [deg],boom_reach [deg]": "'boom_reach' of boom.urdf slides",
+    }.items():
+        paths[1].write_text(f"Pose,{head},tau_boom_swing\n{rows}")
+        with pytest.raises(InputError, match=text):
+            intake([*paths, points], 5e-5)
+
+
+DH = "joint,theta [deg],d [mm],a [mm],alpha [deg]"
+ROWS = ("1,0,500,100,-90", "2,-90,0,550,0")
+
+
+@pytest.mark.parametrize(
+    ("header", "rows"),
+    [
+        (DH, ("1,q1,500,100,-90", "2,q2-90,0,550,0")),
+        (DH, ("1,θ1,500,100,-90°", "2,-90 + θ2,0,550,0")),
+        ("i,theta,d [m],a [m],alpha", ("1,0,0.5,0.1,-pi/2", "2,-π/2,0,0.55,0")),
+        ("joint,d [mm],a [mm],alpha [deg],offset [deg]", ("1,500,100,-90,0", "2,0,550,0,-90")),
+        (f"{DH},offset [deg]", ("1,0,500,100,-90,0", "2,q2,0,550,0,-90")),
+        (f"{DH},home [deg]", ("1,0,500,100,-90,0", "2,0,0,550,0,-90")),
+        (f"{DH},flip,sigma", ("1,0,500,100,-90,0,0", "2,-90,0,550,0,0,R")),
+        (f"{DH},mass,Remarks", ("1,0,500,100,-90,3,base", "2,-90,0,550,0,4,arm")),
+    ],
+)
+def test_dh_tables_with_symbols_and_offsets(tmp_path: Path, header: str, rows: tuple[str, ...]) -> None:
+    (tmp_path / "dh.csv").write_text("\n".join([header, *rows]))
+    found = intake([tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])], None, dh="standard")
+    assert found.arm is not None
+    assert "J1 = { theta_deg = 0.0, d_mm = 500.0, a_mm = 100.0, alpha_deg = -90.0 }" in found.arm
+    assert "J2 = { theta_deg = -90.0, d_mm = 0.0, a_mm = 550.0, alpha_deg = 0.0 }" in found.arm
+
+
+def test_what_else_a_dh_table_says_is_read_or_refused(tmp_path: Path) -> None:
+    path, rows = tmp_path / "dh.csv", log(tmp_path / "log.csv", ["P1", "P2", "P3"])
+    for header, cells, text in (
+        ("flip", ("0", "1"), r"dh.csv:3: 'flip' is '1'"),
+        ("sign", ("+1", "-1"), r"dh.csv:3: 'sign' is '-1'"),
+        ("home [deg]", ("0", "-90"), "both have angles"),
+        ("theta0 [deg]", ("0", "-90"), "both have angles"),
+        ("sigma", ("1", "0"), r"dh.csv:2: joint 'J1' slides, and column 'J1 \[deg\]' of the log is in deg"),
+        ("type", ("P", "R"), "joint 'J1' slides"),
+        ("type", ("?", "R"), r"dh.csv:2: 'type' is '\?'"),
+        ("skew [deg]", ("0", "1"), "'skew .*--take 'skew"),
+    ):
+        path.write_text("\n".join([f"{DH},{header}", *(",".join(pair) for pair in zip(ROWS, cells, strict=True))]))
+        with pytest.raises(InputError, match=text):
+            intake([path, rows], None, dh="standard")
+    path.write_text(f"{DH},beta [deg],type\n{ROWS[0]},0,R\n{ROWS[1]},0.5,P")
+    (tmp_path / "log.csv").write_text("pose,q_arm/j1_deg,q_arm/j2_mm\n" + "".join(f"P{i},{i},{i}\n" for i in range(3)))
+    found = intake([path, rows], None, dh="standard").arm
+    assert found is not None
+    assert '"arm/j2" = { theta_deg = -90.0, ' in found
+    assert 'beta_deg = 0.5, kind = "prismatic" }' in found
+
+
+@pytest.mark.parametrize("empty", ["", "nan"])
+def test_a_cell_of_another_topics_message_is_empty(tmp_path: Path, empty: str) -> None:
+    """A table of all topics, a row for each message: an arm that stands at three places, and its target."""
+    time = np.arange(0.0, 9.0, 0.02)
+    at = np.interp(time, [0.0, 2.0, 3.0, 5.5, 6.5, 9.0], [0.0, 0.0, 0.5, 0.5, -0.4, -0.4])
+    with (tmp_path / "all.csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["__time", "/joint_states/a/position", *(f"/tracker/pose/position/{axis}" for axis in "xyz")])
+        for now, q in zip(time, at, strict=True):
+            table.writerow([now, q, *[empty] * 3])
+            table.writerow([now + 0.007, empty, 1.0 + q, 2.0, 3.0])
+    found = intake([tmp_path / "all.csv"], 5e-5).columns
+    assert found["q_a"] == pytest.approx([0.0, 0.5, -0.4], abs=1e-9)
+    assert found["x"] == pytest.approx([1.0, 1.5, 0.6], abs=1e-9)
+
+
+def test_what_an_export_has_beside_readings_is_kept_or_said(tmp_path: Path) -> None:
+    names = [f"P{i}" for i in range(1, 7)]
+    cells = [f",0.01,{50 * i},2024-03-12 10:0{i}:00" for i in range(6)]
+    points = export(tmp_path / "export.csv", names, range(1, 7), ",RMS,Masse [kg],Zeit", cells)
+    found = intake([log(tmp_path / "log.csv", names), points], 5e-5)
+    assert found.columns["Masse_kg"] == [0.0, 50.0, 100.0, 150.0, 200.0, 250.0]
+    assert found.columns["time"] == [f"2024-03-12T10:0{i}:00" for i in range(6)]
+    assert "'RMS' of export.csv left out" in found.notes[-1]
+    kept = intake([tmp_path / "log.csv", points], 5e-5, {"RMS": "RMS"})
+    assert kept.columns["RMS"] == [0.01] * 6
+    assert found.columns["q_J1"][0] == 0.017453292520  # no digits of a conversion
