@@ -90,7 +90,7 @@ def study(
     if not which(PROGRAM):
         if mesh.beyond:
             keyword, line = mesh.beyond[0]
-            text = f"{mesh.path}:{line}: *{keyword} is computed by CalculiX alone, and {PROGRAM} is not installed"
+            text = f"{mesh.place(line)}: *{keyword} is computed by CalculiX alone, and {PROGRAM} is not installed"
             raise UnsupportedError(f"{text} (Debian: apt install calculix-ccx)")
         part = condense(mesh, fixed, [loaded], interface, tick=tick)
         text = f"CalculiX ({PROGRAM}) is not installed: the deflections are linear in the loads"
