@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from armflex.errors import Flag
-from armflex.fem.mesh import FLAT, NOT_COMPUTED, Draft, Mesh
+from armflex.fem.mesh import DEEPEST, FLAT, NOT_COMPUTED, Draft, Mesh, words
 
 KINDS = {"CTETRA": {4: "C3D4", 10: "C3D10"}, "CHEXA": {8: "C3D8", 20: "C3D20"}}
 """Card -> number of its nodes -> type of its element."""
 
-HARMLESS = frozenset(
+HARMLESS = words(
     """
     CORD1R CORD1C CORD1S CORD2R CORD2C CORD2S CORD3R CORD3G SPOINT EPOINT SEQGP POINT
     PLOTEL PLOTEL3 PLOTEL4 PLOTEL6 PLOTEL8 PLOTTET PLOTHEX PLOTPEN PLOTPYR SET1 SET2 SET3 SET4 GROUP
@@ -34,55 +34,52 @@ HARMLESS = frozenset(
     EIGR EIGRL EIGB EIGC EIGP FREQ FREQ1 FREQ2 FREQ3 FREQ4 FREQ5 MODTRAK MODSEL RANDPS RANDT1 RCROSS TSTEP TSTEP1
     TSTEPNL NLPARM NLPARML NLPCI NLSTEP NLCNTL NLCNTL2 NLOUT NLADAPT ITER NXSTRAT ECHOON ECHOOFF
     DESVAR DLINK DRESP1 DRESP2 DRESP3 DCONSTR DCONADD DOPTPRM DSCREEN DEQATN DTABLE DDVAL
-    """.split()
+    """
 )
-"""Cards that neither join, move, weigh nor shape solids: systems that a GRID may name, outputs, properties that elements
-may have, degrees of freedom that are held or reduced, loads, temperatures, tables, and how the model is solved."""
+"""Cards that neither join, move, weigh nor shape solids: systems that a GRID may name, outputs, properties of elements,
+degrees of freedom that are held or reduced, loads, temperatures, tables, and how the model is solved."""
 
-CONTROL = frozenset(
+CONTROL = words(
     """
     ID SOL TIME CEND DIAG APP NAST INIT ASSI GEOM ECHO TITL SUBT LABE LINE MAXL PAGE SUBC SUBS REPC SYM SYMC SYMS STAT
-    AUTO ANAL SPC LOAD LOAL DLOA LOAD LSEQ METH CMET FREQ SDAM RAND TSTE TEMP DEFO NLPA NLST NLIC NLRE STEP IC SUPO BC
-    OUTP OUTR SURF VOLU SKIP OFRE OTIM OMOD OLOA DISP VECT VELO ACCE PRES SDIS SVEL SACC SVEC SPCF MPCF BOUT BCRE BGRE
-    GPFO GPST GPKE GPRS STRE ELST STRA STRF FORC ELFO ESE EKE EDE EDES STRN NLST NLST PFMO MODA MEFF MODE RESV RIGI CRSP
-    SETP GROU GRDC WEIG ELSU ENTH FLUX HDOT THER HTFL HOUT DATA DRSP DESO DESG DESS DESV DSYM XYPL XYPR XYPU XYPE XYPA
-    CSCA XTIT YTIT XAXI YAXI XGRI YGRI XMIN XMAX YMIN YMAX TCUR FORM RESU SCRE TITL MSGL HISO PLOT PARA VUGR UNIT
-    SENS MASS FLSF ADAM MONI AERO TRIM DIVE FMET CSSC HTOC POST OFFS HDF5 MDLP
-    """.split()
+    AUTO ANAL SPC LOAD LOAL DLOA LSEQ METH CMET FREQ SDAM RAND TSTE TEMP DEFO NLPA NLST NLIC NLRE STEP IC SUPO BC OUTP
+    OUTR SURF VOLU SKIP OFRE OTIM OMOD OLOA DISP VECT VELO ACCE PRES SDIS SVEL SACC SVEC SPCF MPCF BOUT BCRE BGRE GPFO
+    GPST GPKE GPRS STRE ELST STRA STRF FORC ELFO ESE EKE EDE EDES STRN PFMO MODA MEFF MODE RESV RIGI CRSP SETP SHEL
+    GROU GRDC WEIG ELSU ENTH FLUX HDOT THER HTFL HOUT DATA DRSP DESO DESG DESS DESV DSYM XYPL XYPR XYPU XYPE XYPA CSCA
+    XTIT YTIT XAXI YAXI XGRI YGRI XMIN XMAX YMIN YMAX TCUR FORM RESU SCRE MSGL HISO PLOT PARA VUGR UNIT SENS MASS FLSF
+    ADAM MONI AERO TRIM DIVE FMET CSSC HTOC POST OFFS HDF5 MDLP
+    """
 )
-"""The first four letters, by which Nastran knows them, of what an executive or case control may say without changing the
-model. MPC, NSM, B2GG, K2GG, M2GG, BCSET, BGSET, BOLTLD and SUPER do."""
+"""The first four letters, which Nastran compares, of what an executive or case control may say without a change of the
+model. MPC, NSM, B2GG, K2GG, M2GG, BCSET, BGSET, BOLTLD and SUPER change it."""
 
-ELEMENTAL = frozenset("STRE ELST STRA FORC ELFO ESE EKE EDE EDES STRN GPRS".split())
+ELEMENTAL = words("STRE ELST STRA FORC ELFO ESE EKE EDE EDES STRN GPRS")
 """Requests of results that elements have."""
 
-PARAMETERS = frozenset(
+PARAMETERS = words(
     """
     ACOUT ADMPOST ALPHA1 ALPHA2 AMLS ARBMASP AUNITS AUTOGOUT AUTOMSET AUTOQSET AUTOSPC AUTOSPCR BAILOUT BIGER BUSHNM
     CDIF CDITER CDPCH CDPRT CHECKEL CHECKOUT CONFAC COUPMASS CURV CURVPLOT CWDIAGP DBALL DBCCONV DBDICT DBDN DBEXT
     DBRCV DBUP DDRMM DESPCH DESPCH1 DFREQ DPEPS DSNOKD DYNSPCF ENFMETH ENFMOTN EPPRT EPZERO ERROR EST EXTOUT EXTUNIT
-    FACTOR FIXEDB FOLLOWK FRQDEPO G GEOMU GFL GPECT GRDEQ GRDPNT HFREQ HFREQFL IFP IFTM INREL INRLM IRES ITAPE K6ROT
-    LANGLE LFREQ LFREQFL LGDISP LMODES LMODESFL LOADU MARC MAXLINES MAXRATIO MESH METHCMRS MODACC NASPRT NDAMP NEWSEQ
-    NLAYERS NLTOL NMLOOP NOCOMPS NOELOF NOELOP NOFISR NOGPF NOINT NOMSGSTR NONCUP NUMOUT NUMOUT1 OCMP OELMSET OG OGEOM
-    OGPS OIBULK OLDSEQ OMACHPR OMAXR OMID OMSGLVL OP2 OP2FMT OPGEOM OPTEXIT OPTION OSWELM OSWPPT OUGCORD OUNIT1 OUNIT2
-    OUTOPT PATPLUS PATVER PCHCOMP PDRMSG PEDGEP PLTMSG POST POSTEXT POSTOPT POSTU PRGPST PRINT PRPA PRPJ PRTCSTM
-    PRTMAXIM PRTPCOMP PRTRESLT PVALINIT RESLTOPT RESVEC RESVINER RMSINT RSPECTRA SCRSPEC SEMAP SERST SHLDAMP SIGMA
-    SKINOUT SNORM SNORMPRT SOFTEXIT SOLADJC SPARSEDM SPARSEDR SRTELTYP SRTOPT START STIME STRFLUR SUBID TABS TESTNEG
-    TINY TSTATIC UNSYMF UPDTBSH USETPRT USETSEL USETSTR VREF VUBEAM VUGJUMP VUHEXA VUTETRA W3 W4 WRBEAMB XFLAG XYUNIT
-    """.split()
+    FACTOR FIXEDB FOLLOWK FRQDEPO G GEOMU GFL GPECT GRDEQ GRDPNT HDF5 HFREQ HFREQFL IFP IFTM INREL INRLM IRES ITAPE
+    K6ROT LANGLE LFREQ LFREQFL LGDISP LMODES LMODESFL LOADU MARC MAXLINES MAXRATIO MESH METHCMRS MODACC NASPRT NDAMP
+    NEWSEQ NLAYERS NLTOL NMLOOP NOCOMPS NOELOF NOELOP NOFISR NOGPF NOINT NOMSGSTR NONCUP NUMOUT NUMOUT1 OCMP ODS
+    OELMSET OG OGEOM OGPS OIBULK OLDSEQ OMACHPR OMAXR OMID OMPT OMSGLVL OP2 OP2FMT OPGEOM OPTEXIT OPTION OSWELM OSWPPT
+    OUGCORD OUNIT1 OUNIT2 OUTOPT PATPLUS PATVER PCHCOMP PDRMSG PEDGEP PLTMSG POST POSTEXT POSTOPT POSTU PRGPST PRINT
+    PRPA PRPJ PRTCSTM PRTMAXIM PRTPCOMP PRTRESLT PVALINIT RESLTOPT RESVEC RESVINER RMSINT RSPECTRA SCRSPEC SEMAP SERST
+    SHLDAMP SIGMA SKINOUT SNORM SNORMPRT SOFTEXIT SOLADJC SPARSEDM SPARSEDR SRTELTYP SRTOPT START STIME STRFLUR SUBID
+    TABS TESTNEG TINY TSTATIC UNITSYS UNSYMF UPDTBSH USETPRT USETSEL USETSTR VREF VUBEAM VUGJUMP VUHEXA VUTETRA W3 W4
+    WRBEAMB XFLAG XYUNIT
+    """
 )
-"""PARAM that concern neither stiffness nor mass of solids; WTMASS is read."""
+"""PARAM and MDLPRM that concern neither stiffness nor mass of solids; WTMASS is read."""
 
 UPWARD = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]
 """Nodes of a CHEXA of twenty -> those of a C3D20: the edges upward come before those of the top."""
 
-DEEPEST = 5
-"""Files that include one another."""
-
 _SET = re.compile(r"SET\s+(\w+)\s*=\s*(.*)", re.I | re.S)
 _ITEM = re.compile(r"(EXCEPT )?(ALL|\d+)(?: (?:THRU|TO) (\d+)(?: BY (\d*[1-9]\d*))?)?(?: |$)")
 _INCLUDE = re.compile(r"INCLUDE\s+(.*)", re.I)
-_NOT_SHAPED = f"is not computed: {NOT_COMPUTED}"
 
 Line = tuple[int, str]
 """A line that is neither empty nor a comment, and its number."""
@@ -139,13 +136,14 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
         elif word == "SPCADD":
             for other in filter(None, cells[1:]):
                 held.setdefault(f"SPC{cells[0]}", []).append(([f"SPC{other}"], line))
-        elif word == "PARAM":
-            scale = _parameter(draft, cells[0], cells[1], line) or scale
+        elif word in ("PARAM", "MDLPRM"):
+            for name, value in zip(cells[::2], cells[1::2], strict=False):
+                scale = (_parameter(draft, name, value, line) if name else None) or scale
         elif word == "ENDDATA":
             flags = []
             break
         elif word not in HARMLESS:
-            draft.fail(f"{word[:40]} {_NOT_SHAPED}", line)
+            draft.fail(f"{word[:40]} is not computed, and is not known to be harmless: {NOT_COMPUTED}", line)
         elif word.startswith("MAT"):
             foreign[cells[0]] = word
     for name, word, material, line in properties:
@@ -157,14 +155,14 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             draft.fail(f"{word} makes shells of {name}, which are not computed: {NOT_COMPUTED}", line)
     for material in draft.materials.values():
         material |= {"density": (controlled or scale or 1.0) * material["density"]} if "density" in material else {}
-    for name, (words, line) in sets.items():
+    for name, (given, line) in sets.items():
         if name not in draft.unread:
-            _members(draft, name, words, line)
+            _members(draft, name, given, line)
     for name, several in held.items():
-        for words, line in several if name not in draft.unread else ():
-            for other in [word for word in words if word.startswith("SPC")]:
-                words = [word for more, _ in held.get(other, ()) for word in more]
-            _members(draft, name, words, line)
+        for given, line in several if name not in draft.unread else ():
+            for other in [word for word in given if word.startswith("SPC")]:
+                given = [word for more, _ in held.get(other, ()) for word in more]
+            _members(draft, name, given, line)
     return draft.mesh(flags)
 
 
@@ -233,16 +231,16 @@ def _parameter(draft: Draft, name: str, value: str, line: int) -> float | None:
 
 def _add_set(draft: Draft, sets: dict[str, tuple[list[str], int]], match: re.Match[str], line: int) -> None:
     """Take in a SET; what it is of shows when all nodes are there."""
-    name, words = match[1].upper(), re.split(r"[\s,]+", match[2].upper().strip(" ,"))
-    if name in sets and sets[name][0] != words:
+    name, given = match[1].upper(), re.split(r"[\s,]+", match[2].upper().strip(" ,"))
+    if name in sets and sets[name][0] != given:
         draft.unread[name] = f"stands twice, in line {sets[name][1]} too", line
-    sets.setdefault(name, (words, line))
+    sets.setdefault(name, (given, line))
 
 
-def _members(draft: Draft, name: str, words: list[str], line: int) -> None:
+def _members(draft: Draft, name: str, given: list[str], line: int) -> None:
     """Add the nodes of a SET or of an SPC to a set: numbers, THRU with BY, EXCEPT for those within it, and ALL."""
     own, nodes = dict.fromkeys(draft.sets.pop(name, ())), draft.nodes
-    text, at, last, excepting, problem = " ".join(words), 0, 0, False, ""
+    text, at, last, excepting, problem = " ".join(given), 0, 0, False, ""
     while at < len(text) and not problem:
         if (match := _ITEM.match(text, at)) is None:
             problem = f"has {text[at:].split()[0][:40]!r}, expected nodes, THRU, EXCEPT or ALL"

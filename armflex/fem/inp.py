@@ -16,43 +16,52 @@ from scipy.spatial.transform import Rotation
 
 from armflex.conventions import Array
 from armflex.errors import Flag, listing
-from armflex.fem.mesh import EDGES, FACES, FLAT, MOST_LINES, NOT_COMPUTED, SOLIDS, Draft, Mesh, corners_of
+from armflex.fem.mesh import (
+    DEEPEST,
+    EDGES,
+    FACES,
+    FLAT,
+    MOST_LINES,
+    NOT_COMPUTED,
+    SOLIDS,
+    Draft,
+    Mesh,
+    corners_of,
+    words,
+)
 
-HARMLESS = frozenset(
-    " ".join(keyword.split())
-    for keyword in """
-    HEADING, PREPRINT, ASSEMBLY, END ASSEMBLY, END PART, END INSTANCE, AMPLITUDE, TIME POINTS, PHYSICAL CONSTANTS, FILTER,
-    RESTART, SECTION CONTROLS, HOURGLASS STIFFNESS, ORIENTATION,
-    EXPANSION, CONDUCTIVITY, SPECIFIC HEAT, LATENT HEAT, DAMPING, ELECTRICAL CONDUCTIVITY, MAGNETIC PERMEABILITY,
-    INELASTIC HEAT FRACTION, JOULE HEAT FRACTION, DIFFUSIVITY, SOLUBILITY, DEPVAR, FAIL STRESS, FAIL STRAIN,
-    SURFACE INTERACTION, FRICTION, SURFACE BEHAVIOR, CONTACT DAMPING, GAP CONDUCTANCE, GAP HEAT GENERATION,
-    BOUNDARY, CLOAD, DLOAD, DSLOAD, INITIAL CONDITIONS, PREDEFINED FIELD, BASE MOTION, PSD-DEFINITION, SPECTRUM,
-    STEP, END STEP, STATIC, FREQUENCY, BUCKLE, DYNAMIC, MODAL DYNAMIC, STEADY STATE DYNAMICS, RANDOM RESPONSE,
-    RESPONSE SPECTRUM, COMPLEX FREQUENCY, VISCO, HEAT TRANSFER, COUPLED TEMPERATURE-DISPLACEMENT, SENSITIVITY,
-    UNCOUPLED TEMPERATURE-DISPLACEMENT, GREEN, SUBSTRUCTURE GENERATE, RETAINED NODAL DOFS, SUBSTRUCTURE MATRIX OUTPUT,
-    MATRIX GENERATE, MATRIX OUTPUT, ELEMENT MATRIX OUTPUT, SELECT CYCLIC SYMMETRY MODES, SELECT EIGENMODES, MODAL DAMPING,
-    GLOBAL DAMPING, CONTROLS, SOLUTION TECHNIQUE, SOLVER CONTROLS, DIAGNOSTICS, BULK VISCOSITY,
-    TEMPERATURE, FIELD, CFLUX, DFLUX, DSFLUX, FILM, SFILM, RADIATE, SRADIATE, FLUX, LOAD CASE, END LOAD CASE, CECURRENT,
-    INERTIA RELIEF, OUTPUT, NODE OUTPUT, ELEMENT OUTPUT, CONTACT OUTPUT, ENERGY OUTPUT, MODAL OUTPUT,
-    INCREMENTATION OUTPUT, RADIATION OUTPUT, SURFACE OUTPUT, INTEGRATED OUTPUT, INTEGRATED OUTPUT SECTION, FILE FORMAT,
-    FILE OUTPUT, NODE PRINT, NODE FILE, EL PRINT, EL FILE, ELEMENT FILE, ELEMENT PRINT, CONTACT PRINT, CONTACT FILE,
-    ENERGY PRINT, ENERGY FILE, MODAL PRINT, MODAL FILE, SECTION PRINT, SECTION FILE, FACE PRINT, MONITOR, PRINT,
-    DESIGN VARIABLES, DESIGNVARIABLES, DESIGN RESPONSE
-    """.split(",")
+HARMLESS = words(
+    """
+    HEADING, PREPRINT, ASSEMBLY, END ASSEMBLY, END PART, END INSTANCE, AMPLITUDE, TIME POINTS, PHYSICAL CONSTANTS,
+    FILTER, RESTART, SECTION CONTROLS, HOURGLASS STIFFNESS, ORIENTATION, EXPANSION, CONDUCTIVITY, SPECIFIC HEAT,
+    LATENT HEAT, DAMPING, ELECTRICAL CONDUCTIVITY, MAGNETIC PERMEABILITY, INELASTIC HEAT FRACTION,
+    JOULE HEAT FRACTION, DIFFUSIVITY, SOLUBILITY, DEPVAR, FAIL STRESS, FAIL STRAIN, SURFACE INTERACTION, FRICTION,
+    SURFACE BEHAVIOR, CONTACT DAMPING, GAP CONDUCTANCE, GAP HEAT GENERATION, BOUNDARY, CLOAD, DLOAD, DSLOAD,
+    INITIAL CONDITIONS, PREDEFINED FIELD, BASE MOTION, PSD-DEFINITION, SPECTRUM, STEP, END STEP, STATIC, FREQUENCY,
+    BUCKLE, DYNAMIC, MODAL DYNAMIC, STEADY STATE DYNAMICS, RANDOM RESPONSE, RESPONSE SPECTRUM, COMPLEX FREQUENCY,
+    VISCO, HEAT TRANSFER, COUPLED TEMPERATURE-DISPLACEMENT, SENSITIVITY, UNCOUPLED TEMPERATURE-DISPLACEMENT, GREEN,
+    SUBSTRUCTURE GENERATE, RETAINED NODAL DOFS, SUBSTRUCTURE MATRIX OUTPUT, MATRIX GENERATE, MATRIX OUTPUT,
+    ELEMENT MATRIX OUTPUT, SELECT CYCLIC SYMMETRY MODES, SELECT EIGENMODES, MODAL DAMPING, GLOBAL DAMPING, CONTROLS,
+    SOLUTION TECHNIQUE, SOLVER CONTROLS, DIAGNOSTICS, BULK VISCOSITY, TEMPERATURE, FIELD, CFLUX, DFLUX, DSFLUX, FILM,
+    SFILM, RADIATE, SRADIATE, FLUX, LOAD CASE, END LOAD CASE, CECURRENT, INERTIA RELIEF, OUTPUT, NODE OUTPUT,
+    ELEMENT OUTPUT, CONTACT OUTPUT, ENERGY OUTPUT, MODAL OUTPUT, INCREMENTATION OUTPUT, RADIATION OUTPUT,
+    SURFACE OUTPUT, INTEGRATED OUTPUT, INTEGRATED OUTPUT SECTION, FILE FORMAT, FILE OUTPUT, NODE PRINT, NODE FILE,
+    EL PRINT, EL FILE, ELEMENT FILE, ELEMENT PRINT, CONTACT PRINT, CONTACT FILE, ENERGY PRINT, ENERGY FILE,
+    MODAL PRINT, MODAL FILE, SECTION PRINT, SECTION FILE, FACE PRINT, MONITOR, PRINT, DESIGN VARIABLES,
+    DESIGNVARIABLES, DESIGN RESPONSE
+    """,
+    ",",
 )
 """Keywords that neither join, move, weigh nor shape solids: what a material has beside stiffness and density, loads,
 what a step computes and what it prints."""
 
-MAKING = frozenset(
-    ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "IMPERFECTION", "IMPORT", "SYMMETRIC MODEL GENERATION", "PARAMETER")
+MAKING = words(
+    "NGEN, NFILL, NCOPY, NMAP, ELGEN, ELCOPY, IMPERFECTION, IMPORT, SYMMETRIC MODEL GENERATION, PARAMETER", ","
 )
 """Keywords that make or move nodes and elements, which nobody but the program of the file can follow."""
 
 ORDER = {"SYSTEM": 0, "NODE": 0, "ELEMENT": 0, "SOLID SECTION": 2}
 """Keyword -> when it is read; all others are read between, in the file's order."""
-
-DEEPEST = 5
-"""Files that include one another."""
 
 MOST = 10_000_000
 """Numbers of a GENERATE."""
@@ -111,7 +120,9 @@ class _Reader:
             stepping |= one.keyword == "STEP"
             if stepping:
                 if one.keyword not in READERS and one.keyword not in HARMLESS and not self.springs:
-                    self.fail(f"*{one.keyword} in a *STEP is not computed here, and is not known to be harmless", one.line)
+                    self.fail(
+                        f"*{one.keyword} in a *STEP is not computed here, and is not known to be harmless", one.line
+                    )
             elif one.keyword == "PART":
                 here = parts.setdefault(self.name(one, "NAME"), [])
             elif one.keyword == "INSTANCE":
@@ -202,7 +213,7 @@ class _Reader:
         return one.parameters[key].upper()
 
     def into(self, sets: dict[str, list], name: str) -> list[list]:
-        """Return the lists of a set: in an instance its own, and that of all instances unless the assembly has another."""
+        """Return the lists of a set: in an instance its own, and that of all instances if the assembly has none."""
         key = id(sets), name.upper()
         if self.instances and not self.prefix and key not in self.assembled:
             self.assembled.add(key)
@@ -230,8 +241,8 @@ class _Reader:
         values = [value for line, cells in one.data for value in self.draft.numbers(line, cells)]
         if len(values) not in (0, 3, 9):
             self.fail("*SYSTEM needs an origin, or it with a point on the x axis and one in the plane x y", one.line)
-        origin, *ends = np.reshape(values, (-1, 3))
-        self.systems = [(origin, np.eye(3))] if values else []
+        origin, *ends = np.reshape(values or [0.0, 0.0, 0.0], (-1, 3))
+        self.systems = [(origin, np.eye(3))]
         if ends:
             x, z = ends[0] - origin, np.cross(*(end - origin for end in ends))
             if not z.any():
@@ -300,7 +311,9 @@ class _Reader:
         draft, found, name = self.draft, [], self.name(one, "NAME")
         kind = one.parameters.get("TYPE", "ELEMENT").upper()
         if kind not in ("ELEMENT", "NODE") or one.parameters.keys() - {"NAME", "TYPE", "INTERNAL"}:
-            draft.unread |= dict.fromkeys((name, f"{self.prefix}{name}"), ("is a *SURFACE of a kind not read", one.line))
+            draft.unread |= dict.fromkeys(
+                (name, f"{self.prefix}{name}"), ("is a *SURFACE of a kind not read", one.line)
+            )
             return
         for line, (what, *faces) in one.data:
             if kind == "NODE":

@@ -49,6 +49,9 @@ SHORTEST, LONGEST = 1e-3, 200.0
 MOST_BYTES = 500_000_000
 """Of a mesh's file."""
 
+DEEPEST = 5
+"""Files that include one another."""
+
 MOST_LINES = 10**9
 """Lines of a file; those of the n-th file that it includes are counted on from n times as many."""
 
@@ -57,6 +60,11 @@ YOUNG, DENSITY = (1e7, 2e12), (10.0, 3e4)
 
 
 _EXPONENT = re.compile(r"(?<=[0-9.])(?:[dDeE]([+-]?)|([+-]))(?=\d+$)")
+
+
+def words(text: str, sign: str | None = None) -> frozenset[str]:
+    """Return the words of a text, or what stands between its signs."""
+    return frozenset(" ".join(word.split()) for word in text.split(sign))
 
 
 def corners_of(kind: str) -> int:

@@ -1,4 +1,4 @@
-"""gmsh meshes, binary ones by meshio, and STEP files meshed by gmsh, which is GPL and only called where it is installed.
+"""gmsh meshes, binary ones by meshio, and STEP files by gmsh, which is GPL and only called where it is installed.
 
 Text is read here: meshio drops numbers and lines, and what a section has beyond its count.
 """
@@ -134,7 +134,7 @@ class _Rows:
 
 def _read_text(draft: Draft, version: str) -> None:
     """Read the text of a version 2 or 4.1."""
-    if not (version.startswith("2") or version in ("4", "4.1")):
+    if not (version.startswith("2") or version == "4.1"):  # gmsh's own 4.0 says 4
         draft.fail(f"version {version!r} of gmsh's format is not read: in gmsh Mesh.MshFileVersion = 4.1")
     sections, apart = _sections(draft), not version.startswith("2")
     for name in ("Nodes", "Elements"):
@@ -162,22 +162,28 @@ def _read_text(draft: Draft, version: str) -> None:
             (key,) = draft.whole(line, cells[:1], 1)
             draft.node(key, key, draft.numbers(line, cells[1:], 3), line)
     rows = _Rows(draft, sections["Elements"])
+    stood: dict[tuple[int, ...], tuple[int, set[int]]] = {}
     for begun, dimension, entity, kind, count in rows.blocks("elements", apart):
         tags = [] if groups is None else groups.get((dimension, entity))
         if tags is None:
             draft.fail(f"elements of the entity {dimension} {entity}, which is not in $Entities", begun)
         for line, text in rows.take(count, "elements"):
-            number, *cells = draft.whole(line, text.split(), 2 if apart else 4)
+            again, (number, *cells) = False, draft.whole(line, text.split(), 2 if apart else 4)
             if not apart:  # type, count of tags, tags of which the first is physical, nodes
                 kind, more, *cells = cells
-                tags, cells = cells[: min(more, 1)], cells[more:]
+                (tag, entity), cells = [*cells[:more], 0, 0][:2], cells[more:]
+                tags, (first, groups_of) = [tag], stood.setdefault((kind, entity, *cells), (number, set()))
+                again = bool(groups_of) and tag not in groups_of  # in several groups an element stands once for each
+                number = first if again else number
+                groups_of.add(tag)
             name = TYPES[kind] if 0 < kind < len(TYPES) else f"number {kind}"
             if (own := KINDS.get(name, name)) not in (*SOLIDS, *FLAT):
                 remedy = " (in gmsh Mesh.SecondOrderIncomplete = 1)" * (name == "hexahedron27")
                 draft.fail(f"elements of the type {name} are not computed{remedy}: {NOT_COMPUTED}", line)
             if len(cells) != (size := SOLIDS.get(own) or FLAT[own]):
                 draft.fail(f"element {number} has {len(cells)} nodes; a {own} has {size}", line)
-            draft.element(number, number, own, [cells[i] for i in ORDERS.get(own, range(size))], line)
+            if not again:
+                draft.element(number, number, own, [cells[i] for i in ORDERS.get(own, range(size))], line)
             dimension = 3 if own in SOLIDS else 0 if own == "vertex" else 1 if own.startswith("line") else 2
             for tag in filter(None, map(abs, tags)):
                 draft.groups.setdefault(names.get((dimension, tag), f"group_{tag}"), []).append(number)
