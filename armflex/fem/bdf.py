@@ -239,7 +239,7 @@ def _add_set(draft: Draft, sets: dict[str, tuple[list[str], int]], match: re.Mat
 
 def _members(draft: Draft, name: str, given: list[str], line: int) -> None:
     """Add the nodes of a SET or of an SPC to a set: numbers, THRU with BY, EXCEPT for those within it, and ALL."""
-    own, nodes = dict.fromkeys(draft.sets.pop(name, ())), draft.nodes
+    chosen, nodes = dict.fromkeys(draft.sets.pop(name, ())), draft.nodes
     text, at, last, excepting, problem = " ".join(given), 0, 0, False, ""
     while at < len(text) and not problem:
         if (match := _ITEM.match(text, at)) is None:
@@ -251,16 +251,16 @@ def _members(draft: Draft, name: str, given: list[str], line: int) -> None:
         several = range(first, stop + 1, int(match[4] or 1))
         several = several if len(several) < len(nodes) else [node for node in nodes if node in several]
         if excepting:
-            own = {node: None for node in own if node not in several}
+            chosen = {node: None for node in chosen if node not in several}
             continue
         if match[2] != "ALL" and not match[3] and first not in nodes:
             problem = f"names node {first}, which is not there"
-        own |= dict.fromkeys(node for node in several if node in nodes)
+        chosen |= dict.fromkeys(node for node in several if node in nodes)
         last = stop
     if problem:
         draft.unread[name] = problem, line
     else:
-        draft.sets[name] = [*own]
+        draft.sets[name] = [*chosen]
 
 
 def _cards(draft: Draft, lines: list[Line]) -> Iterator[tuple[int, list[str]]]:

@@ -244,7 +244,8 @@ class _Reader:
         origin, *ends = np.reshape(values or [0.0, 0.0, 0.0], (-1, 3))
         self.systems = [(origin, np.eye(3))]
         if ends:
-            x, z = ends[0] - origin, np.cross(*(end - origin for end in ends))
+            x, above = (end - origin for end in ends)
+            z = np.cross(x, above)
             if not z.any():
                 self.fail("*SYSTEM has three points on one line", one.line)
             axes = [axis / np.linalg.norm(axis) for axis in (x, np.cross(z, x), z)]

@@ -102,12 +102,12 @@ class _Rows:
 
     def take(self, count: int, of: str) -> list[Row]:
         """Return the next rows."""
-        found = self.rows[self.at : self.at + count]
-        if len(found) < count or count < 0:
+        taken = self.rows[self.at : self.at + count]
+        if len(taken) < count or count < 0:
             text = f"{self.name} has {len(self.rows) - self.at} rows where {count} {of} are stated: is the file whole?"
             self.draft.fail(text, self.rows[min(self.at, len(self.rows)) - 1][0])
         self.at += count
-        return found
+        return taken
 
     def whole(self, of: str, least: int) -> list[int]:
         """Return the whole numbers of the next row, at least so many."""
@@ -126,8 +126,8 @@ class _Rows:
         head, counted = self.whole("counts", 1 + apart), 0
         stated = head[apart]
         for _ in range(head[0] if apart else 1):
-            one, two, three, count, *_ = self.whole("blocks", 4) if apart else (0, 0, 0, stated)
-            yield self.rows[self.at - 1][0], one, two, three, count
+            first, second, third, count, *_ = self.whole("blocks", 4) if apart else (0, 0, 0, stated)
+            yield self.rows[self.at - 1][0], first, second, third, count
             counted += count
         self.end(stated, counted, of)
 
@@ -191,16 +191,16 @@ def _read_text(draft: Draft, version: str) -> None:
 
 def _entities(draft: Draft, section: list[Row]) -> dict[tuple[int, int], list[int]]:
     """Return the physical tags of every entity, by its dimension and tag."""
-    rows, found = _Rows(draft, section), {}
+    rows, physical = _Rows(draft, section), {}
     counts = rows.whole("numbers", 4)[:4]
     for dimension, count in enumerate(counts):
         box = 3 if dimension == 0 else 6
         for line, text in rows.take(count, "entities"):
             cells = text.split()
             tag, size, *tags = draft.whole(line, [*cells[:1], *cells[1 + box :]], 2)
-            found[dimension, tag] = tags[:size]
+            physical[dimension, tag] = tags[:size]
     rows.end(sum(counts), sum(counts), "entities")
-    return found
+    return physical
 
 
 def _read_binary(draft: Draft) -> None:
