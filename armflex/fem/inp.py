@@ -1,7 +1,7 @@
 """Abaqus and CalculiX input files: nodes, solids, sets, surfaces, materials; parts and instances flattened.
 
-A small reader of our own: meshio's drops sections, surfaces, instances and line numbers. What changes the stiffness of
-a model and is not read here is refused by name, or kept for CalculiX; what is only a load or an output is left out.
+A small reader of our own: meshio's drops sections, surfaces, instances and line numbers. What is neither read here nor
+known to be harmless is refused by name, or kept for CalculiX.
 """
 
 from __future__ import annotations
@@ -16,20 +16,52 @@ from scipy.spatial.transform import Rotation
 
 from armflex.conventions import Array
 from armflex.errors import Flag, listing
-from armflex.fem.mesh import EDGES, FACES, FLAT, NOT_COMPUTED, SOLIDS, Draft, Mesh, corners_of, text_lines
-
-BEYOND = (
-    *("TIE", "EQUATION", "MPC", "RIGID BODY", "COUPLING", "DISTRIBUTING COUPLING", "KINEMATIC COUPLING"),
-    *("CONTACT PAIR", "SPRING", "GAP", "DASHPOT", "PLASTIC", "HYPERELASTIC", "ORIENTATION", "TRANSFORM"),
-    *("BEAM SECTION", "SHELL SECTION", "MEMBRANE SECTION", "KINEMATIC", "DISTRIBUTING", "CYCLIC SYMMETRY MODEL"),
+from armflex.fem.mesh import (
+    DEEPEST,
+    EDGES,
+    FACES,
+    FLAT,
+    MOST_LINES,
+    NOT_COMPUTED,
+    SOLIDS,
+    Draft,
+    Mesh,
+    corners_of,
+    words,
 )
-"""Keywords that change how a model gives, which a linear mesh of solids does not have."""
 
-ORDER = {"NODE": 0, "ELEMENT": 0, "SOLID SECTION": 2}
+HARMLESS = words(
+    """
+    HEADING, PREPRINT, ASSEMBLY, END ASSEMBLY, END PART, END INSTANCE, AMPLITUDE, TIME POINTS, PHYSICAL CONSTANTS,
+    FILTER, RESTART, SECTION CONTROLS, HOURGLASS STIFFNESS, ORIENTATION, EXPANSION, CONDUCTIVITY, SPECIFIC HEAT,
+    LATENT HEAT, DAMPING, ELECTRICAL CONDUCTIVITY, MAGNETIC PERMEABILITY, INELASTIC HEAT FRACTION,
+    JOULE HEAT FRACTION, DIFFUSIVITY, SOLUBILITY, DEPVAR, FAIL STRESS, FAIL STRAIN, SURFACE INTERACTION, FRICTION,
+    SURFACE BEHAVIOR, CONTACT DAMPING, GAP CONDUCTANCE, GAP HEAT GENERATION, BOUNDARY, CLOAD, DLOAD, DSLOAD,
+    INITIAL CONDITIONS, PREDEFINED FIELD, BASE MOTION, PSD-DEFINITION, SPECTRUM, STEP, END STEP, STATIC, FREQUENCY,
+    BUCKLE, DYNAMIC, MODAL DYNAMIC, STEADY STATE DYNAMICS, RANDOM RESPONSE, RESPONSE SPECTRUM, COMPLEX FREQUENCY,
+    VISCO, HEAT TRANSFER, COUPLED TEMPERATURE-DISPLACEMENT, SENSITIVITY, UNCOUPLED TEMPERATURE-DISPLACEMENT, GREEN,
+    SUBSTRUCTURE GENERATE, RETAINED NODAL DOFS, SUBSTRUCTURE MATRIX OUTPUT, MATRIX GENERATE, MATRIX OUTPUT,
+    ELEMENT MATRIX OUTPUT, SELECT CYCLIC SYMMETRY MODES, SELECT EIGENMODES, MODAL DAMPING, GLOBAL DAMPING, CONTROLS,
+    SOLUTION TECHNIQUE, SOLVER CONTROLS, DIAGNOSTICS, BULK VISCOSITY, TEMPERATURE, FIELD, CFLUX, DFLUX, DSFLUX, FILM,
+    SFILM, RADIATE, SRADIATE, FLUX, LOAD CASE, END LOAD CASE, CECURRENT, INERTIA RELIEF, OUTPUT, NODE OUTPUT,
+    ELEMENT OUTPUT, CONTACT OUTPUT, ENERGY OUTPUT, MODAL OUTPUT, INCREMENTATION OUTPUT, RADIATION OUTPUT,
+    SURFACE OUTPUT, INTEGRATED OUTPUT, INTEGRATED OUTPUT SECTION, FILE FORMAT, FILE OUTPUT, NODE PRINT, NODE FILE,
+    EL PRINT, EL FILE, ELEMENT FILE, ELEMENT PRINT, CONTACT PRINT, CONTACT FILE, ENERGY PRINT, ENERGY FILE,
+    MODAL PRINT, MODAL FILE, SECTION PRINT, SECTION FILE, FACE PRINT, MONITOR, PRINT, DESIGN VARIABLES,
+    DESIGNVARIABLES, DESIGN RESPONSE
+    """,
+    ",",
+)
+"""Keywords that neither join, move, weigh nor shape solids: what a material has beside stiffness and density, loads,
+what a step computes and what it prints."""
+
+MAKING = words(
+    "NGEN, NFILL, NCOPY, NMAP, ELGEN, ELCOPY, IMPERFECTION, IMPORT, SYMMETRIC MODEL GENERATION, PARAMETER", ","
+)
+"""Keywords that make or move nodes and elements, which nobody but the program of the file can follow."""
+
+ORDER = {"SYSTEM": 0, "NODE": 0, "ELEMENT": 0, "SOLID SECTION": 2}
 """Keyword -> when it is read; all others are read between, in the file's order."""
-
-DEEPEST = 5
-"""Files that include one another."""
 
 MOST = 10_000_000
 """Numbers of a GENERATE."""
@@ -66,7 +98,10 @@ class _Reader:
     def __init__(self, path: Path, unit: str, springs: bool) -> None:
         self.draft, self.springs = Draft(path, unit), springs
         self.prefix, self.shift, self.turn = "", np.zeros(3), np.eye(3)
-        self.material = ""
+        self.systems: list[tuple[Array, Array]] = []
+        self.surfaces: dict[str, list] = {}
+        self.material, self.instances = "", False
+        self.assembled: set[tuple[int, str]] = set()
         self.flags: dict[str, Flag] = {}
         self.beyond: list[tuple[str, int]] = []
 
@@ -78,17 +113,24 @@ class _Reader:
         begun = _Statement("", {}, 0, [])
         parts: dict[str, list[_Statement]] = {}
         instances: dict[str, tuple[list[_Statement], Array, Array]] = {}
+        stepping = False
         for one in self.statements(self.draft.path):
             if one.keyword in ("PART", "INSTANCE"):
                 begun = one
-            if one.keyword == "STEP":
-                break
-            if one.keyword == "PART":
+            stepping |= one.keyword == "STEP"
+            if stepping:
+                if one.keyword not in READERS and one.keyword not in HARMLESS and not self.springs:
+                    self.fail(
+                        f"*{one.keyword} in a *STEP is not computed here, and is not known to be harmless", one.line
+                    )
+            elif one.keyword == "PART":
                 here = parts.setdefault(self.name(one, "NAME"), [])
             elif one.keyword == "INSTANCE":
                 if (part := self.name(one, "PART")) not in parts:
                     known = listing(parts) or "none"
                     self.fail(f"*INSTANCE of a part {part!r} that is not there (parts: {known})", one.line)
+                if more := sorted(one.parameters.keys() - {"NAME", "PART"}):
+                    self.fail(f"*INSTANCE: {more[0]} is not read", one.line)
                 here = list(parts[part])
                 instances[f"{self.name(one, 'NAME')}."] = (here, *self.placed(one))
             elif one.keyword in ("END PART", "END INSTANCE"):
@@ -98,10 +140,13 @@ class _Reader:
         if here is not root:
             self.fail(f"*{begun.keyword} has no *END {begun.keyword}: is the file whole?", begun.line)
         whole = {f"{name}.": (own, np.zeros(3), np.eye(3)) for name, own in parts.items()}
+        self.instances = bool(instances)
         for prefix, (own, shift, turn) in {**(instances or whole), "": (root, np.zeros(3), np.eye(3))}.items():
             self.prefix, self.shift, self.turn = prefix, shift, turn
+            self.systems = []
             for one in sorted(own, key=lambda one: ORDER.get(one.keyword, 1)):
                 self.read(one)
+        self.draft.sets = self.surfaces | self.draft.sets
         return self.draft.mesh(self.flags.values(), self.beyond)
 
     def statements(self, path: Path, depth: int = 0) -> Iterator[_Statement]:
@@ -109,11 +154,11 @@ class _Reader:
 
         def parameters(given: list[str]) -> dict[str, str]:
             pairs = (one.partition("=") for one in given)
-            return {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+            return {" ".join(key.upper().split()): value.strip().strip("\"'") for key, _, value in pairs}
 
         now: _Statement | None = None
         unfinished = False
-        for number, line in enumerate(text_lines(path), 1):
+        for number, line in self.draft.text_lines(path):
             text = line.strip()
             if not text or text.startswith("**"):
                 continue
@@ -128,10 +173,15 @@ class _Reader:
                         self.fail("*INCLUDE needs INPUT=FILE, and at most five files include one another", number)
                     yield from self.statements(path.parent / now.parameters["INPUT"], depth + 1)
                     now = None
+                elif "INPUT" in now.parameters and now.keyword in READERS:
+                    for line, row in self.draft.text_lines(path.parent / now.parameters["INPUT"]):
+                        if row.strip() and not row.startswith("**"):
+                            now.data.append((line, _SPLIT.split(row.strip().rstrip(", \t"))))
             elif now is None:
                 self.fail(f"expected a keyword such as *NODE, got {text[:40]!r}", number)
-            elif unfinished and "=" in text:  # a keyword goes on after a comma
-                now.parameters.update(parameters(cells))
+            elif unfinished and ("=" in text or cells[0].upper() in ("GENERATE", "INTERNAL", "UNSORTED")):
+                now.parameters.update(parameters(cells))  # a keyword goes on after a comma
+                unfinished = text.endswith(",")
             else:
                 now.data.append((number, cells))
                 unfinished = False
@@ -141,14 +191,20 @@ class _Reader:
     def read(self, one: _Statement) -> None:
         """Take in one statement."""
         if one.keyword in READERS:
-            READERS[one.keyword](self, one)
-        elif one.keyword in BEYOND:
-            if not self.springs:
-                text = f"*{one.keyword} is not computed here (solids with a linear isotropic material alone are)"
-                self.fail(text, one.line)
+            reader, allowed = READERS[one.keyword]
+            more = sorted(one.parameters.keys() - {*allowed.split(), "INTERNAL", ""})
+            if more and one.keyword != "SURFACE":
+                self.fail(f"*{one.keyword}: {more[0]} is not read (read: {listing(allowed.split())})", one.line)
+            reader(self, one)
+        elif one.keyword in MAKING or (one.keyword not in HARMLESS and not self.springs):
+            text = "is not computed here, and is not known to be harmless (solids with a linear isotropic material are)"
+            self.fail(f"*{one.keyword} {text}", one.line)
+        elif one.keyword == "RESTART" and "READ" in one.parameters:
+            self.fail("*RESTART, READ: the model is in another job's files", one.line)
+        elif one.keyword not in HARMLESS:
             self.beyond.append((one.keyword, one.line))
-        elif one.keyword in ("BOUNDARY", "CLOAD", "DLOAD", "INITIAL CONDITIONS"):
-            text = f"*{one.keyword} (line {one.line}) is left out: --fixed says what is held"
+        elif one.keyword in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "INITIAL CONDITIONS"):
+            text = f"*{one.keyword} (line {one.line % MOST_LINES}) is left out: --fixed says what is held"
             self.flags.setdefault(one.keyword, Flag("left_out", text))
 
     def name(self, one: _Statement, key: str) -> str:
@@ -157,19 +213,43 @@ class _Reader:
         return one.parameters[key].upper()
 
     def into(self, sets: dict[str, list], name: str) -> list[list]:
-        """Return the lists of a set: in an instance its own, and the one of all instances."""
+        """Return the lists of a set: in an instance its own, and that of all instances if the assembly has none."""
+        key = id(sets), name.upper()
+        if self.instances and not self.prefix and key not in self.assembled:
+            self.assembled.add(key)
+            sets.pop(name.upper(), None)
         return [sets.setdefault(one, []) for one in dict.fromkeys((name.upper(), f"{self.prefix}{name.upper()}"))]
 
     def node(self, one: _Statement) -> None:
         sets = self.into(self.draft.sets, one.parameters["NSET"]) if "NSET" in one.parameters else []
         if one.parameters.get("SYSTEM", "R").upper() != "R":
             self.fail("*NODE in cylindrical or spherical coordinates is not read", one.line)
+        moves = [*self.systems, *[(self.shift, self.turn)] * bool(self.prefix)]
         for line, cells in one.data:
             (number,), place = self.draft.whole(line, cells[:1], 1), self.draft.numbers(line, cells, 2)[1:4]
-            place = self.turn @ [*place, 0.0, 0.0][:3] + self.shift if self.prefix else [*place, 0.0, 0.0][:3]
+            place = [*place, 0.0, 0.0][:3]
+            for shift, turn in moves:
+                place = turn @ place + shift
             self.draft.node(f"{self.prefix}{number}", number, place, line)
+            if self.instances and not self.prefix:
+                self.draft.references.add(f"{number}")
             for own in sets:
                 own.append(f"{self.prefix}{number}")
+
+    def new_system(self, one: _Statement) -> None:
+        """Take in where the next nodes' origin is, and points on the x axis and above it in the plane x y."""
+        values = [value for line, cells in one.data for value in self.draft.numbers(line, cells)]
+        if len(values) not in (0, 3, 9):
+            self.fail("*SYSTEM needs an origin, or it with a point on the x axis and one in the plane x y", one.line)
+        origin, *ends = np.reshape(values or [0.0, 0.0, 0.0], (-1, 3))
+        self.systems = [(origin, np.eye(3))]
+        if ends:
+            x, above = (end - origin for end in ends)
+            z = np.cross(x, above)
+            if not z.any():
+                self.fail("*SYSTEM has three points on one line", one.line)
+            axes = [axis / np.linalg.norm(axis) for axis in (x, np.cross(z, x), z)]
+            self.systems = [(origin, np.column_stack(axes))]
 
     def element(self, one: _Statement) -> None:
         kind = self.name(one, "TYPE")
@@ -205,7 +285,7 @@ class _Reader:
             yield from (f"{before}{number}" for number in range(first, last + 1, step) if f"{before}{number}" in known)
             return
         for cell in filter(None, cells):
-            key = f"{before}{cell.upper()}"
+            key = f"{before}{cell.upper()}".replace('"', "")
             if key in known:
                 yield key
             elif key in of:
@@ -229,25 +309,33 @@ class _Reader:
             own += found
 
     def surface(self, one: _Statement) -> None:
-        draft, found = self.draft, []
+        draft, found, name = self.draft, [], self.name(one, "NAME")
+        kind = one.parameters.get("TYPE", "ELEMENT").upper()
+        if kind not in ("ELEMENT", "NODE") or one.parameters.keys() - {"NAME", "TYPE", "INTERNAL"}:
+            draft.unread |= dict.fromkeys(
+                (name, f"{self.prefix}{name}"), ("is a *SURFACE of a kind not read", one.line)
+            )
+            return
         for line, (what, *faces) in one.data:
-            if one.parameters.get("TYPE", "ELEMENT").upper() == "NODE":
+            if kind == "NODE":
                 found += self.members(draft.sets, one, line, [what])
                 continue
             face = faces[0].upper() if faces else ""
             if not re.fullmatch(r"S[1-6]", face):
-                self.fail(f"expected an element or a set of them and a face S1 to S6, got {what!r}, {face!r}", line)
+                text = f"is a *SURFACE of {what!r}, {face!r}: expected an element or a set of them and a face S1 to S6"
+                draft.unread |= dict.fromkeys((name, f"{self.prefix}{name}"), (text, line))
+                return
             for key in self.members(draft.groups, one, line, [what]):
-                number, kind, nodes, _ = draft.elements[key]
-                if kind in FLAT:
+                number, kind_of, nodes, _ = draft.elements[key]
+                if kind_of in FLAT:
                     continue
-                corners = corners_of(kind)
+                corners = corners_of(kind_of)
                 if int(face[1]) > len(FACES[corners]):
-                    self.fail(f"element {number} ({kind}) has no face {face}", line)
+                    self.fail(f"element {number} ({kind_of}) has no face {face}", line)
                 own = set(FACES[corners][int(face[1]) - 1])
                 middles = zip(nodes[corners:], EDGES[corners], strict=False)
                 found += [*(nodes[i] for i in own), *(node for node, edge in middles if own.issuperset(edge))]
-        for own in self.into(draft.sets, self.name(one, "NAME")):
+        for own in self.into(self.surfaces, name):
             own += found
 
     def new_material(self, one: _Statement) -> None:
@@ -265,7 +353,11 @@ class _Reader:
     def density(self, one: _Statement) -> None:
         if not one.data or not self.material:
             self.fail("*DENSITY needs a number and a *MATERIAL", one.line)
-        self.draft.material(self.material, density=self.draft.numbers(*one.data[0], 1)[0])
+        values = [self.draft.numbers(line, cells, 1)[0] for line, cells in one.data]
+        if min(values) < max(values):
+            text = f"*DENSITY (line {one.line % MOST_LINES}) depends on the temperature: its first is that of the part"
+            self.flags.setdefault("DENSITY", Flag("density", text))
+        self.draft.material(self.material, density=values[0])
 
     def section(self, one: _Statement) -> None:
         keys = list(self.members(self.draft.groups, one, one.line, [self.name(one, "ELSET")]))
@@ -284,13 +376,15 @@ class _Reader:
 
 
 READERS = {
-    "NODE": _Reader.node,
-    "ELEMENT": _Reader.element,
-    "NSET": _Reader.nset,
-    "ELSET": _Reader.elset,
-    "SURFACE": _Reader.surface,
-    "MATERIAL": _Reader.new_material,
-    "ELASTIC": _Reader.elastic,
-    "DENSITY": _Reader.density,
-    "SOLID SECTION": _Reader.section,
+    "SYSTEM": (_Reader.new_system, ""),
+    "NODE": (_Reader.node, "NSET SYSTEM INPUT"),
+    "ELEMENT": (_Reader.element, "TYPE ELSET INPUT"),
+    "NSET": (_Reader.nset, "NSET ELSET GENERATE INSTANCE UNSORTED"),
+    "ELSET": (_Reader.elset, "ELSET GENERATE INSTANCE UNSORTED"),
+    "SURFACE": (_Reader.surface, "NAME"),
+    "MATERIAL": (_Reader.new_material, "NAME DESCRIPTION RTOL"),
+    "ELASTIC": (_Reader.elastic, "TYPE"),
+    "DENSITY": (_Reader.density, ""),
+    "SOLID SECTION": (_Reader.section, "ELSET MATERIAL ORIENTATION CONTROLS"),
 }
+"""Keyword -> what reads it, and the parameters that are read or harmless; a surface of further ones is left unread."""

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from stat import S_ISREG
 from typing import Any, NoReturn
 
 import numpy as np
@@ -48,11 +49,22 @@ SHORTEST, LONGEST = 1e-3, 200.0
 MOST_BYTES = 500_000_000
 """Of a mesh's file."""
 
+DEEPEST = 5
+"""Files that include one another."""
+
+MOST_LINES = 10**9
+"""Lines of a file; those of the n-th file that it includes are counted on from n times as many."""
+
 YOUNG, DENSITY = (1e7, 2e12), (10.0, 3e4)
 """What solids have [Pa, kg/m^3]: rubber to diamond, foam to tungsten."""
 
 
 _EXPONENT = re.compile(r"(?<=[0-9.])(?:[dDeE]([+-]?)|([+-]))(?=\d+$)")
+
+
+def words(text: str, sign: str | None = None) -> frozenset[str]:
+    """Return the words of a text, or what stands between its signs."""
+    return frozenset(" ".join(word.split()) for word in text.split(sign))
 
 
 def corners_of(kind: str) -> int:
@@ -104,11 +116,13 @@ class Mesh:
         path: Its file.
         points: (N, 3) places of the nodes [m].
         ids: (N,) their numbers in the file.
-        lines: (N,) where each stands in the file, 0 where that is not known.
+        lines: (N,) where each stands in the file or in one that it includes, 0 where that is not known.
         blocks: Its elements.
         sets: Name -> (M,) rows of its nodes.
         flags: What the reader left out.
         beyond: Keywords, with their lines, of what this room does not compute and CalculiX does.
+        included: Files that it includes, in the order of their lines; see `MOST_LINES`.
+        unread: Name of a set that is not one of nodes -> why, and its line.
     """
 
     path: Path
@@ -119,20 +133,30 @@ class Mesh:
     sets: Mapping[str, np.ndarray]
     flags: tuple[Flag, ...] = ()
     beyond: tuple[tuple[str, int], ...] = ()
+    included: tuple[Path, ...] = ()
+    unread: Mapping[str, tuple[str, int]] = field(default_factory=dict)
+
+    def place(self, line: Any) -> Place:
+        """Return the file and the line in it."""
+        file, line = divmod(int(line), MOST_LINES)
+        return Place((self.path, *self.included)[file], line)
 
     def fail(self, problem: str, line: Any = 0) -> MeshError:
         """Return the error that names the file and a line."""
-        return MeshError(Place(self.path, int(line)), problem)
+        return MeshError(self.place(line), problem)
 
     def nodes_of(self, name: str) -> np.ndarray:
         """Return the rows of a set's nodes; names of sets do not distinguish capitals.
 
         Raises:
             UnknownNameError: There is no such set.
-            MeshError: It has no node.
+            MeshError: It has no node, or is not one of nodes.
         """
         known = {one.lower(): one for one in self.sets}
         if name.lower() not in known:
+            for unread, (reason, line) in self.unread.items():
+                if unread.lower() == name.lower():
+                    raise self.fail(f"set {name!r} {reason}", line)
             raise UnknownNameError(f"set of {self.path.name}", name, self.sets)
         found = np.unique(self.sets[known[name.lower()]])
         if not len(found):
@@ -153,6 +177,8 @@ class Draft:
         groups: Name -> keys of elements, whose nodes are a set.
         materials: Name -> what `Material` has, SI.
         sections: Keys of elements, the material that they are made of, line.
+        references: Keys of nodes that may belong to no element, as those do that a set has alone.
+        included, unread: See `Mesh`.
     """
 
     path: Path
@@ -163,10 +189,20 @@ class Draft:
     groups: dict[str, list] = field(default_factory=dict)
     materials: dict[str, dict[str, float]] = field(default_factory=dict)
     sections: list[tuple[Iterable, str, int]] = field(default_factory=list)
+    references: set = field(default_factory=set)
+    included: list[Path] = field(default_factory=list)
+    unread: dict[str, tuple[str, int]] = field(default_factory=dict)
 
     def fail(self, problem: str, line: int = 0) -> NoReturn:
         """Raise the error that names the file and a line."""
-        raise MeshError(Place(self.path, line), problem)
+        file, line = divmod(line, MOST_LINES)
+        raise MeshError(Place((self.path, *self.included)[file], line), problem)
+
+    def text_lines(self, path: Path) -> Iterator[tuple[int, str]]:
+        """Yield the lines of the file or of one that it includes, each with its number."""
+        if included := path != self.path:
+            self.included.append(path)
+        yield from enumerate(text_lines(path), MOST_LINES * len(self.included) * included + 1)
 
     def numbers(self, line: int, cells: Sequence[str], least: int = 1) -> list[float]:
         """Return numbers as Fortran writes them, 0 for empty cells."""
@@ -206,13 +242,16 @@ class Draft:
         known = self.materials.setdefault(name, {})
         known |= {key: value * factors.get(key, 1.0) for key, value in values.items()}
 
-    def mesh(self, flags: Iterable[Flag] = (), beyond: Iterable[tuple[str, int]] = ()) -> Mesh:
+    def mesh(self, flags: Iterable[Flag] = (), beyond: Sequence[tuple[str, int]] = ()) -> Mesh:
         """Return the mesh.
 
         Raises:
             MeshError: An element or a section names what is not there, or what makes sets alone has a section.
         """
-        made, rows = {}, {key: row for row, key in enumerate(self.nodes)}
+        made, rows, flags = {}, {key: row for row, key in enumerate(self.nodes)}, list(flags)
+        if self.elements and not beyond:
+            flags += self._without_references()
+            rows = {key: row for row, key in enumerate(self.nodes)}
         for keys, material, line in self.sections:
             if material not in self.materials:
                 known = listing(self.materials) or "none"
@@ -246,7 +285,24 @@ class Draft:
             {name: np.array([rows[key] for key in keys], dtype=int) for name, keys in (sets | self.sets).items()},
             tuple(flags),
             tuple(beyond),
+            tuple(self.included),
+            self.unread,
         )
+
+    def _without_references(self) -> Iterator[Flag]:
+        """Leave out reference points: nodes of no element that nothing joins to the solids. Yield what says so."""
+        solid = {node for _, kind, nodes, _ in self.elements.values() if kind in SOLIDS for node in nodes}
+        alone = {keys[0] for keys in self.sets.values() if len(set(keys)) == 1}
+        points = (self.references | alone).intersection(self.nodes) - solid
+        for name, keys in [*self.sets.items()]:
+            self.sets[name] = [key for key in keys if key not in points]
+            if keys and not self.sets[name]:
+                number, _, line = self.nodes[keys[0]]
+                self.unread[name] = f"is node {number} alone, which belongs to no element", line
+                del self.sets[name]
+        for key in points:
+            number, _, line = self.nodes.pop(key)
+            yield Flag("left_out", f"node {number} (line {line % MOST_LINES}) belongs to no element and is left out")
 
 
 def with_material(mesh: Mesh, young: float | None, poisson: float | None, density: float | None) -> Mesh:
@@ -349,7 +405,9 @@ def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = T
 def text_lines(path: Path) -> Iterator[str]:
     """Yield the lines of a text file."""
     try:
-        if path.stat().st_size > MOST_BYTES:
+        if not S_ISREG((status := path.stat()).st_mode):
+            raise MeshError(Place(path), "is no file")
+        if status.st_size > MOST_BYTES:
             raise MeshError(Place(path), f"is larger than the {MOST_BYTES} bytes allowed")
         with path.open(encoding="utf-8-sig", errors="replace") as file:
             yield from file

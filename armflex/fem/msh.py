@@ -1,7 +1,11 @@
-"""gmsh meshes by meshio, and STEP files meshed by gmsh, which is GPL and only called where it is installed."""
+"""gmsh meshes, binary ones by meshio, and STEP files by gmsh, which is GPL and only called where it is installed.
+
+Text is read here: meshio drops numbers and lines, and what a section has beyond its count.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,70 +13,226 @@ from typing import Any
 
 import numpy as np
 
-from armflex.errors import MeshError, Place, UnsupportedError
-from armflex.fem.mesh import FLAT, NOT_COMPUTED, SOLIDS, Draft, Mesh, text_lines
+from armflex.errors import MeshError, Place, UnsupportedError, did_you_mean, listing
+from armflex.fem.mesh import FLAT, NOT_COMPUTED, SOLIDS, Draft, Mesh
 from armflex.storage.whole_file import scratch
 
 KINDS = {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
 """meshio's name -> CalculiX's; the nodes of both stand in one order."""
 
+TYPES = (
+    *("", "line", "triangle", "quad", "tetra", "hexahedron", "wedge", "pyramid", "line3", "triangle6", "quad9"),
+    *("tetra10", "hexahedron27", "wedge18", "pyramid14", "vertex", "quad8", "hexahedron20", "wedge15", "pyramid13"),
+)
+"""gmsh's number of a type -> meshio's name."""
+
+ORDERS = {
+    "C3D10": [*range(8), 9, 8],
+    "C3D20": [*range(9), 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15],
+}
+"""Type -> places of its nodes in gmsh's order."""
+
+READ = ("MeshFormat", "PhysicalNames", "Entities", "Nodes", "Elements")
+"""Sections that are read."""
+
+HARMLESS = ("Comments", "Comment", "Periodic", "NodeData", "ElementData", "ElementNodeData", "InterpolationScheme")
+"""Sections of remarks, results, and of which nodes of a mesh correspond."""
+
+OPTIONS = {
+    "ParametricNodes": "Mesh.SaveParametric = 0",
+    **dict.fromkeys(("PartitionedEntities", "GhostElements"), "Mesh.NbPartitions = 0, or unpartition the mesh"),
+}
+"""Section that is not read -> what makes gmsh write the mesh without it."""
+
+Row = tuple[int, str]
+"""A line that is not empty, and its number."""
+
 
 def read_msh(path: Path, unit: str = "m") -> Mesh:
     """Read a gmsh mesh; physical groups are sets. See `inp.read_inp`."""
+    draft = Draft(path, unit)
+    rows = ((line, text.strip()) for line, text in draft.text_lines(path))
+    start = next(((line, next(rows, (0, ""))[1]) for line, text in rows if text == "$MeshFormat"), (0, ""))
+    version, binary, *_ = [*start[1].split(), "", ""]
+    if not start[0]:
+        draft.fail("is no gmsh mesh: it has no $MeshFormat")
+    if binary == "0":
+        _read_text(draft, version)
+    else:
+        _read_binary(draft)
+    return draft.mesh()
+
+
+def _sections(draft: Draft) -> dict[str, list[Row]]:
+    """Return the sections of a text by name, each with the line that begins it first."""
+    sections: dict[str, list[Row]] = {}
+    name, begun = "", 0
+    for line, text in draft.text_lines(draft.path):
+        text = text.strip()
+        if name and text == f"$End{name}":
+            name = ""
+        elif name and text.startswith("$") and not name.startswith("Comment"):
+            draft.fail(f"${name} of line {begun} ends with $End{name}, got {text[:40]!r}: is the file whole?", line)
+        elif name:
+            if text and name in READ:
+                sections[name].append((line, text))
+        elif text.startswith("$"):
+            name, begun = text[1:], line
+            if name in OPTIONS:
+                draft.fail(f"{text} is not read: in gmsh {OPTIONS[name]}", line)
+            if name not in (*READ, *HARMLESS):
+                hint = did_you_mean(name, READ) or f" (known: {listing((*READ, *HARMLESS))})"
+                draft.fail(f"no section of a gmsh mesh is called {text[:40]}{hint}", line)
+            if name in READ and name in sections:
+                draft.fail(f"{text} stands twice", line)
+            sections[name] = [(line, text)]
+        elif text:
+            draft.fail(f"expected a section such as $Nodes, got {text[:40]!r}", line)
+    if name:
+        draft.fail(f"${name} does not end: is the file whole?", begun)
+    return sections
+
+
+class _Rows:
+    """The rows of a section, of which counts in it say how many there are."""
+
+    def __init__(self, draft: Draft, rows: list[Row]) -> None:
+        self.draft, self.rows, self.at = draft, rows, 1
+        self.name = rows[0][1]
+
+    def take(self, count: int, of: str) -> list[Row]:
+        """Return the next rows."""
+        taken = self.rows[self.at : self.at + count]
+        if len(taken) < count or count < 0:
+            text = f"{self.name} has {len(self.rows) - self.at} rows where {count} {of} are stated: is the file whole?"
+            self.draft.fail(text, self.rows[min(self.at, len(self.rows)) - 1][0])
+        self.at += count
+        return taken
+
+    def whole(self, of: str, least: int) -> list[int]:
+        """Return the whole numbers of the next row, at least so many."""
+        ((line, text),) = self.take(1, of)
+        return self.draft.whole(line, text.split(), least)
+
+    def end(self, stated: int, counted: int, of: str) -> None:
+        """Refuse rows that no count states."""
+        if self.at < len(self.rows) or stated != counted:
+            line = self.rows[self.at][0] if self.at < len(self.rows) else self.rows[0][0]
+            counted += len(self.rows) - self.at
+            self.draft.fail(f"{self.name} states {stated} {of} and has {counted}", line)
+
+    def blocks(self, of: str, apart: bool) -> Iterator[tuple[int, int, int, int, int]]:
+        """Yield a line and four whole numbers of every block, the last its count; version 2 has one, of a count."""
+        head, counted = self.whole("counts", 1 + apart), 0
+        stated = head[apart]
+        for _ in range(head[0] if apart else 1):
+            first, second, third, count, *_ = self.whole("blocks", 4) if apart else (0, 0, 0, stated)
+            yield self.rows[self.at - 1][0], first, second, third, count
+            counted += count
+        self.end(stated, counted, of)
+
+
+def _read_text(draft: Draft, version: str) -> None:
+    """Read the text of a version 2 or 4.1."""
+    if not (version.startswith("2") or version == "4.1"):  # gmsh's own 4.0 says 4
+        draft.fail(f"version {version!r} of gmsh's format is not read: in gmsh Mesh.MshFileVersion = 4.1")
+    sections, apart = _sections(draft), not version.startswith("2")
+    for name in ("Nodes", "Elements"):
+        if name not in sections:
+            draft.fail(f"has no ${name}: is the file whole?")
+    names: dict[tuple[int, int], str] = {}
+    if "PhysicalNames" in sections:
+        rows = _Rows(draft, sections["PhysicalNames"])
+        (stated, *_) = rows.whole("numbers", 1)
+        for line, text in rows.take(stated, "names"):
+            if (match := re.fullmatch(r'(\d)\s+(\d+)\s+"(.*)"', text)) is None:
+                draft.fail(f'expected dimension, tag, "name", got {text[:40]!r}', line)
+            names[int(match[1]), int(match[2])] = match[3]
+        rows.end(stated, stated, "names")
+    groups = _entities(draft, sections["Entities"]) if apart and "Entities" in sections else None
+    rows = _Rows(draft, sections["Nodes"])
+    for begun, _, _, parametric, count in rows.blocks("nodes", apart):
+        if parametric:
+            draft.fail(f"parametric nodes are not read: in gmsh {OPTIONS['ParametricNodes']}", begun)
+        numbers = [text for _, text in rows.take(count, "nodes")] if apart else [""] * count
+        for number, (line, text) in zip(numbers, rows.take(count, "nodes"), strict=True):
+            cells = [*number.split(), *text.split()]
+            if len(cells) != 4:
+                draft.fail(f"expected a node's number and three coordinates, got {' '.join(cells)[:60]!r}", line)
+            (key,) = draft.whole(line, cells[:1], 1)
+            draft.node(key, key, draft.numbers(line, cells[1:], 3), line)
+    rows = _Rows(draft, sections["Elements"])
+    stood: dict[tuple[int, ...], tuple[int, set[int]]] = {}
+    for begun, dimension, entity, kind, count in rows.blocks("elements", apart):
+        tags = [] if groups is None else groups.get((dimension, entity))
+        if tags is None:
+            draft.fail(f"elements of the entity {dimension} {entity}, which is not in $Entities", begun)
+        for line, text in rows.take(count, "elements"):
+            again, (number, *cells) = False, draft.whole(line, text.split(), 2 if apart else 4)
+            if not apart:  # type, count of tags, tags of which the first is physical, nodes
+                kind, more, *cells = cells
+                (tag, entity), cells = [*cells[:more], 0, 0][:2], cells[more:]
+                tags, (first, groups_of) = [tag], stood.setdefault((kind, entity, *cells), (number, set()))
+                again = bool(groups_of) and tag not in groups_of  # in several groups an element stands once for each
+                number = first if again else number
+                groups_of.add(tag)
+            name = TYPES[kind] if 0 < kind < len(TYPES) else f"number {kind}"
+            if (own := KINDS.get(name, name)) not in (*SOLIDS, *FLAT):
+                remedy = " (in gmsh Mesh.SecondOrderIncomplete = 1)" * (name == "hexahedron27")
+                draft.fail(f"elements of the type {name} are not computed{remedy}: {NOT_COMPUTED}", line)
+            if len(cells) != (size := SOLIDS.get(own) or FLAT[own]):
+                draft.fail(f"element {number} has {len(cells)} nodes; a {own} has {size}", line)
+            if not again:
+                draft.element(number, number, own, [cells[i] for i in ORDERS.get(own, range(size))], line)
+            dimension = 3 if own in SOLIDS else 0 if own == "vertex" else 1 if own.startswith("line") else 2
+            for tag in filter(None, map(abs, tags)):
+                draft.groups.setdefault(names.get((dimension, tag), f"group_{tag}"), []).append(number)
+
+
+def _entities(draft: Draft, section: list[Row]) -> dict[tuple[int, int], list[int]]:
+    """Return the physical tags of every entity, by its dimension and tag."""
+    rows, physical = _Rows(draft, section), {}
+    counts = rows.whole("numbers", 4)[:4]
+    for dimension, count in enumerate(counts):
+        box = 3 if dimension == 0 else 6
+        for line, text in rows.take(count, "entities"):
+            cells = text.split()
+            tag, size, *tags = draft.whole(line, [*cells[:1], *cells[1 + box :]], 2)
+            physical[dimension, tag] = tags[:size]
+    rows.end(sum(counts), sum(counts), "entities")
+    return physical
+
+
+def _read_binary(draft: Draft) -> None:
+    """Read a binary mesh with meshio."""
     try:
         import meshio
     except ImportError:
-        raise UnsupportedError("a .msh file is read with meshio: pip install 'armflex[fem]'") from None
-    draft = Draft(path, unit)
+        raise UnsupportedError("a binary .msh file is read with meshio: pip install 'armflex[fem]'") from None
     try:
-        found: Any = meshio.gmsh.read(path)
+        found: Any = meshio.gmsh.read(draft.path)
     except Exception as error:  # meshio raises whatever its parsers do
-        opened = [(line, text.strip()) for line, text in enumerate(text_lines(path), 1) if text.startswith("$")]
-        if opened and not opened[-1][1].startswith("$End"):
-            draft.fail(f"{opened[-1][1]} does not end: is the file whole?", opened[-1][0])
         text = f"is no gmsh mesh that meshio reads ({type(error).__name__}: {error})"
-        draft.fail(f"{text}: with physical groups, save what is in one alone")
-    nodes, elements = (_numbered(path, section) for section in ("Nodes", "Elements"))
+        draft.fail(f"{text}: in gmsh Mesh.Binary = 0, Mesh.SaveParametric = 0, Mesh.NbPartitions = 0")
     for key, place in enumerate(found.points):
-        number, line = next(nodes, (key + 1, 0))
         if not np.isfinite(place).all():
-            draft.fail(f"the place of node {number} is not finite", line)
-        draft.node(key, number, place, line)
+            draft.fail(f"the place of node {key + 1} is not finite")
+        draft.node(key, key + 1, place, 0)
     names = {(int(tag), int(size)): name for name, (tag, size) in found.field_data.items()}
     tags = found.cell_data.get("gmsh:physical", [[0] * len(cells) for cells in found.cells])
     for place, (cells, groups) in enumerate(zip(found.cells, tags, strict=True)):
         if (kind := KINDS.get(cells.type, cells.type)) not in (*SOLIDS, *FLAT):
-            draft.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}", next(elements, (0, 0))[1])
+            draft.fail(f"elements of the type {kind} are not computed: {NOT_COMPUTED}")
         first = len(draft.elements)
         for nodes, tag in zip(cells.data.tolist(), groups, strict=True):
             key = len(draft.elements)
-            number, line = next(elements, (key + 1, 0))
             if min(nodes) < 0:
-                draft.fail(f"element {number} names a node that is not there", line)
-            draft.element(key, number, kind, nodes, line)
+                draft.fail(f"element {key + 1} names a node that is not there")
+            draft.element(key, key + 1, kind, nodes, 0)
             if tag:
                 draft.groups.setdefault(names.get((tag, cells.dim), f"group_{tag}"), []).append(key)
         for name in found.field_data.keys() & found.cell_sets.keys():  # of more groups than one, meshio's tags have one
             draft.groups.setdefault(name, []).extend((first + found.cell_sets[name][place]).tolist())
-    return draft.mesh()
-
-
-def _numbered(path: Path, section: str) -> Iterator[tuple[int, int]]:
-    """Yield the number and the line of every node or element of a text file, in its order: meshio drops both."""
-    lines = ["", *(line.strip() for line in text_lines(path))]
-    version, kind, *_ = lines[lines.index("$MeshFormat") + 1].split()
-    if kind != "0":  # binary
-        return
-    at, end = lines.index(f"${section}") + 1, lines.index(f"$End{section}")
-    if not version.startswith("4"):
-        yield from ((int(lines[line].split()[0]), line) for line in range(at + 1, end))
-        return
-    at += 1
-    while at < end:  # a block; of nodes the numbers, and then as many places
-        count = int(lines[at].split()[3])
-        apart = count if section == "Nodes" else 0
-        yield from ((int(lines[line].split()[0]), line + apart) for line in range(at + 1, at + 1 + count))
-        at += 1 + count + apart
 
 
 def mesh_step(path: Path, size: float, order: int = 2) -> Mesh:

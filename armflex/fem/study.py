@@ -7,6 +7,7 @@ Where CalculiX is installed it solves every load with large displacements, and w
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,7 +91,7 @@ def study(
     if not which(PROGRAM):
         if mesh.beyond:
             keyword, line = mesh.beyond[0]
-            text = f"{mesh.path}:{line}: *{keyword} is computed by CalculiX alone, and {PROGRAM} is not installed"
+            text = f"{mesh.place(line)}: *{keyword} is computed by CalculiX alone, and {PROGRAM} is not installed"
             raise UnsupportedError(f"{text} (Debian: apt install calculix-ccx)")
         part = condense(mesh, fixed, [loaded], interface, tick=tick)
         text = f"CalculiX ({PROGRAM}) is not installed: the deflections are linear in the loads"
@@ -152,9 +153,10 @@ def _model(mesh: Mesh, ids: np.ndarray) -> list[str]:
     if mesh.beyond:
         lines = mesh.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         words = [line.strip().upper() for line in lines]
-        if any(word.startswith(("*PART", "*INSTANCE", "*INCLUDE")) for word in words):
+        apart = ("*PART", "*INSTANCE", "*INCLUDE", "*SYSTEM")
+        if any(word.startswith(apart) or re.match(r"\*.*\bINPUT\s*=", word) for word in words):
             keyword, line = mesh.beyond[0]
-            text = f"*{keyword} in parts or included files: flatten the model first"
+            text = f"*{keyword} with parts, systems or included files: flatten the model first"
             raise UnsupportedError(f"{mesh.path}:{line}: {text}")
         return lines[: next((i for i, word in enumerate(words) if word.startswith("*STEP")), len(lines))]
     places = enumerate(mesh.points.tolist(), 1)

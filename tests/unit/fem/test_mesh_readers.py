@@ -1,0 +1,383 @@
+"""What a mesh's file has beside solids: the harmless is left out, sets are read, all else is named by line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import armflex
+from armflex.fem.mesh import Mesh
+from armflex.fem.read import read_mesh
+
+CORNERS = [
+    (0, 0, 0),
+    (0.1, 0, 0),
+    (0.1, 0.1, 0),
+    (0, 0.1, 0),
+    (0, 0, 0.1),
+    (0.1, 0, 0.1),
+    (0.1, 0.1, 0.1),
+    (0, 0.1, 0.1),
+]
+GRIDS = "".join(f"GRID,{n},,{x},{y},{z}\n" for n, (x, y, z) in enumerate(CORNERS, 1))
+NASTRAN = f"""SOL 101
+CEND
+{{control}}
+BEGIN BULK
+{GRIDS}CHEXA,101,1,1,2,3,4,5,6
+,7,8
+PSOLID,1,1
+MAT1,1,2.1+11,,0.3,7850.0
+{{bulk}}
+ENDDATA
+"""
+NODES = "".join(f"{n}, {x}, {y}, {z}\n" for n, (x, y, z) in enumerate(CORNERS, 1))
+ABAQUS = f"""*NODE
+{NODES}*ELEMENT, TYPE=C3D8, ELSET=ALL
+1, 1, 2, 3, 4, 5, 6, 7, 8
+*NSET, NSET=FOOT
+1, 2, 3, 4
+*MATERIAL, NAME=M
+*ELASTIC
+2.1e11, 0.3
+*DENSITY
+7850.
+*SOLID SECTION, ELSET=ALL, MATERIAL=M
+"""
+BULK, KEYWORD = NASTRAN.partition("{bulk}")[0].count("\n") + 1, ABAQUS.count("\n") + 1
+"""Lines of {bulk} and of what follows ABAQUS."""
+
+
+def nastran(folder: Path, bulk: str = "", control: str = "") -> Mesh:
+    (folder / "b.bdf").write_text(NASTRAN.format(bulk=bulk, control=control))
+    return read_mesh(folder / "b.bdf")
+
+
+def abaqus(folder: Path, *lines: str, text: str = ABAQUS) -> Mesh:
+    (folder / "b.inp").write_text(text + "\n".join([*lines, ""]))
+    return read_mesh(folder / "b.inp")
+
+
+def numbers(mesh: Mesh, name: str) -> list[int]:
+    return mesh.ids[mesh.nodes_of(name)].tolist()
+
+
+@pytest.mark.parametrize(
+    "card",
+    [
+        *("MPC,5,7,1,1.,8,1,-1.", "CONROD,50,7,8,1,.01", "CWELD,50,60,,PARTPAT", "CFAST,50,60", "CGAP,50,60,7,8"),
+        *("CBUSH,50,60,7,8", "RBE1,50,8,123456", "RSPLINE,50,.1,5,6", "CMASS2,9,10.,8,1", "NSML1,5,PSOLID,10.,ALL"),
+        *("DMIG,K2GG,0,6,1,0", "BGSET,100,1,2", "BCTABL1,0,5", "BCTABLE,1", "SESET,1,5", "MATT1,1,5", "BOLT,1"),
+        *("GRDSET,,5", "GRID,9,5,0.,0.,0.", "PARAM,CK1,2.", "PARAM,UNHEARD,1", "INCLUDE 'nowhere.bdf'", "NOSUCH,1"),
+        *("SPC1,1,123,1,2,3,4,5,6,7", "BEGIN SUPER=1", "PSOLID,2,1,,,,,PFLUID"),
+    ],
+)
+def test_a_card_that_may_change_the_model_is_refused(card: str, tmp_path: Path) -> None:
+    """A line of nine values too many is one that Nastran cuts off."""
+    with pytest.raises(armflex.InputError, match=rf"b\.bdf:{BULK}: "):
+        nastran(tmp_path, card)
+
+
+@pytest.mark.parametrize(
+    "command", ["MPC = 5", "K2GG = KX", "BGSET = 1", "NSM = 5", "TITLE = a,\nMPC = 5", "PARAM,CM1,2."]
+)
+def test_a_command_that_may_change_the_model_is_refused(command: str, tmp_path: Path) -> None:
+    with pytest.raises(armflex.InputError, match=rf"b\.bdf:{3 + command.count(chr(10))}: "):
+        nastran(tmp_path, control=command)
+
+
+def test_what_is_harmless_in_a_deck_is_left_out(tmp_path: Path) -> None:
+    control = (
+        "TITLE = MPC, glued\nECHO = NONE\nDISPLACEMENT(PLOT,\nREAL) = ALL\nSPCFORCES = ALL\nPARAM,POST,-1\nSUBCASE 1\n"
+    )
+    control += "METHOD = 1\nLOAD = 2\nOUTPUT(PLOT)\nSET 9 = ALL\nFIND SCALE,ORIGIN 1\nPLOT SET 9"
+    bulk = "PARAM,AUTOSPC,YES\nMDLPRM   HDF5    0\nGRDSET,,,,,,,456\nCORD2R,5,0,0.,0.,0.,0.,0.,1.\n,1.,0.,0.\n"
+    bulk += "SPOINT,1001\n"
+    bulk += (
+        "PLOTEL,960,1,5\nFORCE,2,8,,1.,1.,0.,0.\nPLOAD4,2,101,1.+6\nGRAV,3,,9.8,0.,0.,-1.\nEIGRL,1,,,10\nMAT9,5,1.\n"
+    )
+    bulk += "PSHELL,77,1,.1\nTEMPD,4,20.\nSUPORT,1,123\nASET1,123,1,2"
+    mesh = nastran(tmp_path, bulk, control)
+    assert len(mesh.points) == 8 and [len(block.ids) for block in mesh.blocks] == [1] and not mesh.flags
+
+
+def test_wtmass_weighs_and_what_is_included_is_read(tmp_path: Path) -> None:
+    """The case control's PARAM is the one that holds; an included file's line is named as its own."""
+    materials = [
+        nastran(tmp_path, bulk, control).blocks[0].material
+        for bulk, control in (
+            ("PARAM,WTMASS,0.5", ""),
+            ("", "PARAM,WTMASS,.5"),
+            ("PARAM   WTMASS  3.", "PARAM,WTMASS,0.5"),
+        )
+    ]
+    assert [material and material.density for material in materials] == [3925.0] * 3
+    (tmp_path / "more.bdf").write_text("$ joints\nSPC1,4,123,1\nMPC,5,7,1,1.,8,1,-1.\n")
+    with pytest.raises(armflex.InputError, match=r"more\.bdf:3: MPC "):
+        nastran(tmp_path, "INCLUDE 'more.bdf'")
+
+
+@pytest.mark.parametrize(
+    ("words", "nodes"),
+    [
+        ("5,6,7,8", [5, 6, 7, 8]),
+        ("5 THRU 10", [5, 6, 7, 8]),
+        ("1 THRU 8 EXCEPT 1 THRU 4", [5, 6, 7, 8]),
+        ("1 THRU 4 EXCEPT 2,3,7", [1, 4, 7]),
+        ("1 THRU 7 BY 3", [1, 4, 7]),
+        ("5,6,\n7,8", [5, 6, 7, 8]),
+        ("ALL", [1, 2, 3, 4, 5, 6, 7, 8]),
+        ("ALL EXCEPT 3", [1, 2, 4, 5, 6, 7, 8]),
+        ("101", "names node 101, which is not there"),
+        ("1.0, 2.5", "has '1.0', expected nodes"),
+        ("1,2\nSTRESS = 7", "is one of elements"),
+        ("1,2\nSUBCASE 2\nSET 7 = 3,4", "stands twice, in line 3 too"),
+    ],
+)
+def test_a_set_of_the_case_control_is_read_as_written(words: str, nodes: list[int] | str, tmp_path: Path) -> None:
+    """One of elements or frequencies concerns the mesh only if it is asked for."""
+    mesh = nastran(tmp_path, control=f"SET 7 = {words}")
+    if isinstance(nodes, list):
+        assert numbers(mesh, "7") == nodes
+    else:
+        with pytest.raises(armflex.InputError, match=rf"b\.bdf:\d+: set '7' {nodes}"):
+            mesh.nodes_of("7")
+
+
+def test_held_nodes_and_fields_are_read_in_every_form(tmp_path: Path) -> None:
+    mesh = nastran(tmp_path, "SPC,1,1,123,0.0,2,123\nSPC,1,3,123\nSPC1,2,3,4,THRU,6\nSPCADD,3,1,2\nSPC1,4,123,1001")
+    assert numbers(mesh, "SPC1") == [1, 2, 3] and numbers(mesh, "SPC3") == [1, 2, 3, 4, 5, 6]
+    with pytest.raises(armflex.InputError, match="set 'SPC4' names node 1001"):
+        mesh.nodes_of("SPC4")
+    text = NASTRAN.format(bulk="SPC1\t1\t123\t1\t2\t3\t4", control="")
+    text = text.replace("GRID,1,,0,0,0\n", "GRID*,1,,0.0,0.0,*\n*,0.0\n").replace(
+        "GRID,2,,0.1,0,0\n", "GRID\t2\t\t0.10000000001\t0\t0\n"
+    )
+    (tmp_path / "b.bdf").write_text(text)
+    mesh = read_mesh(tmp_path / "b.bdf")
+    np.testing.assert_allclose(mesh.points, CORNERS, atol=1e-10)
+    assert numbers(mesh, "SPC1") == [1, 2, 3, 4]
+    (tmp_path / "b.bdf").write_text(text.replace(",5,6\n,7,8", ",5,6,+A\n+B,7,8"))
+    with pytest.raises(armflex.InputError, match=r"'\+B' does not continue the line before, which goes on at '\+A'"):
+        read_mesh(tmp_path / "b.bdf")
+
+
+@pytest.mark.parametrize(
+    "keyword",
+    [
+        *("*EMBEDDED ELEMENT, HOST ELSET=ALL\nALL", "*FASTENER, INTERACTION NAME=F", "*CONTACT", "*TIE, NAME=T\nA, B"),
+        *(
+            "*NCOPY, CHANGE NUMBER=100, OLD SET=FOOT",
+            "*NGEN\n1, 2",
+            "*NMAP, NSET=FOOT",
+            "*ELGEN\n1, 2, 100",
+            "*MPC\nBEAM, 1, 2",
+        ),
+        *(
+            "*NONSTRUCTURAL MASS, ELSET=ALL\n40.",
+            "*MASS, ELSET=ALL\n1.",
+            "*PRE-TENSION SECTION, NODE=5",
+            "*SUBMODEL\nFOOT",
+        ),
+        *(
+            "*MATRIX ASSEMBLE, STIFFNESS=K",
+            "*SHELL TO SOLID COUPLING",
+            "*IMPERFECTION, FILE=f",
+            "*RESTART, READ",
+            "*NOSUCH",
+        ),
+        *(
+            "*SYMMETRIC MODEL GENERATION",
+            "*NODE, SYSTEM=C\n9, 1., 0., 0.",
+            "*ELEMENT, TYPE=C3D8, OFFSET=100",
+            "*PARAMETER\nE=5",
+        ),
+        *(
+            "*SOLID SECTION, COMPOSITE, ELSET=ALL, MATERIAL=M",
+            "*NSET, NSET=A, COMBINE=UNION",
+            "*ELASTIC, NO TENSION\n1e9, .3",
+        ),
+        *("*STEP\n*STATIC\n*MODEL CHANGE, REMOVE\nALL\n*END STEP", "*SYSTEM\n0., 0., 0., 1., 0., 0."),
+    ],
+)
+def test_a_keyword_that_may_change_the_model_is_refused(keyword: str, tmp_path: Path) -> None:
+    word = next(line for line in reversed(keyword.split("\n")) if line[0] == "*" and line != "*END STEP").split(",")[0]
+    line = KEYWORD + keyword.split("\n").index(next(one for one in keyword.split("\n") if one.startswith(word)))
+    with pytest.raises(armflex.InputError, match=rf"b\.inp:{line}: \{word}"):
+        abaqus(tmp_path, keyword)
+
+
+def test_what_is_harmless_in_an_input_file_is_left_out(tmp_path: Path) -> None:
+    """As preprocessors write it; a surface of a kind that is not read matters where it is asked for."""
+    lines = [
+        "*AMPLITUDE, NAME=A",
+        "0., 0.",
+        "*PHYSICAL CONSTANTS, ABSOLUTE ZERO=0",
+        "*SURFACE INTERACTION, NAME=I",
+        "*FRICTION",
+    ]
+    lines += [
+        "0.2,",
+        "*ORIENTATION, NAME=O",
+        "1., 0., 0., 0., 1., 0.",
+        "*SURFACE, NAME=FREE",
+        "ALL,",
+        "*TIME POINTS, NAME=T",
+    ]
+    lines += [
+        "*STEP, NLGEOM=NO",
+        "*STATIC",
+        "*CLOAD",
+        "5, 1, 1.",
+        "*DSLOAD",
+        "S, P, 1.",
+        "*RESTART, WRITE, FREQUENCY=0",
+    ]
+    lines += ["*OUTPUT, FIELD", "*NODE OUTPUT", "U", "*EL FILE", "S", "*NSET, NSET=LATE", "1", "*END STEP"]
+    mesh = abaqus(tmp_path, *lines)
+    assert len(mesh.points) == 8 and not mesh.flags
+    with pytest.raises(armflex.InputError, match=r"b\.inp:29: set 'FREE' is a \*SURFACE of 'ALL', ''"):
+        mesh.nodes_of("FREE")
+
+
+def test_a_system_moves_the_nodes_after_it(tmp_path: Path) -> None:
+    placed = abaqus(tmp_path, text="*SYSTEM\n1., 0., 0., 1., 1., 0.\n0., 0., 0.\n" + ABAQUS).points
+    x, y, z = np.array(CORNERS).T
+    np.testing.assert_allclose(placed, np.column_stack([1.0 - y, x, z]), atol=1e-15)
+    placed = abaqus(tmp_path, text="*SYSTEM\n1., 2., 3.\n*SYSTEM\n" + ABAQUS).points
+    np.testing.assert_allclose(placed, CORNERS)
+
+
+def test_data_of_other_files_are_read_and_named_as_theirs(tmp_path: Path) -> None:
+    (tmp_path / "nodes.txt").write_text(NODES)
+    text = ABAQUS.replace(f"*NODE\n{NODES}", "*NODE, INPUT=nodes.txt\n")
+    (tmp_path / "rest.inc").write_text(text)
+    assert abaqus(tmp_path, text="*INCLUDE, INPUT='rest.inc'\n").ids.tolist() == [*range(1, 9)]
+    (tmp_path / "nodes.txt").write_text(NODES.replace("3, 0.1,", "3, O.1,"))
+    with pytest.raises(armflex.InputError, match=r"nodes\.txt:3: expected 2 finite numbers"):
+        abaqus(tmp_path, text="*INCLUDE, INPUT='rest.inc'\n")
+
+
+def test_an_assembly_has_sets_and_reference_points_of_its_own(tmp_path: Path) -> None:
+    """Its set is not the part's of the same name; a node that no element has is lost unless it is such a point."""
+    part = ABAQUS[: ABAQUS.index("*MATERIAL")] + "*SOLID SECTION, ELSET=ALL, MATERIAL=M\n*END PART\n"
+    material = ABAQUS[ABAQUS.index("*MATERIAL") : ABAQUS.index("*SOLID")]
+    text = f"*PART, NAME=P\n{part}*ASSEMBLY, NAME=A\n*INSTANCE, NAME=I, PART=P\n*END INSTANCE\n*NODE\n1, .5, .5, .5\n"
+    text += "*NSET, NSET=RP, INTERNAL\n1,\n*NSET, NSET=FOOT, INSTANCE=I\n5, 6\n*END ASSEMBLY\n" + material
+    mesh = abaqus(tmp_path, text=text)
+    assert numbers(mesh, "FOOT") == [5, 6] and numbers(mesh, "I.FOOT") == [1, 2, 3, 4] and len(mesh.points) == 8
+    assert [flag.code for flag in mesh.flags] == ["left_out"]
+    with pytest.raises(armflex.InputError, match=r"set 'RP' is node 1 alone, which belongs to no element"):
+        mesh.nodes_of("RP")
+    assert len(abaqus(tmp_path, "*NODE", "99, .5, .5, .5", "*NSET, NSET=RP", "99").points) == 8
+    assert len(abaqus(tmp_path, "*NODE", "99, .5, .5, .5").points) == 9
+
+
+POINTS = [(x, y, z) for z in (0, 0.1) for y in (0, 0.1) for x in (0, 0.1)]
+BRICK = "1 2 4 3 5 6 8 7"
+LISTED = "\n".join(f"{n} {x} {y} {z}" for n, (x, y, z) in enumerate(POINTS, 1))
+TEXTS = {
+    "2.2": f"""$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+2 1 "FOOT END"
+3 2 "BODY"
+$EndPhysicalNames
+$Nodes
+8
+{LISTED}
+$EndNodes
+$Elements
+2
+1 3 2 1 1 1 2 4 3
+2 5 2 2 1 {BRICK}
+$EndElements
+""",
+    "4.1": f"""$MeshFormat
+4.1 0 8
+$EndMeshFormat
+$PhysicalNames
+2
+2 1 "FOOT END"
+3 2 "BODY"
+$EndPhysicalNames
+$Entities
+0 0 1 1
+1 0 0 0 1 1 1 1 1 0
+1 0 0 0 1 1 1 1 2 0
+$EndEntities
+$Nodes
+1 8 1 8
+3 1 0 8
+{chr(10).join(map(str, range(1, 9)))}
+{chr(10).join(row.split(" ", 1)[1] for row in LISTED.split(chr(10)))}
+$EndNodes
+$Elements
+2 2 1 2
+2 1 3 1
+1 1 2 4 3
+3 1 5 1
+2 {BRICK}
+$EndElements
+""",
+}
+
+
+def gmsh(folder: Path, text: str) -> Mesh:
+    (folder / "b.msh").write_text(text)
+    return read_mesh(folder / "b.msh", young=2.1e11, poisson=0.3)
+
+
+@pytest.mark.parametrize("version", TEXTS)
+def test_a_mesh_of_gmsh_holds_its_counts(version: str, tmp_path: Path) -> None:
+    text = TEXTS[version]
+    remarks = "$Comments\n$Nodes\n$EndComments\n" + text + '$NodeData\n1\n"u"\n$EndNodeData\n'
+    for good in (text, text.replace("\n", "\r\n"), remarks if version == "4.1" else text):
+        mesh = gmsh(tmp_path, good)
+        assert numbers(mesh, "foot end") == [1, 2, 3, 4] and [block.ids.tolist() for block in mesh.blocks] == [[2]]
+        assert mesh.blocks[0].nodes.tolist() == [[0, 1, 3, 2, 4, 5, 7, 6]]
+    lines = text.splitlines()
+    brick, end, nodes = (lines.index(word) for word in (lines[-2], "$EndElements", "$EndNodes"))
+    for line, spoilt in (
+        (end + 1, [*lines[:end], "3" + lines[brick][1:].replace("5", "6", 1), lines[end]]),
+        (brick if version == "4.1" else brick - 1, [*lines[:brick], *lines[end:]]),  # where the count stands
+        (nodes + 1, [*lines[:nodes], "9 0 0 0", *lines[nodes:]]),
+        (end + 1, [*lines[:end], "$EndElement"]),
+        (end + 1, [*lines[:end], "$End"]),
+        (nodes + 1, [*lines[:nodes], *lines[nodes + 1 :]]),
+        (4, [*lines[:3], "$Nonsense", "$EndNonsense", *lines[3:]]),
+        (4, [*lines[:3], "stray", *lines[3:]]),
+        (brick + 1, [*lines[:brick], lines[brick] + " 3", *lines[end:]]),
+        (end + 2, [*lines, "$Elements", "0", "$EndElements"]),
+    ):
+        with pytest.raises(armflex.InputError, match=rf"b\.msh:{line}: "):
+            gmsh(tmp_path, "\n".join(spoilt) + "\n")
+
+
+def test_what_gmsh_writes_by_an_option_names_it(tmp_path: Path) -> None:
+    text = TEXTS["4.1"]
+    for spoilt, option in (
+        (text.replace("3 1 0 8", "3 1 1 8"), "SaveParametric = 0"),
+        (text.replace("Entities", "PartitionedEntities"), "NbPartitions = 0"),
+        (TEXTS["2.2"].replace("Nodes", "ParametricNodes"), "SaveParametric = 0"),
+        (text.replace("4.1 0 8", "4 0 8"), "MshFileVersion = 4.1"),
+        (text.replace("3 1 5 1", "3 1 12 1"), "SecondOrderIncomplete = 1"),
+    ):
+        with pytest.raises(armflex.InputError, match=rf"b\.msh(:\d+)?: .*Mesh\.{option}"):
+            gmsh(tmp_path, spoilt)
+
+
+def test_an_element_of_several_groups_stands_once_for_each(tmp_path: Path) -> None:
+    """In version 2; two solids of one group and the same nodes are still counted twice."""
+    twice = (
+        TEXTS["2.2"]
+        .replace("$Elements\n2\n", "$Elements\n3\n")
+        .replace("$EndElements", f"3 5 2 7 1 {BRICK}\n$EndElements")
+    )
+    mesh = gmsh(tmp_path, twice)
+    assert len(mesh.blocks[0].ids) == 1 and numbers(mesh, "group_7") == numbers(mesh, "BODY") == [*range(1, 9)]
+    assert len(gmsh(tmp_path, twice.replace("3 5 2 7 1", "3 5 2 2 1")).blocks[0].ids) == 2
