@@ -41,6 +41,16 @@ TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
 
 
+BEYOND = 0.3
+"""Tolerance: how far outside its limits [rad] some value of a column is before it is asked whether it is a turn off."""
+
+SEAM = 1e-3
+"""Tolerance: rounding at the ends of one turn [rad]."""
+
+BY_CHANCE = 1e-3
+"""Confidence: probability below which a gap in a column is no chance of where poses were."""
+
+
 def check_one_unit(
     lengths: Array, rows: np.ndarray, places: Sequence[Place], columns: Sequence[str] = ("x", "y", "z")
 ) -> None:
@@ -89,6 +99,53 @@ def check_joint_units(q: Array, arm: Arm, places: Sequence[Place], column: str =
             hint = f"{other}? Then name the column {column}_{joint.name}_{other}"
             text = f"{column}_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
             raise TableError(places[far[0]], text)
+
+
+def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:
+    """Return joint positions on the branch that their joints hold, and the flag about columns that were on another.
+
+    Controllers count from 0 to 360 degrees, or from -180 to 180: a joint within its limits then shows a full turn more
+    or less. Where limits leave more than one branch open, a column is cut at its widest gap instead of amid its values.
+
+    Args:
+        q: (N, nq) as written [rad or m].
+        arm: The arm.
+    """
+    full, turns, open_ = 2.0 * np.pi, np.zeros(q.shape), list[tuple[int, float, float, bool]]()
+    robot = arm.robot
+    for index, joint in enumerate(robot.moving):
+        low, high = float(q[:, index].min(initial=0.0)), float(q[:, index].max(initial=0.0))
+        start = next((begin for begin in (0.0, -np.pi) if low >= begin - SEAM and high <= begin + full + SEAM), None)
+        if joint.kind == "prismatic" or start is None:
+            continue
+        lower, upper = float(robot.lower[index]), float(robot.upper[index])
+        if upper - lower < full:
+            back = np.round((0.5 * (lower + upper) - q[:, index]) / full)  # the branch nearest to the limits
+            there = q[:, index] + full * back
+            if max(high - upper, lower - low) > BEYOND > max(there.max() - upper, lower - there.min()):
+                turns[:, index] = back
+            continue
+        at = np.unique(np.round(q[:, index], 3))
+        gaps = np.diff(at)
+        if len(gaps):
+            cut, seam = int(gaps.argmax()), full - float(at[-1] - at[0])
+            by_chance = len(at) * (1.0 - float(gaps[cut]) / full) ** (len(at) - 1)
+            if seam < 0.25 * gaps[cut]:
+                open_.append((index, start, float(at[cut]) + 0.5 * float(gaps[cut]), by_chance < BY_CHANCE))
+    counted = bool(turns.any()) or any(sure for *_, sure in open_)
+    for index, start, cut, sure in open_:
+        if counted and (start == 0.0 or sure):
+            late = q[:, index] > cut
+            back = -1.0 * late if start == 0.0 or late.sum() <= (~late).sum() else 1.0 * ~late
+            there = q[:, index] + full * back
+            if (there >= robot.lower[index]).all() and (there <= robot.upper[index]).all():
+                turns[:, index] = back
+    if not turns.any():
+        return q, None
+    names = listing(f"q_{robot.moving[i].name}" for i in np.flatnonzero(turns.any(axis=0)))
+    text = f"{names}: {np.count_nonzero(turns)} values are a full turn away from where the joint is, as of a log that"
+    text += " counts within one turn: they are taken on the branch that its limits hold, or that has no gap"
+    return q + full * turns, Flag("full_turn", text)
 
 
 def unit_flags(table: Table, arm: Arm) -> tuple[Flag, ...]:

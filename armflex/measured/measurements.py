@@ -25,6 +25,7 @@ from armflex.measured.data_flags import (
     force_flags,
     in_other_units,
     table_flags,
+    turned_back,
     unit_flags,
 )
 from armflex.measured.forces import (
@@ -247,7 +248,7 @@ def read_measurements(
     known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
-    found = _measurements(table, arm, unnamed)
+    found, turned = _measurements(table, arm, unnamed)
     covariates: dict[str, Array | tuple[str, ...]] = {}
     for name in (name for name in table.columns if name not in known):
         column = _Covariate(name)
@@ -261,6 +262,7 @@ def read_measurements(
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
+    flags += () if turned is None else (replace(turned, text=f"{Place(table.path, 1)}: {turned.text}"),)
     flags += (*table_flags(table, found, arm), *_sensor_flags(found, arm, table), *force_flags(found, arm))
     flags += branch_flags(table, arm)
     flags += () if found.measured.any() else unit_flags(table, arm)  # else readings decide, when the arm is fitted
@@ -299,7 +301,9 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     seen: dict[str, _Covariate] = {}
     asked: list[tuple[Flag, ...]] = []
     for table in read_pieces(path, kinds, most):
-        known, found = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
+        known, (found, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
+        if turned is not None:
+            warn((turned,))
         asked.append(unit_flags(table, arm))
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Covariate(name)).add(table)
@@ -317,7 +321,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     before: tuple[Array, Array] | None = None
     first = 0
     for table in read_pieces(path, kinds, most):
-        found = _measurements(table, arm, unnamed, first, before)
+        found, _ = _measurements(table, arm, unnamed, first, before)
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():
             if not column.numeric:
@@ -401,9 +405,12 @@ def _undeclared(name: str, arm: Arm) -> str:
 
 def _measurements(
     table: Table, arm: Arm, unnamed: Unnamed, first: int = 0, before: tuple[Array, Array] | None = None
-) -> Measurements:
-    """Return the rows of a table without covariates; `first` is the first's number, `before` as of `last_motion`."""
-    q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
+) -> tuple[Measurements, Flag | None]:
+    """Return the rows of a table without covariates, and the flag of `turned_back`.
+
+    `first` is the first row's number, `before` as of `last_motion`.
+    """
+    q, turned_flag = turned_back(table.matrix([f"q_{joint}" for joint in arm.joint_names]), arm)
     measured, position = _vectors(table, POSITION)
     turned, rotation = _vectors(table, ROTATION)
     readings = Readings(len(table), _sensed(table, arm))
@@ -436,7 +443,7 @@ def _measurements(
     if turned.any():
         sigma_r = _deviations(table, ("sigma_r",), turned, "they", "rad", np.inf)[:, 0]
         tracked |= {"rotation": rotation, "sigma_r": sigma_r}
-    return Measurements(
+    rows = Measurements(
         joint_names=arm.joint_names,
         pose=named("pose", None),
         session=named("session", "session"),
@@ -452,6 +459,8 @@ def _measurements(
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
         wrenches=read_loads(table, arm, unnamed.force),
     )
+    return rows, turned_flag
+
 
 
 def _sensor_kinds(arm: Arm) -> dict[str, str]:
