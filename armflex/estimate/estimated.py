@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
-from armflex.conventions import RESOLUTION, UNITS, Array
+from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, RESOLUTION, UNITS, Array
 from armflex.errors import FEW, listing
 from armflex.estimate.misreadings import Misreading, joints_as
 from armflex.estimate.robust import TAILS
@@ -24,25 +24,6 @@ from armflex.measured.measurements import Measurements
 from armflex.readings import Position
 from armflex.readings.end import rigid_motion
 from armflex.readings.instrument import Instrument, rigid_fit
-
-ANGLES = {
-    "radians": 1.0,
-    "degrees": np.pi / 180.0,
-    "decidegrees (tenths of a degree)": np.pi / 1.8e3,
-    "centidegrees (hundredths of a degree)": np.pi / 1.8e4,
-    "millidegrees (thousandths of a degree)": np.pi / 1.8e5,
-    "tenths of a millidegree": np.pi / 1.8e6,
-    "arcminutes": np.pi / 10800.0,
-    "arcseconds": np.pi / 648000.0,
-    "gradians (400 a turn)": np.pi / 200.0,
-    "turns": 2.0 * np.pi,
-    "multiples of pi (half turns)": np.pi,
-    "mrad": 1e-3,
-}
-"""Units that joint positions are logged in, each in rad. What is none of them counts so many steps a turn."""
-
-LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "inches": 0.0254, "feet": 0.3048, "tenths of a mm": 1e-4}
-"""The same of slides and rails, each in m."""
 
 HEADERS = {"degrees": "deg", "mrad": "mrad", "mm": "mm", "cm": "cm", "um": "um"}
 """Units that a header can state."""
@@ -272,9 +253,9 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
 
         def of_unit(zero: Array, words: str, more: str) -> Family:
             def named(numbers: Array) -> tuple[Array, str, str, int]:
-                value, unit = _unit(numbers[0] * written, ANGLES)
+                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES)
                 value /= written
-                remedy = _header(unit, "q_...", head) or f"convert them: q = {value * written:.9g} q rad"
+                remedy = _header(unit, "q_...", head) or f"convert them: q = {value:.9g} q {head or 'rad'}"
                 wrong = [f"in {unit}"] if abs(value - 1.0) > ALIKE else []
                 wrong += [words] if words else []
                 remedy = "; ".join([remedy] * (abs(value - 1.0) > ALIKE) + [more] * bool(more))
@@ -304,17 +285,17 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
         if abs(centre) > ALIKE * spread[turns].max():
 
             def counted(numbers: Array) -> tuple[Array, str, str, int]:
-                value, unit = _unit(numbers[0] * written, ANGLES)
+                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES)
                 zero = _round_zero(numbers[1] / written, 2.0 * np.pi / value)
                 text = f"{every} in {unit}, with zero at {zero:.6g}"
-                remedy = f"convert them: q = {value:.9g} (q - {zero:.6g}) rad"
+                remedy = f"convert them: q = {value / written:.9g} (q - {zero:.6g}) {head or 'rad'}"
                 return np.array([value / written, zero * written]), text, remedy, 2
 
             yield Family(from_count, [np.array([one[0], centre]) for one in all_steps], counted)
     for i, name in enumerate(names):
         if spread[i] < RESOLUTION:
             continue
-        known = ANGLES if turns[i] else LENGTHS
+        known = LOGGED_ANGLES if turns[i] else LOGGED_LENGTHS
         unit = UNITS["angle" if turns[i] else "length"].get(units[name], 1.0)
         most = COARSEST if turns[i] else 3.0 * max(upper[i] - lower[i], LARGEST_MOTION)
         least = FINEST if turns[i] else most / 100.0
@@ -324,7 +305,7 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
 
         def one_unit(numbers: Array, i: int = i, name: str = name, by: float = unit, known=known):
             value, unit = _unit(numbers[0] * by, known)
-            remedy = _header(unit, f"q_{name}", units[name]) or f"convert it: {value:.9g} q_{name} {'rad' if turns[i] else 'm'}"
+            remedy = _header(unit, f"q_{name}", units[name]) or f"convert it: {value / by:.9g} q_{name} {units[name] or ('rad' if turns[i] else 'm')}"
             return np.array([value / by]), f"q_{name} is in {unit}", remedy, 1
 
         yield Family(alone, [np.array([one]) for one in steps(float(spread[i]), least, most)], one_unit)
@@ -385,8 +366,8 @@ def _unit(value: float, known: dict[str, float]) -> tuple[float, str]:
     name = min(known, key=lambda one: abs(np.log(known[one] / abs(value))))
     if abs(known[name] / value - 1.0) < ALIKE:
         return known[name], name
-    if known is LENGTHS or abs(value) > np.pi / 200.0:
-        return value, f"a unit of {value:.4g} {'m' if known is LENGTHS else 'rad'}"
+    if known is LOGGED_LENGTHS or abs(value) > np.pi / 200.0:
+        return value, f"a unit of {value:.4g} {'m' if known is LOGGED_LENGTHS else 'rad'}"
     count = 2.0 * np.pi / value
     power, digits = 2.0 ** round(np.log2(abs(count))), float(f"{abs(count):.2g}")
     near = min((power, digits), key=lambda one: abs(np.log(one / abs(count))))
@@ -429,9 +410,9 @@ def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
     said, steps = [], []
     for name, step in zip(chosen, placed.beside, strict=True):
         size = float(np.linalg.norm(step))
-        value, unit = _unit(max(size, 1e-300), LENGTHS)
+        value, unit = _unit(max(size, 1e-300), LOGGED_LENGTHS)
         travel = size * float(np.ptp(numbers[name][seen.rows]))
-        if unit not in LENGTHS or travel < LARGEST_MOTION * seen.arm.robot.reach:
+        if unit not in LOGGED_LENGTHS or travel < LARGEST_MOTION * seen.arm.robot.reach:
             return
         along = ", ".join(f"{one:g}" for one in np.round(placed.turn.T @ step / size, 3) + 0.0)
         said.append(f"column {name} moves the arm by 1 {unit} per unit along ({along}) of its base")

@@ -35,6 +35,7 @@ from armflex.estimate.placement import FEWEST_ROWS, check_length, first_guess
 from armflex.estimate.robust import BY_CHANCE, EVEN, TAILS, outlier_limit
 from armflex.estimate.view import LARGEST_MOTION, View, look, solved
 from armflex.linear_gaussian import LinearGaussian
+from armflex.measured.data_flags import check_joint_units, in_other_units
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.parameters import ABSURD, DOUBT, FRAMES, SEEN
@@ -294,6 +295,7 @@ def check_conventions(
         searched: Whether what the arm lacks is looked for, which may be all that it lacks.
 
     Raises:
+        TableError: A joint is far beyond its limits, and no unit explains it.
         ConventionError: With the hypotheses that make the campaign plausible, the likeliest first, and how to write
             each of them right; or errors larger than any arm's; or nothing that [prior] frees where readings are off;
             or touches without a length, see `check_length`.
@@ -315,9 +317,12 @@ def check_conventions(
         found = misfit(case)
         if not found.plausible:
             found = misfit(case, found.view, rounds=ROUNDS)  # nor is an arm accused that one step does not fit
-    if found is not None and found.plausible:
+    far = bool(in_other_units(measurements.q, arm).any())
+    if found is not None and found.plausible and not far:
         return ()
     named = _named(case, found, searched)
+    if not named:
+        check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
     if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
         text = f"{named[0].name}: {named[0].hypothesis.remedy}"  # the others say where the arm is
         return (Flag("instrument_moved", text, about=named[0].hypothesis.of),)

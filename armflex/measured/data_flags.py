@@ -6,17 +6,19 @@ fit, which lists it. The two differ in size, by a factor of a thousand against a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import NUMBER, STANDARD_GRAVITY, Array
-from armflex.errors import Flag, Place, TableError, listing
+from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, NUMBER, STANDARD_GRAVITY, UNITS, Array
+from armflex.errors import FEW, Flag, Place, TableError, listing
 from armflex.files.effect_file import TEMPERATURE
 from armflex.measured.table import Table, asked_columns, is_nearly
 from armflex.mechanics.loaded import FORCE_BAND
+from armflex.robot.urdf import Joint
 from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
 
 if TYPE_CHECKING:
@@ -88,17 +90,39 @@ def _other_unit(values: Array) -> np.ndarray:
     return np.flatnonzero(large if large.sum() <= (~large).sum() else ~large)
 
 
-def check_joint_units(q: Array, arm: Arm, places: Sequence[Place], column: str = "q") -> None:
-    """Raise `TableError` naming the first row whose joint position is far beyond any limit: degrees, or mm."""
+def check_joint_units(
+    q: Array, arm: Arm, places: Sequence[Place], column: str = "q", units: Mapping[str, str] | None = None
+) -> None:
+    """Raise `TableError` naming the first row whose joint position is far beyond any limit: degrees, or mm.
+
+    Args:
+        q: (N, nq) positions [rad or m].
+        arm: The arm.
+        places: Where the rows are, none where nobody says.
+        column: How the columns begin.
+        units: Units that the headers state, by column.
+    """
     beyond = in_other_units(q, arm)
-    for index, joint in enumerate(arm.robot.moving):
-        far = np.flatnonzero(beyond[:, index])
-        if len(far):
-            unit, other = ("m", "mm") if joint.kind == "prismatic" else ("rad", "deg")
-            where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
-            hint = f"{other}? Then name the column {column}_{joint.name}_{other}"
-            text = f"{column}_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
-            raise TableError(places[far[0]], text)
+    for index in np.flatnonzero(beyond.any(axis=0))[:1].tolist():
+        joint, far = arm.robot.moving[index], np.flatnonzero(beyond[:, index])
+        straight, name = joint.kind == "prismatic", f"{column}_{joint.name}"
+        unit, other = ("m", "mm") if straight else ("rad", "deg")
+        stated = (units or {}).get(name, "")
+        written = q[:, index] / UNITS["length" if straight else "angle"].get(stated, 1.0)
+        room = 0.1 * (joint.upper - joint.lower)
+
+        def within(factor: float, values: Array = written, joint: Joint = joint, room: float = room) -> bool:
+            return bool(((factor * values > joint.lower - room) & (factor * values < joint.upper + room)).all())
+
+        fitting = [one for one, size in (LOGGED_LENGTHS if straight else LOGGED_ANGLES).items() if within(size)]
+        usual = UNITS["length" if straight else "angle"][other]
+        if not stated and not in_other_units(np.where(np.arange(q.shape[1]) == index, usual * q, 0.0), arm).any():
+            hint = f"{other}? Then name the column {name}_{other}"
+        else:
+            hint = f"in {' or '.join(fitting[:FEW]) or 'counts of an encoder'}? Then convert it to {stated or unit}"
+        where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
+        text = f"{name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
+        raise TableError(places[far[0]] if places else Place(Path(f"row {far[0]}")), text)
 
 
 def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:

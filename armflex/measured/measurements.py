@@ -257,7 +257,9 @@ def read_measurements(
         covariates[name] = table.numbers(name) if column.numeric else table.texts(name)
     sha256, frame = table.sha256, ""
     found = replace(found, covariates=covariates)
-    check_joint_units(found.q, arm, found.places)
+    units = {name: column.unit for name, column in table.columns.items() if column.unit}
+    if inputs_only or not found.positioned.any():  # else readings decide what unit it is, when the arm is fitted
+        check_joint_units(found.q, arm, found.places, units=units)
     for kind in found.readings.kinds:
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
@@ -272,7 +274,6 @@ def read_measurements(
         if arm.measurement.frame == "base" and frame.split("::")[-1].lower() not in (base.lower(), "base"):
             text = f"points are in frame {frame!r}; the arm file says that measurements are in its base {base!r}"
             flags += (Flag("points_frame", text),)
-    units = {name: column.unit for name, column in table.columns.items() if column.unit}
     return replace(found, flags=flags, sha256=sha256, frame=frame, units=units)
 
 
