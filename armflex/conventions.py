@@ -95,7 +95,15 @@ LOGGED_ANGLES = {
 }
 """Units that joint positions are logged in, each in rad. What is none of them counts so many steps a turn."""
 
-LOGGED_LENGTHS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "inches": 0.0254, "feet": 0.3048, "tenths of a mm": 1e-4}
+LOGGED_LENGTHS = {
+    "m": 1.0,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "um": 1e-6,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "tenths of a mm": 1e-4,
+}
 """The same of slides and rails, each in m."""
 
 NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")

@@ -1,8 +1,8 @@
 """Conventions with a number in them, which the readings say: a unit, a zero, a coupling, a rail, a second tool.
 
-A family of conventions rewrites joint positions as q A + b, with A and b of one or two numbers. The rigid arm is placed
-with its target free; where the numbers leave least of the readings they are refined, and then named by the nearest unit,
-zero or ratio that people use. What is yielded is a hypothesis like every other, which `misread` judges.
+A family of conventions rewrites joint positions as q A + b, with A and b of one or two numbers. The rigid arm is
+placed with its target free; where the numbers leave least of the readings they are refined, and then named by the
+nearest unit, zero or ratio that people use. What is yielded is a hypothesis like every other: `misread` judges it.
 """
 
 from __future__ import annotations
@@ -31,6 +31,12 @@ HEADERS = {"degrees": "deg", "mrad": "mrad", "mm": "mm", "cm": "cm", "um": "um"}
 ALIKE = 0.01
 """Tolerance: part by which a number may be off the one that people use, as an arm's own errors make it."""
 
+ROUGHLY = 0.1
+"""Tolerance: the same while something else is wrong, too."""
+
+RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)
+"""Shares of one joint's position that another one is counted with."""
+
 ZERO_OFF = np.radians(0.4)
 """Tolerance: the same of a zero [rad]."""
 
@@ -40,8 +46,15 @@ units between are looked at: a unit so far off leaves a joint where its neighbou
 
 STEP = 1.12
 
+LESS = 1.0
+"""Tolerance: gain of `Seen.cost` from which a hypothesis is worth being refined, and a mistake being thought of: a third
+of the distance less being left."""
+
 ROWS_PLACED = 60
 """Tolerance: rows by which a family is looked at; one or two numbers need no more."""
+
+TOGETHER = 3
+"""Prior: conventions with numbers that one campaign is wrong in at once, at most: a wrist couples three joints."""
 
 PLACINGS = 3
 """Tolerance: rounds in which the instrument, the target and the weights of lost beams are found of one hypothesis."""
@@ -49,7 +62,7 @@ PLACINGS = 3
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """What is left (M, 3) [m] of where a rigid arm was seen, its shift (k, 3) per column, and the (3, 3) turn of its base."""
+    """What is left (M, 3) [m] of where an arm was seen, its shift (k, 3) per column, and its base's (3, 3) turn."""
 
     left: Array
     beside: Array
@@ -131,6 +144,7 @@ def _tips(arm: Arm, q: Array) -> Array:
     return found
 
 
+Called = tuple[Array, str, str, int]
 Map = Callable[[Array], tuple[Array, Array]]
 """Numbers -> A (nq, nq) and b (nq,): q A + b is meant."""
 
@@ -142,12 +156,13 @@ class Family:
     Attributes:
         map: See there.
         starts: Numbers to begin from.
-        named: Of refined numbers, those that people use with the name, the remedy, and the mistakes that it takes.
+        named: Of refined numbers, those that people use within such a part of them, the name, the remedy, and the
+            mistakes that it takes; None where nobody uses such numbers.
     """
 
     map: Map
     starts: Sequence[Array]
-    named: Callable[[Array], tuple[Array, str, str, int]]
+    named: Callable[[Array, float], Called | None]
 
 
 def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misreading]:
@@ -163,7 +178,7 @@ def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misre
     rows = rows[own == first]
     some = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS_PLACED)).astype(int))]
     seen = Seen(arm, every.q[some], every.position[some], some)
-    if len(some) < 3 * FEW:
+    if len(some) < 3 * FEW or arm.robot.linkage:
         return
     with np.errstate(all="ignore"):
         yield from _rails(seen, every)
@@ -176,11 +191,17 @@ def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
     units = {joint.name: every.units.get(f"q_{joint.name}", "") for joint in seen.arm.robot.moving}
     found = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
     yield from (one for _, one, _ in found)
-    for cost, one, after in found[:1]:
-        for _, other, _ in _fitted(after, [*_couplings(after), *_homes(after)], cost):
-            name, mistakes = f"{one.name}, and {other.name}", one.mistakes + other.mistakes
+    for _ in range(TOGETHER - 1):
+        if not found:
+            return
+        cost, one, after = found[0]
+        found = []
+        for lower, other, then in _fitted(after, [*_couplings(after), *_homes(after)], cost):
             change = lambda rows, first=one, last=other: last.rows(first.rows(rows))  # noqa: E731
-            yield Misreading(name, f"{one.remedy}; {other.remedy}", change, mistakes=mistakes, whole=True)
+            more = {"mistakes": one.mistakes + other.mistakes, "whole": True}
+            both = Misreading(f"{one.name}, and {other.name}", f"{one.remedy}; {other.remedy}", change, **more)
+            found.append((lower, both, then))
+        yield from (one for _, one, _ in found[:1])
 
 
 def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple[float, Misreading, Seen]]:
@@ -198,7 +219,7 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple
     ]
     likely, found = dict[int, int](), list[tuple[float, Misreading, Seen]]()
     for cost, number, place in sorted(looked):
-        if cost < before - 1.0 and len(likely) < 2 * FEW:  # a fifth of the distance at least
+        if cost < before - LESS and len(likely) < 2 * FEW:
             likely.setdefault(number, place)
     for number, place in likely.items():
         family, start = families[number], families[number].starts[place]
@@ -208,12 +229,17 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple
             return left(family, numbers * size).ravel() / scale
 
         refined = size * least_squares(errors, start / size, loss="soft_l1", diff_step=1e-5, max_nfev=20).x
-        numbers, name, remedy, mistakes = family.named(refined)
-        by, shift = family.map(numbers)
-        after = replace(seen, q=seen.q @ by + shift)
-        hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
-        found.append((seen.cost(left(family, numbers)), hypothesis, after))
-    return sorted(found, key=lambda one: one[0])[:FEW]
+        least = seen.cost(left(family, refined))
+        for alike in (ROUGHLY, ALIKE):  # what else is wrong in the campaign bends the numbers
+            if (called := family.named(refined, alike)) is None:
+                continue
+            numbers, name, remedy, mistakes = called
+            by, shift = family.map(numbers)
+            if (cost := seen.cost(left(family, numbers))) < least + LESS or alike == ALIKE:
+                hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
+                found.append((cost, hypothesis, replace(seen, q=seen.q @ by + shift)))
+                break
+    return sorted(found, key=lambda one: one[0] + LESS * one[1].mistakes)[:FEW]
 
 
 def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
@@ -252,20 +278,22 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
         all_steps = [np.array([one]) for one in steps(float(spread[turns].max()), FINEST, COARSEST)]
 
         def of_unit(zero: Array, words: str, more: str) -> Family:
-            def named(numbers: Array) -> tuple[Array, str, str, int]:
-                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES)
+            def named(numbers: Array, alike: float) -> Called:
+                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
                 value /= written
                 remedy = _header(unit, "q_...", head) or f"convert them: q = {value:.9g} q {head or 'rad'}"
                 wrong = [f"in {unit}"] if abs(value - 1.0) > ALIKE else []
+                remedy = "; ".join(part for part in (remedy if wrong else "", more) if part)
                 wrong += [words] if words else []
-                remedy = "; ".join([remedy] * (abs(value - 1.0) > ALIKE) + [more] * bool(more))
                 return np.array([value]), f"{every} {', '.join(wrong)}", remedy, max(len(wrong), 1)
 
             return Family(common(zero), all_steps, named)
 
         yield of_unit(np.zeros(count), "", "")
         if limited[turns].all():
-            added = listing(f"{one:+.4g} to q_{name}" for name, one in zip(names, middle, strict=True) if abs(one) > ZERO_OFF)
+            added = listing(
+                f"{one:+.4g} to q_{name}" for name, one in zip(names, middle, strict=True) if abs(one) > ZERO_OFF
+            )
             if (np.abs(middle[turns]) > ZERO_OFF).any():
                 yield of_unit(middle, "counted from the middle of their limits", f"add {added} [rad]")
             added = listing(f"{one:+.4g} to q_{name}" for name, one in zip(names, lower, strict=True))
@@ -273,19 +301,23 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
             share = [one * 0.5 / np.median(half[turns]) for one in all_steps]
             for start, low in ((middle, -1.0), (lower, 0.0)):
 
-                def named(numbers: Array, low: float = low, start: Array = start) -> tuple[Array, str, str, int]:
+                def named(numbers: Array, alike: float, low: float = low, start: Array = start) -> Called | None:
                     most = (2.0 if low == 0.0 else 1.0) / numbers[0]
-                    round_ = float(f"{most:.1g}") if abs(float(f"{most:.1g}") / most - 1.0) < ALIKE else most
+                    round_ = 10.0 ** round(np.log10(abs(most)))
+                    if abs(round_ / most - 1.0) > ALIKE:
+                        return None
                     text = f"{every} parts of their limits, {low * round_:g} to {round_:g}"
-                    remedy = f"convert them: q = lower + (upper - lower) (q {-low * round_:+g}) / {round_ - low * round_:g}"
+                    remedy = (
+                        f"convert them: q = lower + (upper - lower) (q {-low * round_:+g}) / {round_ - low * round_:g}"
+                    )
                     return np.array([(2.0 if low == 0.0 else 1.0) / round_]), text, remedy, 1
 
                 yield Family(of_limits(start), share, named)
         centre = float(np.median(seen.q[:, turns]))
         if abs(centre) > ALIKE * spread[turns].max():
 
-            def counted(numbers: Array) -> tuple[Array, str, str, int]:
-                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES)
+            def counted(numbers: Array, alike: float) -> Called:
+                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
                 zero = _round_zero(numbers[1] / written, 2.0 * np.pi / value)
                 text = f"{every} in {unit}, with zero at {zero:.6g}"
                 remedy = f"convert them: q = {value / written:.9g} (q - {zero:.6g}) {head or 'rad'}"
@@ -303,9 +335,14 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
         def alone(numbers: Array, i: int = i) -> tuple[Array, Array]:
             return np.diag(np.where(np.arange(count) == i, numbers[0], 1.0)), np.zeros(count)
 
-        def one_unit(numbers: Array, i: int = i, name: str = name, by: float = unit, known=known):
-            value, unit = _unit(numbers[0] * by, known)
-            remedy = _header(unit, f"q_{name}", units[name]) or f"convert it: {value / by:.9g} q_{name} {units[name] or ('rad' if turns[i] else 'm')}"
+        def one_unit(
+            numbers: Array, alike: float, i: int = i, name: str = name, by: float = unit, known=known
+        ) -> Called:
+            value, unit = _unit(numbers[0] * by, known, alike)
+            remedy = (
+                _header(unit, f"q_{name}", units[name])
+                or f"convert it: {value / by:.9g} q_{name} {units[name] or ('rad' if turns[i] else 'm')}"
+            )
             return np.array([value / by]), f"q_{name} is in {unit}", remedy, 1
 
         yield Family(alone, [np.array([one]) for one in steps(float(spread[i]), least, most)], one_unit)
@@ -323,9 +360,11 @@ def _couplings(seen: Seen) -> Iterator[Family]:
             by[i, j] = numbers[0]
             return by, np.zeros(count)
 
-        def named(numbers: Array, one: str = one, other: str = other, beside: bool = turning[1:3] == [i, j]):
+        def named(
+            numbers: Array, alike: float, one: str = one, other: str = other, beside: bool = turning[1:3] == [i, j]
+        ) -> Called:
             share = float(numbers[0])
-            share = next((one for one in (*_RATIOS, *(-1.0 / r for r in _RATIOS), *(-r for r in _RATIOS)) if abs(share / one - 1.0) < ALIKE), share)
+            share = next((ratio for ratio in RATIOS if abs(share / ratio - 1.0) < alike), share)
             part = "" if abs(share) == 1.0 else f"{abs(share):.4g} "
             how = "taken off" if share > 0.0 else "added"
             sum_ = f"{other} = q_{other} {'+' if share > 0.0 else '-'} {part}q_{one}"
@@ -335,9 +374,6 @@ def _couplings(seen: Seen) -> Iterator[Family]:
             return np.array([share]), text, f"write {sum_} into the column", 1
 
         yield Family(map_, [np.array([1.0]), np.array([-1.0])], named)
-
-
-_RATIOS = (1.0, 0.5, 2.0)
 
 
 def _homes(seen: Seen) -> Iterator[Family]:
@@ -350,7 +386,7 @@ def _homes(seen: Seen) -> Iterator[Family]:
         def map_(numbers: Array, i: int = i) -> tuple[Array, Array]:
             return np.eye(count), np.where(np.arange(count) == i, numbers[0], 0.0)
 
-        def named(numbers: Array, name: str = joint.name) -> tuple[Array, str, str, int]:
+        def named(numbers: Array, alike: float, name: str = joint.name) -> Called:
             degrees = (float(np.degrees(numbers[0])) + 180.0) % 360.0 - 180.0
             near = 5.0 * round(degrees / 5.0)
             degrees = near if abs(degrees - near) < np.degrees(ZERO_OFF) and near else round(degrees, 1)
@@ -361,10 +397,10 @@ def _homes(seen: Seen) -> Iterator[Family]:
         yield Family(map_, [np.array([np.radians(one)]) for one in range(-165, 181, 15) if one], named)
 
 
-def _unit(value: float, known: dict[str, float]) -> tuple[float, str]:
+def _unit(value: float, known: dict[str, float], alike: float) -> tuple[float, str]:
     """Return a unit's value [rad or m] and its name, of the nearest that people use, else the value as it is."""
     name = min(known, key=lambda one: abs(np.log(known[one] / abs(value))))
-    if abs(known[name] / value - 1.0) < ALIKE:
+    if abs(known[name] / value - 1.0) < alike:
         return known[name], name
     if known is LOGGED_LENGTHS or abs(value) > np.pi / 200.0:
         return value, f"a unit of {value:.4g} {'m' if known is LOGGED_LENGTHS else 'rad'}"
@@ -410,7 +446,7 @@ def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
     said, steps = [], []
     for name, step in zip(chosen, placed.beside, strict=True):
         size = float(np.linalg.norm(step))
-        value, unit = _unit(max(size, 1e-300), LOGGED_LENGTHS)
+        value, unit = _unit(max(size, 1e-300), LOGGED_LENGTHS, ALIKE)
         travel = size * float(np.ptp(numbers[name][seen.rows]))
         if unit not in LOGGED_LENGTHS or travel < LARGEST_MOTION * seen.arm.robot.reach:
             return
@@ -423,9 +459,11 @@ def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
         places = [np.asarray(rows.covariates[name]) - mean for name, mean in zip(chosen, offset, strict=True)]
         ridden = sum(np.outer(one, step) for one, step in zip(places, steps, strict=True))
         position = rows.readings.of(Position)
-        kinds = tuple(replace(one, values=one.values - ridden) if one is position else one for one in rows.readings.kinds)
+        kinds = tuple(
+            replace(one, values=one.values - ridden) if one is position else one for one in rows.readings.kinds
+        )
         return replace(rows, readings=replace(rows.readings, kinds=kinds))
 
     text = f"the arm stands on a rail: {listing(said)}"
-    remedy = f"declare it in the URDF, a prismatic joint below the base, and call {listing(chosen)} by the joint's name, q_.."
+    remedy = f"declare it in the URDF, a prismatic joint below the base, and call {listing(chosen)} q_ and its name"
     yield Misreading(text, remedy, back, whole=True)

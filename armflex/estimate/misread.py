@@ -30,7 +30,15 @@ from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.estimated import estimated
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
-from armflex.estimate.misreadings import USUAL_PRIOR, WRITTEN_IN, Misreading, elsewhere, misreadings, moved, targets_apart
+from armflex.estimate.misreadings import (
+    USUAL_PRIOR,
+    WRITTEN_IN,
+    Misreading,
+    elsewhere,
+    misreadings,
+    moved,
+    targets_apart,
+)
 from armflex.estimate.placement import FEWEST_ROWS, check_length, first_guess
 from armflex.estimate.robust import BY_CHANCE, EVEN, TAILS, outlier_limit
 from armflex.estimate.view import LARGEST_MOTION, View, look, solved
@@ -451,9 +459,9 @@ def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Misreading, 
     if set(suspects) - {None}:
         points = [one for one in every if one.of == "points"]
         tracked = bool(case.rows.positioned.all())
-        points += estimated(case.arm, case.every, case.some) if tracked and not case.arm.robot.linkage else ()
-        if found is not None:
-            yield from ((one, None) for one in _apart(case, found))
+        if tracked:
+            yield from ((one, None) for one in estimated(case.arm, case.every, case.some))
+            yield from ((one, None) for one in (_apart(case, found) if found is not None else ()))
         yield from _first_look(points, case, found) if tracked else ((one, None) for one in points)
     for one in every + moves:
         if one.of == "loads" and set(suspects) - {None}:

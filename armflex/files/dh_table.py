@@ -71,15 +71,17 @@ def read_dh(table: Declaration) -> Urdf:
     joints[FLANGE] = Joint(FLANGE, "fixed", *end, None, place)
     near, length = _slid(joints)
     if length > FARTHEST:
-        size, name, key = max((abs(row.quantity(key, "length")), name, key) for name, row in rows.items() for key in "da")
+        size, name, key = max(
+            (abs(row.quantity(key, "length")), name, key) for name, row in rows.items() for key in "da"
+        )
         raise rows[name].fail(key, f"{size:g} m is farther than any joint: in millimetres, write {key}_mm")
     flags: tuple[Flag, ...] = ()
     if not any(bodies):
         flags += (Flag("weightless", f"{place}: no joint of [robot.joint] has a mass, so only payloads weigh"),)
     if length < 0.5 * sum(float(np.linalg.norm(joint.origin)) for joint in joints.values()):
         slid = [name for name, shift in near.items() if abs(shift) > length]
-        text = f"the axes of {listing(slid)} are nearly parallel to the next, and their d cancel over {length:.3g} m of arm"
-        flags += (Flag("slid", f"{place}: {text}: their frames are taken along the axes to where these pass the arm"),)
+        text = f"d of {listing(slid)} cancel, as of axes nearly parallel to the next, over {length:.3g} m of arm"
+        flags += (Flag("slid", f"{place}: {text}; their frames are taken along the axes to where these pass it"),)
         form, joints = "", {name: _at(joint, joints, near) for name, joint in joints.items()}
         for name, shift in near.items():
             link = links[joints[name].child]

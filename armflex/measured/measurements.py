@@ -463,7 +463,6 @@ def _measurements(
     return rows, turned_flag
 
 
-
 def _sensor_kinds(arm: Arm) -> dict[str, str]:
     """Return the kind of quantity of each column of the arm's sensors, and of their standard deviations."""
     found = {}

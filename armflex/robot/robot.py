@@ -34,7 +34,7 @@ DENSITY_BAND = (20.0, 23000.0)
 """kg/m^3 of the drawn volume: from a sheet-metal box to solid tungsten."""
 
 MILLIMETRES = 10.0
-"""How many times as long as the arm reaches a length is in millimetres; one that is longer than it reaches is doubted."""
+"""How many times the arm's reach a length is that must be in millimetres; one beyond the reach itself is doubted."""
 
 SHOWN = 1e-4
 """To which positions are mostly shown and written down [rad or m]: 0.01 degrees, 0.1 mm."""
@@ -190,7 +190,6 @@ class Robot:
         """Length of the chain from its first turning joint to the tip [m]."""
         turning = next((i for i, joint in enumerate(self.chain) if joint.kind in ("revolute", "continuous")), 0)
         return float(sum(np.linalg.norm(joint.origin) for joint in self.chain[turning + 1 :]))
-
 
     def times_reach(self, length: float) -> float:
         """Return how many times as long as the arm reaches a length [m] is: one of a rod may be, `MILLIMETRES` is not.
