@@ -47,8 +47,8 @@ units between are looked at: a unit so far off leaves a joint where its neighbou
 STEP = 1.12
 
 LESS = 1.0
-"""Tolerance: gain of `Seen.cost` from which a hypothesis is worth being refined, and a mistake being thought of: a third
-of the distance less being left."""
+"""Tolerance: gain of `Seen.cost` from which a hypothesis is worth being refined, and a mistake being
+thought of: a third of the distance less being left."""
 
 ROWS_PLACED = 60
 """Tolerance: rows by which a family is looked at; one or two numbers need no more."""
@@ -108,7 +108,8 @@ class Seen:
             noise = max(float(np.median(((left - across @ left) ** 2).sum(axis=1))), RESOLUTION)
             known[-3:], start[-3:] = noise / (self.arm.prior.tool or RESOLUTION) ** 2, target
             information = (flat * each[:, None]).T @ flat + np.diag(known)
-            step = np.linalg.solve(information, flat.T @ (each * left.ravel()) - known * start)
+            right = flat.T @ (each * left.ravel()) - known * start
+            step = np.asarray(np.linalg.lstsq(information, right, rcond=None)[0], dtype=float)
             left = left - full @ step
             turn, target = (pin.exp3(step[:3]) @ turn if unknown else turn), target + step[-3:]
             shifts = step[3 * unknown : 3 * (unknown + through)].reshape(through, 3)
