@@ -79,6 +79,33 @@ def said_of(error: float, unit: str) -> str:
 
 UNITS["inclination"] = UNITS["angle"] | {"mm/m": 1e-3, "arcmin": np.pi / 10800.0, "arcsec": np.pi / 648000.0}
 
+LOGGED_ANGLES = {
+    "radians": 1.0,
+    "degrees": np.pi / 180.0,
+    "decidegrees (tenths of a degree)": np.pi / 1.8e3,
+    "centidegrees (hundredths of a degree)": np.pi / 1.8e4,
+    "millidegrees (thousandths of a degree)": np.pi / 1.8e5,
+    "tenths of a millidegree": np.pi / 1.8e6,
+    "arcminutes": np.pi / 10800.0,
+    "arcseconds": np.pi / 648000.0,
+    "gradians (400 a turn)": np.pi / 200.0,
+    "turns": 2.0 * np.pi,
+    "multiples of pi (half turns)": np.pi,
+    "mrad": 1e-3,
+}
+"""Units that joint positions are logged in, each in rad. What is none of them counts so many steps a turn."""
+
+LOGGED_LENGTHS = {
+    "m": 1.0,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "um": 1e-6,
+    "inches": 0.0254,
+    "feet": 0.3048,
+    "tenths of a mm": 1e-4,
+}
+"""The same of slides and rails, each in m."""
+
 NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 """A plain decimal number; `float()` would also take '1_000', 'nan' and full-width digits.
 

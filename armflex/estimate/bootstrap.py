@@ -17,6 +17,7 @@ from armflex.conventions import Array
 from armflex.errors import FileError, InputError, Place, naming
 from armflex.estimate.calibrate import FEWEST_ROWS, fitted_to, loads_seen
 from armflex.laws.learned import Seen
+from armflex.measured.data_flags import check_joint_units
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.parallel import in_order
@@ -114,6 +115,7 @@ def bootstrap(
         ConvergenceError: A fit did not settle; its number is named.
     """
     measurements = as_measurements(measurements, arm)
+    check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
     if draws < 2:
         raise InputError(f"{draws} draws: expected 2 or more")
     used = np.flatnonzero(measurements.measured)

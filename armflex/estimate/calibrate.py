@@ -37,6 +37,7 @@ from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import derived_directions, without_direction
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Seen
+from armflex.measured.data_flags import check_joint_units
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
@@ -237,6 +238,8 @@ def calibrate(
     measurements = as_campaign(measurements, arm)
     used, _ = _usable(arm, measurements, rows)
     about: tuple[Flag, ...] = ()
+    if anyway or arm.robot.linkage:
+        check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
     # Another convention would be a pose that loops do not let a mechanism take.
     for name, own in measurements.pieces.items() if not arm.robot.linkage else ():
         part = replace(measurements.some(own), campaign=())

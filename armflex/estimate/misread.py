@@ -27,18 +27,29 @@ from armflex.conventions import STANDARD_GRAVITY, Array, in_mm, said_of
 from armflex.errors import FEW, ArmflexError, ConventionError, Flag
 from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
+from armflex.estimate.estimated import estimated
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
-from armflex.estimate.misreadings import USUAL_PRIOR, WRITTEN_IN, Misreading, elsewhere, misreadings, moved
-from armflex.estimate.placement import check_length, first_guess
+from armflex.estimate.misreadings import (
+    USUAL_PRIOR,
+    WRITTEN_IN,
+    Misreading,
+    elsewhere,
+    misreadings,
+    moved,
+    targets_apart,
+)
+from armflex.estimate.placement import FEWEST_ROWS, check_length, first_guess
 from armflex.estimate.robust import BY_CHANCE, EVEN, TAILS, outlier_limit
 from armflex.estimate.view import LARGEST_MOTION, View, look, solved
 from armflex.linear_gaussian import LinearGaussian
+from armflex.measured.data_flags import check_joint_units, in_other_units
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.many_rows import rigid_tips
-from armflex.parameters import ABSURD, DOUBT, FRAMES
+from armflex.parameters import ABSURD, DOUBT, FRAMES, SEEN
 from armflex.readings import Kind, Orientation, Position, Postures
 from armflex.readings.instrument import ROUNDS, Instrument, rigid_fit
+from armflex.rows.rows import levels
 
 NAMED = -float(np.log(BY_CHANCE))
 """Logarithm of the odds at which a hypothesis is named."""
@@ -48,6 +59,10 @@ LOOKS = 20.0
 
 FINE_SHARE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
+
+EXPLAINED = 0.25
+"""Tolerance: part of what all that is free leaves, below which a convention with a number of its own has to be: numbers
+that readings gave make anything a little better."""
 
 ROWS_LOOKED_AT = 120
 """Tolerance: rows looked at; no convention hides in more. By a quarter of them, of each instrument, hypotheses are
@@ -158,7 +173,11 @@ class Case:
 
 
 def misfit(
-    case: Case, known: View | None = None, instrument: Instrument | None = None, rounds: int | None = None
+    case: Case,
+    known: View | None = None,
+    instrument: Instrument | None = None,
+    rounds: int | None = None,
+    placing: bool = False,
 ) -> Misfit:
     """Return how badly rows fit an arm.
 
@@ -168,6 +187,7 @@ def misfit(
         instrument: Where it stands, near enough; it is placed where not given.
         rounds: Gauss and Newton's steps at most, which go on while something is gained; one where not given, but
             `ROUNDS` where only sensors read, which begin from further off.
+        placing: Whether nothing but where the instrument and its target are is fitted.
 
     Raises:
         ArmflexError: The arm has no equilibrium there, or the instrument cannot be placed.
@@ -176,7 +196,8 @@ def misfit(
     # An arm that bends further than a compliance describes is refused later, and by that name.
     setup, line = first_guess(arm, campaign, rows, None if known is None else known.line, instrument, allow_large=True)
     begun = sensor_start(look(setup, campaign, rows, line=line))
-    blocks = [one for one in declared_blocks(setup, campaign) if not case.keep or one.kind in FRAMES]
+    kinds = SEEN if placing else FRAMES
+    blocks = [one for one in declared_blocks(setup, campaign) if not (case.keep or placing) or one.kind in kinds]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
     precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
     rounds, first, found = rounds or (1 if campaign.positioned[rows].any() else ROUNDS), None, None
@@ -282,6 +303,7 @@ def check_conventions(
         searched: Whether what the arm lacks is looked for, which may be all that it lacks.
 
     Raises:
+        TableError: A joint is far beyond its limits, and no unit explains it.
         ConventionError: With the hypotheses that make the campaign plausible, the likeliest first, and how to write
             each of them right; or errors larger than any arm's; or nothing that [prior] frees where readings are off;
             or touches without a length, see `check_length`.
@@ -303,9 +325,12 @@ def check_conventions(
         found = misfit(case)
         if not found.plausible:
             found = misfit(case, found.view, rounds=ROUNDS)  # nor is an arm accused that one step does not fit
-    if found is not None and found.plausible:
+    far = bool(in_other_units(measurements.q, arm).any())
+    if found is not None and found.plausible and not far:
         return ()
     named = _named(case, found, searched)
+    if not named:
+        check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
     if named and named[0].hypothesis.of in arm.sensors and named[0].hypothesis.slip is not None:
         text = f"{named[0].name}: {named[0].hypothesis.remedy}"  # the others say where the arm is
         return (Flag("instrument_moved", text, about=named[0].hypothesis.of),)
@@ -362,7 +387,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
         more = "there is nothing to fit: give it joint_offset, compliance, tool or geometry, a standard deviation each"
         prior = replace(USUAL_PRIOR, session_target=case.arm.prior.session_target)
         tried.append((Misreading("[prior] frees nothing", more, arm=replace(case.arm, prior=prior)), None))
-    named = dict[str, Named]()
+    named, meant = dict[str, Named](), dict[str, tuple[Misreading, np.ndarray | None]]()
 
     def judged(
         hypothesis: Misreading, own: np.ndarray | None, some: np.ndarray | None = None
@@ -376,6 +401,11 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
                 return charge, misfit(other, known, near), words
             return charge, misfit(other.only(some), known and known.some(some), near, rounds=1), words
         return np.inf, None, ""
+
+    def placed(hypothesis: Misreading, own: np.ndarray | None) -> str:
+        """Return how far off readings are with the instrument and its target placed, in words."""
+        fitted = misfit(case.meant(hypothesis, own), rounds=ROUNDS, placing=True)
+        return said_of(fitted.off(fitted.left), fitted.kinds[0].unit)
 
     if len(tried) > 2 * FEW:
         read = (np.flatnonzero(np.isfinite(kind.sigma).any(axis=1)) for kind in case.rows.readings.kinds)
@@ -392,10 +422,14 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
             # An arm that slips as far explains as much.
             gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
         gain, name = gain - charge, f"{hypothesis.name}{words}"
+        if hypothesis.whole and found is not None and then.off(then.left) > EXPLAINED * found.off(found.left):
+            continue
         if (found is None or gain > NAMED) and (name not in named or named[name].gain < gain):
             named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))
+            meant[name] = hypothesis, own
     ranked = sorted(named.values(), key=lambda one: -one.gain)
-    return [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
+    likeliest = [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
+    return [replace(one, then=placed(*meant[one.name])) if one.hypothesis.whole else one for one in likeliest]
 
 
 def _charge(case: Case, hypothesis: Misreading, own: np.ndarray | None) -> tuple[str, float]:
@@ -425,6 +459,9 @@ def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Misreading, 
     if set(suspects) - {None}:
         points = [one for one in every if one.of == "points"]
         tracked = bool(case.rows.positioned.all())
+        if tracked:
+            yield from ((one, None) for one in estimated(case.arm, case.every, case.some))
+            yield from ((one, None) for one in (_apart(case, found) if found is not None else ()))
         yield from _first_look(points, case, found) if tracked else ((one, None) for one in points)
     for one in every + moves:
         if one.of == "loads" and set(suspects) - {None}:
@@ -438,6 +475,35 @@ def _candidates(case: Case, found: Misfit | None) -> Iterator[tuple[Misreading, 
     if found is not None:
         still = [one for one in every + moves if one.slip is None]
         yield from ((one, None) for one in _likeliest_readings(still, case, found))
+
+
+def _apart(case: Case, found: Misfit) -> Iterator[Misreading]:
+    """Yield that the target is at another place with each payload, or with each text of another column."""
+    view, rows = found.view, case.rows
+    texts = {"payload": rows.payload} | {
+        name: own for name, own in rows.covariates.items() if isinstance(own, tuple) and levels(own)
+    }
+    place = view.foremost
+    if found.kinds[0].name or not isinstance(found.kinds[0], Position):
+        return
+    blocks = [one for one in declared_blocks(view.setup, rows) if not case.keep or one.kind in FRAMES]
+    jacobian = np.concatenate([np.zeros((*view.residual.shape, 0)), *(one.jacobian(view) for one in blocks)], axis=2)
+    axes = view.at.axes @ view.line.tip[:, :3, :3]
+    read = np.isfinite(view.sigma[:, place]).all(axis=1)
+    for column, own in texts.items():
+        first, *others = dict.fromkeys(own)
+        count = {name: own.count(name) for name in (first, *others)}
+        if not 0 < len(others) <= 2 * FEW or min(count.values()) < FEWEST_ROWS:
+            continue
+        which = np.array(own)
+        steps = [axes * (which == name)[:, None, None] for name in others]
+        full = np.concatenate([jacobian[:, place], *steps], axis=2)[read] / view.sigma[read][:, place, None]
+        precision = np.concatenate([*(one.prior**-2.0 for one in blocks), np.ones(3 * len(others))])
+        flat = full.reshape(-1, len(precision))
+        whole = (view.residual[read][:, place] / view.sigma[read][:, place]).ravel()
+        values = LinearGaussian.of(flat, precision).solve(flat.T @ whole)
+        shifts = dict(zip(others, values[-3 * len(others) :].reshape(-1, 3), strict=True))
+        yield targets_apart(case.arm, column, own, shifts)
 
 
 def _first_look(

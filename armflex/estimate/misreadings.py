@@ -15,6 +15,7 @@ import numpy as np
 
 from armflex.arm import Arm, Prior
 from armflex.conventions import RESOLUTION, STANDARD_GRAVITY, Array
+from armflex.errors import listing
 from armflex.files.dh_table import in_other_form
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
@@ -55,6 +56,7 @@ class Misreading:
             ('loads'), 'orientation', or the name of a sensor.
         some: Whether it may be true of one session alone, or of some of the rows.
         slip: How far something was moved [m, rad], where an arm that slips as far explains as much.
+        whole: Whether it is named only where it explains most of what is left: it has numbers that readings gave.
         volume: Logarithm of the factor by which it stretches what is read, the mean over its numbers: numbers that
             shrink fit anything, and are no likelier for that.
         of_rows: Whether some rows are rewritten as they are among all: it is not about the order of the rows.
@@ -69,6 +71,7 @@ class Misreading:
     some: bool = False
     slip: float | None = None
     of_rows: bool = True
+    whole: bool = False
     volume: float = 0.0
 
 
@@ -100,18 +103,18 @@ def _of_joints(arm: Arm) -> Iterator[Misreading]:
             order = np.arange(len(at))
             order[[i, j]] = j, i
             name = f"the columns q_{joints[i]} and q_{joints[j]} are exchanged"
-            yield Misreading(name, "exchange their headers", _joints(at[order]), some=True)
+            yield Misreading(name, "exchange their headers", joints_as(at[order]), some=True)
     every = [i for i, turns in enumerate(turning) if turns]
     for i, joint in enumerate(joints):
         remedy = f"turn the signs of q_{joint}, or the joint's axis in the URDF"
-        yield Misreading(f"the sign of q_{joint} is turned", remedy, _joints(np.diag(1.0 - 2.0 * at[i])), some=True)
-        for degrees in (90, -90, 180) if turning[i] else ():
+        yield Misreading(f"the sign of q_{joint} is turned", remedy, joints_as(np.diag(1.0 - 2.0 * at[i])), some=True)
+        for degrees in (90, -90, 180) if turning[i] else ():  # others are estimated
             name = f"the home position of {joint} is {degrees:+d} degrees from the URDF's"
             remedy = f"add {degrees:+d} degrees to q_{joint}, or turn the joint's origin in the URDF"
-            yield Misreading(name, remedy, _joints(at, np.radians(degrees) * at[i]), mistakes=2, some=True)
+            yield Misreading(name, remedy, joints_as(at, np.radians(degrees) * at[i]), mistakes=2, some=True)
     signs = np.where(turning, -1.0, 1.0)
     remedy = "turn all their signs, or the axes in the URDF: the base, or the whole arm, is mirrored"
-    yield Misreading("the signs of all turning joints are turned", remedy, _joints(np.diag(signs)))
+    yield Misreading("the signs of all turning joints are turned", remedy, joints_as(np.diag(signs)))
     for place, what in [([i], f"q_{joints[i]} is") for i in every] + [(every, "the turning joints are")]:
         if len(place) == 1 or len(every) > 1:
             head = f"q_{joints[place[0]]}_deg" if len(place) == 1 else "q_..._deg"
@@ -119,7 +122,7 @@ def _of_joints(arm: Arm) -> Iterator[Misreading]:
             for unit, factor in (("degrees", np.pi / 180.0), ("radians", 180.0 / np.pi)):
                 remedy = f"write {head} into the header" if unit == "degrees" else "take _deg from the header"
                 yield Misreading(
-                    f"{what} in {unit}", remedy, _joints(np.diag(np.where(own, factor, 1.0))), some=len(place) > 1
+                    f"{what} in {unit}", remedy, joints_as(np.diag(np.where(own, factor, 1.0))), some=len(place) > 1
                 )
     if arm.robot.urdf.dh:
         other = in_other_form(arm.robot)
@@ -288,6 +291,29 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
             yield Misreading(text, f'write link = "{link}"', arm=meant, mistakes=2, of=name)
 
 
+def targets_apart(arm: Arm, column: str, groups: Sequence[str], steps: Mapping[str, Array]) -> Misreading:
+    """Return the hypothesis that the target is at another place in some groups of rows than in the first.
+
+    Args:
+        arm: The arm as declared.
+        column: What the groups are of.
+        groups: (N,) the group of each row, as `column` has it.
+        steps: (3,) how much farther the target is [m], tip axes, by group, all but the first.
+    """
+    shifts = [f"{name!r} by ({', '.join(f'{1e3 * one:.3g}' for one in step)}) mm" for name, step in steps.items()]
+    first = next(name for name in groups if name not in steps)
+    text = f"the target is at another place with {column} {listing(shifts)} (tip axes) than with {first!r}"
+    remedy = f"give the rows of each {column} a session of their own, and session_target under [prior]"
+    size = max(float(np.abs(step).max()) for step in steps.values())
+    prior = replace(arm.prior, session_target=max(arm.prior.session_target, size))
+
+    def apart(rows: Measurements) -> Measurements:
+        own = rows.payload if column == "payload" else rows.covariates[column]
+        return replace(rows, session=tuple(f"{a}, {b}" for a, b in zip(rows.session, own, strict=True)))
+
+    return Misreading(text, remedy, apart, arm=replace(arm, prior=prior), whole=True)
+
+
 def elsewhere(arm: Arm, sensor: Sensor, text: str) -> Misreading:
     """Return the hypothesis that a sensor of an arm stands somewhere else than it is declared to, as a text says."""
     std = np.where(np.isin(np.arange(len(sensor.std)), sensor.movable), np.maximum(sensor.std, ANYWHERE), sensor.std)
@@ -374,7 +400,7 @@ def _with(arm: Arm, sensor: Sensor) -> Arm:
     return replace(arm, sensors={**arm.sensors, sensor.name: sensor})
 
 
-def _joints(by: Array, shift: Array | float = 0.0) -> Rewriting:
+def joints_as(by: Array, shift: Array | float = 0.0) -> Rewriting:
     """Return the change of joint positions to q times a (nq, nq) matrix and a (nq,) shift."""
     return lambda measurements: replace(measurements, q=measurements.q @ by + shift)
 

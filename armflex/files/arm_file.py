@@ -53,9 +53,11 @@ from armflex.laws.joint.linear import SOFTEST
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Learning, read_learning
 from armflex.mechanics.loaded import Payload
+from armflex.mechanics.spring import Spring
 from armflex.parameters import ParameterKind, of_compliance, of_masses, of_motions, of_offsets, of_springs
 from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
+from armflex.robot.robot import MILLIMETRES
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
 from armflex.storage.trust import trusting
 from armflex.storage.whole_file import together, write_whole
@@ -213,7 +215,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
     effects, calibrated = root.array_of("effect"), root.has("calibration")
     root.finish()
     stated = [name for name, table in tables.items() if "joint_stiffness" in table.table]
-    flags = [*robot.flags, *flags, *_questions(flexures, robot, stated)]
+    flags = [*robot.flags, *flags, *_questions(flexures, robot, stated), *_long(robot, springs)]
     if measurement.gravity_in == "measurement" and root.table["robot"].get("mount"):
         text = 'gravity_in = "measurement" has gravity in the instrument\'s frame, [robot] mount in the base'
         raise table.fail("gravity_in", f"{text}: give one of them")
@@ -319,8 +321,12 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
     if moving is not None:
         text = f"base {robot.base!r} moves with joint {moving.name!r}: gravity is constant in the axes of that base"
         flags.append(Flag("moving_base", f"{table.place('base')}: {text}"))
-    if tool is not None and (size := float(np.linalg.norm(tool.translation))) > max(robot.reach - size, 1.0):
-        raise table.fail("tool", f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?")
+    size = 0.0 if tool is None else float(np.linalg.norm(tool.translation))
+    if size > max(own := robot.reach - size, 1.0):
+        text = f"it ends {size:g} m from {tip!r}, more than the arm's reach: millimetres?"
+        if size > MILLIMETRES * max(own, 1.0):
+            raise table.fail("tool", text)
+        flags.append(Flag("long", f"{table.place('tool')}: [robot] tool: {text}"))
     return robot, (rating, damping), tuple(flags)
 
 
@@ -433,6 +439,15 @@ def _freed(flexure: Flexure, young: float, robot: Robot) -> Flexure:
     law = replace(flexure.meshed, relative_std=flexure.meshed.relative_std or young)
     law = replace(flexure.law, law=law) if isinstance(flexure.law, AtNode) else law
     return replace(flexure, law=law, learn=Learning("linear", 6, _ranges(robot)))
+
+
+def _long(robot: Robot, springs: Sequence[Spring]) -> Iterator[Flag]:
+    """Yield a flag about each point of a loop, a cylinder or a spring that is farther away than the arm reaches."""
+    for one in (*robot.linkage.loops, *robot.linkage.cylinders, *springs):
+        for key, link, point in (("at", one.link, one.at), ("at_to", one.to, one.at_to)):
+            if robot.times_reach(apart := float(np.linalg.norm(point))) > 1.0:
+                text = f"{one.name!r}: {key} is {apart:.3g} m from the origin of {link!r}"
+                yield Flag("long", f"{text}, and the arm reaches {robot.reach:.3g} m: millimetres? Taken as metres")
 
 
 def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str]) -> Iterator[Flag]:

@@ -10,6 +10,7 @@ rows that `armflex export --to sheet` writes.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ import pinocchio as pin
 
 from armflex.conventions import RESOLUTION
 from armflex.declaration import Declaration
-from armflex.errors import ArmFileError, Flag, Place
+from armflex.errors import ArmFileError, Flag, Place, listing
 from armflex.parameters import ParameterKind, of_motions
 from armflex.robot.robot import Robot
 from armflex.robot.urdf import FARTHEST, RESERVED, Inertial, Joint, Link, Urdf
@@ -68,8 +69,47 @@ def read_dh(table: Declaration) -> Urdf:
     links[FLANGE] = Link(FLANGE, None, (), place)
     end = (f"link{len(rows)}", FLANGE, before.translation, before.rotation, z, -np.inf, np.inf, np.inf, np.inf)
     joints[FLANGE] = Joint(FLANGE, "fixed", *end, None, place)
-    flags = (Flag("weightless", f"{place}: no joint of [robot.joint] has a mass, so only payloads weigh"),)
-    return Urdf(table.path.stem, table.path, links, joints, () if any(bodies) else flags, translated=True, dh=form)
+    near, length = _slid(joints)
+    if length > FARTHEST:
+        size, name, key = max(
+            (abs(row.quantity(key, "length")), name, key) for name, row in rows.items() for key in "da"
+        )
+        raise rows[name].fail(key, f"{size:g} m is farther than any joint: in millimetres, write {key}_mm")
+    flags: tuple[Flag, ...] = ()
+    if not any(bodies):
+        flags += (Flag("weightless", f"{place}: no joint of [robot.joint] has a mass, so only payloads weigh"),)
+    if length < 0.5 * sum(float(np.linalg.norm(joint.origin)) for joint in joints.values()):
+        slid = [name for name, shift in near.items() if abs(shift) > length]
+        text = f"d of {listing(slid)} cancel, as of axes nearly parallel to the next, over {length:.3g} m of arm"
+        flags += (Flag("slid", f"{place}: {text}; their frames are taken along the axes to where these pass it"),)
+        form, joints = "", {name: _at(joint, joints, near) for name, joint in joints.items()}
+        for name, shift in near.items():
+            link = links[joints[name].child]
+            if (body := link.inertial) is not None:
+                links[link.name] = replace(link, inertial=replace(body, origin=body.origin - shift * z))
+    return Urdf(table.path.stem, table.path, links, joints, flags, translated=True, dh=form)
+
+
+def _slid(joints: Mapping[str, Joint]) -> tuple[dict[str, float], float]:
+    """Return how far along its axis [m] each turning joint is nearest to the one before, and the chain's length then.
+
+    A frame may be anywhere along the axis that its joint turns about: d of two axes that are nearly parallel cancel.
+    """
+    shifts, before, length, point = dict[str, float](), pin.SE3.Identity(), 0.0, np.zeros(3)
+    for name, joint in joints.items():
+        here = before * pin.SE3(joint.rotation, joint.origin)
+        if joint.kind in ("revolute", "continuous"):
+            shifts[name] = float(here.rotation[:, 2] @ (point - here.translation))
+        there = here.translation + shifts.get(name, 0.0) * here.rotation[:, 2]
+        length, point, before = length + float(np.linalg.norm(there - point)), there, here
+    return shifts, length
+
+
+def _at(joint: Joint, joints: Mapping[str, Joint], shifts: Mapping[str, float]) -> Joint:
+    """Return a joint with its frame, and that of the joint before, so far along their axes [m]."""
+    back = next((shifts.get(name, 0.0) for name, one in joints.items() if one.child == joint.parent), 0.0)
+    origin = joint.origin + shifts.get(joint.name, 0.0) * joint.rotation[:, 2] - [0.0, 0.0, back]
+    return replace(joint, origin=origin)
 
 
 def in_other_form(robot: Robot) -> Robot:
@@ -141,9 +181,6 @@ def _row(row: Declaration) -> tuple[float, float, pin.SE3]:
     for key, value in angles.items():
         if abs(value) > 2.0 * np.pi:
             raise row.fail(key, f"{value:g} rad exceeds a full turn: in degrees, write {key}_deg")
-    for key, value in lengths.items():
-        if abs(value) > FARTHEST:
-            raise row.fail(key, f"{value:g} m is farther than any joint: in millimetres, write {key}_mm")
     turn = pin.exp3(np.array([angles["alpha"], 0.0, 0.0])) @ pin.exp3(np.array([0.0, angles["beta"], 0.0]))
     return angles["theta"], lengths["d"], pin.SE3(turn, np.array([lengths["a"], 0.0, 0.0]))
 

@@ -9,6 +9,7 @@ from armflex.declaration import Declaration
 from armflex.mechanics.pinocchio_model import build_model
 from armflex.mechanics.spring import CoilSpring, GasSpring, Spring, TensionLaw
 from armflex.robot import Robot
+from armflex.robot.robot import MILLIMETRES
 
 
 def read_spring(name: str, table: Declaration, robot: Robot) -> Spring:
@@ -20,8 +21,8 @@ def read_spring(name: str, table: Declaration, robot: Robot) -> Spring:
         robot: The robot, with every link that the arm.toml makes.
 
     Raises:
-        ArmFileError: There is no such link, no joint moves the ends against each other, an end is farther from its
-            link's origin than the robot reaches, or the numbers are no spring's.
+        ArmFileError: There is no such link, no joint moves the ends against each other, an end is `MILLIMETRES`
+            times the reach away, or the numbers are no spring's.
     """
     rigid, ends = build_model(robot), read_ends(table, robot)
     carriers = {rigid.model.frames[rigid.frame(link)].parentJoint for link, _ in ends}
@@ -36,14 +37,15 @@ def read_ends(table: Declaration, robot: Robot) -> tuple[tuple[str, Array], tupl
     """Return the two links that something joins, each with the (3,) point of it in its frame [m].
 
     Raises:
-        ArmFileError: There is no such link, or a point is farther from its link's origin than the robot reaches.
+        ArmFileError: There is no such link, or a point is `MILLIMETRES` times the reach away.
     """
     found = []
     for key, where in (("link", "at"), ("to", "at_to")):
         point = table.numbers(where, (3,))
         link = table.choice(key, robot.urdf.below(robot.base), problem="no link {!r} at or beyond the base")
-        if (apart := float(np.linalg.norm(point))) > max(robot.reach, 1.0):
-            raise table.fail(where, f"is {apart:g} m from the origin of {link!r}, more than the reach: millimetres?")
+        if robot.times_reach(apart := float(np.linalg.norm(point))) > MILLIMETRES:
+            text = f"is {apart:g} m from the origin of {link!r}, and the arm reaches {robot.reach:.3g} m"
+            raise table.fail(where, f"{text}: in millimetres? It is in m")
         found.append((link, point))
     first, second = found
     if first[0] == second[0]:

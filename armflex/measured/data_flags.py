@@ -6,17 +6,19 @@ fit, which lists it. The two differ in size, by a factor of a thousand against a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import NUMBER, STANDARD_GRAVITY, Array
-from armflex.errors import Flag, Place, TableError, listing
+from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, NUMBER, STANDARD_GRAVITY, UNITS, Array
+from armflex.errors import FEW, Flag, Place, TableError, listing
 from armflex.files.effect_file import TEMPERATURE
 from armflex.measured.table import Table, asked_columns, is_nearly
 from armflex.mechanics.loaded import FORCE_BAND
+from armflex.robot.urdf import Joint
 from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
 
 if TYPE_CHECKING:
@@ -39,6 +41,16 @@ BESIDE = 0.01
 
 TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
+
+
+BEYOND = 0.3
+"""Tolerance: how far outside its limits [rad] some value of a column is before it is asked whether it is a turn off."""
+
+SEAM = 1e-3
+"""Tolerance: rounding at the ends of one turn [rad]."""
+
+BY_CHANCE = 1e-3
+"""Confidence: probability below which a gap in a column is no chance of where poses were."""
 
 
 def check_one_unit(
@@ -78,17 +90,86 @@ def _other_unit(values: Array) -> np.ndarray:
     return np.flatnonzero(large if large.sum() <= (~large).sum() else ~large)
 
 
-def check_joint_units(q: Array, arm: Arm, places: Sequence[Place], column: str = "q") -> None:
-    """Raise `TableError` naming the first row whose joint position is far beyond any limit: degrees, or mm."""
+def check_joint_units(
+    q: Array, arm: Arm, places: Sequence[Place], column: str = "q", units: Mapping[str, str] | None = None
+) -> None:
+    """Raise `TableError` naming the first row whose joint position is far beyond any limit: degrees, or mm.
+
+    Args:
+        q: (N, nq) positions [rad or m].
+        arm: The arm.
+        places: Where the rows are, none where nobody says.
+        column: How the columns begin.
+        units: Units that the headers state, by column.
+    """
     beyond = in_other_units(q, arm)
-    for index, joint in enumerate(arm.robot.moving):
-        far = np.flatnonzero(beyond[:, index])
-        if len(far):
-            unit, other = ("m", "mm") if joint.kind == "prismatic" else ("rad", "deg")
-            where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
-            hint = f"{other}? Then name the column {column}_{joint.name}_{other}"
-            text = f"{column}_{joint.name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
-            raise TableError(places[far[0]], text)
+    for index in np.flatnonzero(beyond.any(axis=0))[:1].tolist():
+        joint, far = arm.robot.moving[index], np.flatnonzero(beyond[:, index])
+        straight, name = joint.kind == "prismatic", f"{column}_{joint.name}"
+        unit, other = ("m", "mm") if straight else ("rad", "deg")
+        stated = (units or {}).get(name, "")
+        written = q[:, index] / UNITS["length" if straight else "angle"].get(stated, 1.0)
+        room = 0.1 * (joint.upper - joint.lower)
+
+        def within(factor: float, values: Array = written, joint: Joint = joint, room: float = room) -> bool:
+            return bool(((factor * values > joint.lower - room) & (factor * values < joint.upper + room)).all())
+
+        fitting = [one for one, size in (LOGGED_LENGTHS if straight else LOGGED_ANGLES).items() if within(size)]
+        usual = UNITS["length" if straight else "angle"][other]
+        if not stated and not in_other_units(np.where(np.arange(q.shape[1]) == index, usual * q, 0.0), arm).any():
+            hint = f"{other}? Then name the column {name}_{other}"
+        else:
+            hint = f"in {' or '.join(fitting[:FEW]) or 'counts of an encoder'}? Then convert it to {stated or unit}"
+        where = f"limits {joint.lower:.3g} to {joint.upper:.3g}; {len(far)} rows"
+        text = f"{name} is {q[far[0], index]:.6g} {unit} ({where}): {hint}"
+        raise TableError(places[far[0]] if places else Place(Path(f"row {far[0]}")), text)
+
+
+def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:
+    """Return joint positions on the branch that their joints hold, and the flag about columns that were on another.
+
+    Controllers count from 0 to 360 degrees, or from -180 to 180: a joint within its limits then shows a full turn more
+    or less. Where limits leave more than one branch open, a column is cut at its widest gap instead of amid its values.
+
+    Args:
+        q: (N, nq) as written [rad or m].
+        arm: The arm.
+    """
+    full, turns, open_ = 2.0 * np.pi, np.zeros(q.shape), list[tuple[int, float, float, bool]]()
+    robot = arm.robot
+    for index, joint in enumerate(robot.moving):
+        low, high = float(q[:, index].min(initial=0.0)), float(q[:, index].max(initial=0.0))
+        start = next((begin for begin in (0.0, -np.pi) if low >= begin - SEAM and high <= begin + full + SEAM), None)
+        if joint.kind == "prismatic" or start is None:
+            continue
+        lower, upper = float(robot.lower[index]), float(robot.upper[index])
+        if upper - lower < full:
+            back = np.round((0.5 * (lower + upper) - q[:, index]) / full)  # the branch nearest to the limits
+            there = q[:, index] + full * back
+            if max(high - upper, lower - low) > BEYOND > max(there.max() - upper, lower - there.min()):
+                turns[:, index] = back
+            continue
+        at = np.unique(np.round(q[:, index], 3))
+        gaps = np.diff(at)
+        if len(gaps):
+            cut, seam = int(gaps.argmax()), full - float(at[-1] - at[0])
+            by_chance = len(at) * (1.0 - float(gaps[cut]) / full) ** (len(at) - 1)
+            if seam < 0.25 * gaps[cut]:
+                open_.append((index, start, float(at[cut]) + 0.5 * float(gaps[cut]), by_chance < BY_CHANCE))
+    counted = bool(turns.any()) or any(sure for *_, sure in open_)
+    for index, start, cut, sure in open_:
+        if counted and (start == 0.0 or sure):
+            late = q[:, index] > cut
+            back = -1.0 * late if start == 0.0 or late.sum() <= (~late).sum() else 1.0 * ~late
+            there = q[:, index] + full * back
+            if (there >= robot.lower[index]).all() and (there <= robot.upper[index]).all():
+                turns[:, index] = back
+    if not turns.any():
+        return q, None
+    names = listing(f"q_{robot.moving[i].name}" for i in np.flatnonzero(turns.any(axis=0)))
+    text = f"{names}: {np.count_nonzero(turns)} values are a full turn away from where the joint is, as of a log that"
+    text += " counts within one turn: they are taken on the branch that its limits hold, or that has no gap"
+    return q + full * turns, Flag("full_turn", text)
 
 
 def unit_flags(table: Table, arm: Arm) -> tuple[Flag, ...]:

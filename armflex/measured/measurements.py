@@ -27,6 +27,7 @@ from armflex.measured.data_flags import (
     force_flags,
     in_other_units,
     table_flags,
+    turned_back,
     unit_flags,
 )
 from armflex.measured.forces import (
@@ -253,7 +254,7 @@ def read_measurements(
     known, flags = _known_columns(table, arm, inputs_only, export), ()
     if export:
         table, flags = with_points(table, export)
-    found = _measurements(table, arm, unnamed)
+    found, turned = _measurements(table, arm, unnamed)
     covariates: dict[str, Array | tuple[str, ...]] = {}
     for name in (name for name in table.columns if name not in known):
         column = _Covariate(name)
@@ -262,11 +263,14 @@ def read_measurements(
         covariates[name] = table.numbers(name) if column.numeric else table.texts(name)
     sha256, frame = table.sha256, ""
     found = replace(found, covariates=covariates)
-    check_joint_units(found.q, arm, found.places)
+    units = {name: column.unit for name, column in table.columns.items() if column.unit}
+    if inputs_only or not found.positioned.any():  # else readings decide what unit it is, when the arm is fitted
+        check_joint_units(found.q, arm, found.places, units=units)
     for kind in found.readings.kinds:
         if kind.unit == "m":
             read = np.flatnonzero(np.isfinite(kind.sigma).all(axis=1) & found.measured)
             check_one_unit(kind.values, read, found.places, kind.columns(kind.name) if kind.name else POSITION)
+    flags += () if turned is None else (replace(turned, text=f"{Place(table.path, 1)}: {turned.text}"),)
     flags += (*table_flags(table, found, arm), *_sensor_flags(found, arm, table), *force_flags(found, arm))
     flags += branch_flags(table, arm)
     flags += () if found.measured.any() else unit_flags(table, arm)  # else readings decide, when the arm is fitted
@@ -276,7 +280,6 @@ def read_measurements(
         if arm.measurement.frame == "base" and frame.split("::")[-1].lower() not in (base.lower(), "base"):
             text = f"points are in frame {frame!r}; the arm file says that measurements are in its base {base!r}"
             flags += (Flag("points_frame", text),)
-    units = {name: column.unit for name, column in table.columns.items() if column.unit}
     return replace(found, flags=flags, sha256=sha256, frame=frame, units=units)
 
 
@@ -306,7 +309,9 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     seen: dict[str, _Covariate] = {}
     asked: list[tuple[Flag, ...]] = []
     for table in read_pieces(path, kinds, most):
-        known, found = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
+        known, (found, turned) = _known_columns(table, arm, True, None), _measurements(table, arm, unnamed)
+        if turned is not None:
+            warn((turned,))
         asked.append(unit_flags(table, arm))
         earliest += [datetime.fromisoformat(one) for one in found.dates[:1]]
         for name in (name for name in table.columns if name not in known):
@@ -325,7 +330,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     before: tuple[Array, Array] | None = None
     first = 0
     for table in read_pieces(path, kinds, most):
-        found = _measurements(table, arm, unnamed, first, before, min(earliest, default=None))
+        found, _ = _measurements(table, arm, unnamed, first, before, min(earliest, default=None))
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():
             if not column.numeric:
@@ -438,11 +443,11 @@ def _measurements(
     first: int = 0,
     before: tuple[Array, Array] | None = None,
     start: datetime | None = None,
-) -> Measurements:
-    """Return the rows of a table without covariates.
+) -> tuple[Measurements, Flag | None]:
+    """Return the rows of a table without covariates, and the flag of `turned_back`.
 
-    `first` is the first's number, `before` as of `last_motion`. Dates are [s] from `start`, the earliest where it is
-    not given.
+    `first` is the first row's number, `before` as of `last_motion`. Dates are [s] from `start`, the earliest where it
+    is not given.
     """
     dates = _dates(table)
     if dates is not None:
@@ -451,7 +456,7 @@ def _measurements(
     else:
         count = np.arange(first, first + len(table), dtype=float)
         time = table.numbers("time") if "time" in table.columns else count
-    q = table.matrix([f"q_{joint}" for joint in arm.joint_names])
+    q, turned_flag = turned_back(table.matrix([f"q_{joint}" for joint in arm.joint_names]), arm)
     measured, position = _vectors(table, POSITION)
     turned, rotation = _vectors(table, ROTATION)
     readings = Readings(len(table), _sensed(table, arm))
@@ -484,7 +489,7 @@ def _measurements(
     if turned.any():
         sigma_r = _deviations(table, ("sigma_r",), turned, "they", "rad", np.inf)[:, 0]
         tracked |= {"rotation": rotation, "sigma_r": sigma_r}
-    return Measurements(
+    rows = Measurements(
         joint_names=arm.joint_names,
         pose=named("pose", None),
         session=named("session", "session"),
@@ -501,6 +506,7 @@ def _measurements(
         wrenches=read_loads(table, arm, unnamed.force),
         dates=() if dates is None else (min(dates).isoformat(), max(dates).isoformat()),
     )
+    return rows, turned_flag
 
 
 def _sensor_kinds(arm: Arm) -> dict[str, str]:

@@ -24,6 +24,7 @@ from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, Load, Mechanics, build_model
 from armflex.mechanics.spring import Spring
 from armflex.robot import Corrections, Robot, Site
+from armflex.robot.robot import MILLIMETRES
 from armflex.rows.wrench import Wrench, check_rows, same_objects
 
 TOOL = "what is at the tool"
@@ -286,13 +287,16 @@ class LoadedArm:
         """Flags about the arm, and about its standing still with the payload.
 
         Raises:
-            PayloadError: The payload's centre of mass is beyond the arm's reach.
+            PayloadError: The payload's centre of mass is `MILLIMETRES` times the reach away.
         """
         arm, payload = self.arm, self.payload
         distance = float(np.linalg.norm(payload.com))
-        if payload.mass and distance > max(arm.robot.reach, 1.0):
-            raise PayloadError(f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?")
         urdf, flags = arm.robot.urdf, arm.flags
+        if payload.mass and arm.robot.times_reach(distance) > 1.0:
+            text = f"payload CoM is {distance:g} m from the tip, more than the arm's reach: millimetres?"
+            if arm.robot.times_reach(distance) > MILLIMETRES:
+                raise PayloadError(text)
+            flags = (*flags, Flag("long", text))
         rated = arm.payload_rating is not None and payload.mass <= arm.payload_rating
         if arm.payload_rating is not None and not rated:
             text = f"payload of {payload.mass:g} kg exceeds the rated {arm.payload_rating:g} kg"

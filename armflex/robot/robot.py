@@ -33,6 +33,9 @@ TCP = "tcp"
 DENSITY_BAND = (20.0, 23000.0)
 """kg/m^3 of the drawn volume: from a sheet-metal box to solid tungsten."""
 
+MILLIMETRES = 10.0
+"""How many times the arm's reach a length is that must be in millimetres; one beyond the reach itself is doubted."""
+
 SHOWN = 1e-4
 """To which positions are mostly shown and written down [rad or m]: 0.01 degrees, 0.1 mm."""
 
@@ -187,6 +190,13 @@ class Robot:
         """Length of the chain from its first turning joint to the tip [m]."""
         turning = next((i for i, joint in enumerate(self.chain) if joint.kind in ("revolute", "continuous")), 0)
         return float(sum(np.linalg.norm(joint.origin) for joint in self.chain[turning + 1 :]))
+
+    def times_reach(self, length: float) -> float:
+        """Return how many times as long as the arm reaches a length [m] is: one of a rod may be, `MILLIMETRES` is not.
+
+        Small arms count as a metre.
+        """
+        return length / max(self.reach, 1.0)
 
 
 @dataclass(frozen=True)
@@ -579,10 +589,11 @@ def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> li
     size = max(0.02 * whole, min(gyration, whole or gyration), *near, *shapes, 1e-3)
     distance = float(np.linalg.norm(inertial.origin))
     text = f"link {link.name!r}: CoM is {distance:.4g} m from the link frame, the link's size is {size:.3g} m"
-    if distance > 10.0 * size and carried:
+    if distance > max(10.0 * size, whole) and carried:
         raise UrdfError(where, f"{text}: millimetres?")
     if distance > 4.0 * size:
-        flags.append(Flag("com_outside", f"{where}: {text}"))
+        doubt = ": millimetres?" if distance > 10.0 * size else ""
+        flags.append(Flag("com_outside", f"{where}: {text}{doubt}"))
     volume = sum(map(_volume, link.visuals))
     density = mass / volume if volume else 1000.0
     if not DENSITY_BAND[0] <= density <= DENSITY_BAND[1] or gyration > 5.0 * size:

@@ -28,6 +28,7 @@ from armflex.conventions import Array
 from armflex.errors import InputError, listing
 from armflex.estimate.placement import placed_rigidly
 from armflex.estimate.posterior import placing_variance
+from armflex.measured.data_flags import check_joint_units
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.repeats import REPEATED, repeats
 from armflex.measured.table import Tabular
@@ -238,6 +239,7 @@ def iso9283(arm: Arm, measurements: Measurements | Tabular, block: float | None 
         ArmflexError: As `predict`, of a calibrated arm.
     """
     measurements = as_measurements(measurements, arm)
+    check_joint_units(measurements.q, arm, measurements.places, units=measurements.units)
     if block is not None and not block > 0.0:
         raise InputError(f"block = {block:g} s: expected a positive time, that of the cycles of one block")
     rows = np.flatnonzero(measurements.measured)

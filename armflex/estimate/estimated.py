@@ -1,0 +1,470 @@
+"""Conventions with a number in them, which the readings say: a unit, a zero, a coupling, a rail, a second tool.
+
+A family of conventions rewrites joint positions as q A + b, with A and b of one or two numbers. The rigid arm is
+placed with its target free; where the numbers leave least of the readings they are refined, and then named by the
+nearest unit, zero or ratio that people use. What is yielded is a hypothesis like every other: `misread` judges it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+
+import numpy as np
+import pinocchio as pin
+
+from armflex.arm import Arm
+from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, RESOLUTION, UNITS, Array
+from armflex.errors import FEW, listing
+from armflex.estimate.misreadings import Misreading, joints_as
+from armflex.estimate.robust import TAILS
+from armflex.estimate.view import LARGEST_MOTION
+from armflex.measured.measurements import Measurements
+from armflex.readings import Position
+from armflex.readings.end import rigid_motion
+from armflex.readings.instrument import Instrument, rigid_fit
+
+HEADERS = {"degrees": "deg", "mrad": "mrad", "mm": "mm", "cm": "cm", "um": "um"}
+"""Units that a header can state."""
+
+ALIKE = 0.01
+"""Tolerance: part by which a number may be off the one that people use, as an arm's own errors make it."""
+
+ROUGHLY = 0.1
+"""Tolerance: the same while something else is wrong, too."""
+
+RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)
+"""Shares of one joint's position that another one is counted with."""
+
+ZERO_OFF = np.radians(0.4)
+"""Tolerance: the same of a zero [rad]."""
+
+FINEST, COARSEST = 0.1, 7.0
+"""Prior: what the most travelled joint of a campaign travels, at least and at most [rad], and `STEP` the ratio at which
+units between are looked at: a unit so far off leaves a joint where its neighbourhood shows it."""
+
+STEP = 1.12
+
+LESS = 1.0
+"""Tolerance: gain of `Seen.cost` from which a hypothesis is worth being refined, and a mistake being
+thought of: a third of the distance less being left."""
+
+ROWS_PLACED = 60
+"""Tolerance: rows by which a family is looked at; one or two numbers need no more."""
+
+TOGETHER = 3
+"""Prior: conventions with numbers that one campaign is wrong in at once, at most: a wrist couples three joints."""
+
+PLACINGS = 3
+"""Tolerance: rounds in which the instrument, the target and the weights of lost beams are found of one hypothesis."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """What is left (M, 3) [m] of where an arm was seen, its shift (k, 3) per column, and its base's (3, 3) turn."""
+
+    left: Array
+    beside: Array
+    turn: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Rows of one session in which the tip was seen, and the rigid arm that is placed in them.
+
+    Attributes:
+        arm: The arm as declared.
+        q: (M, nq) positions as read.
+        at: (M, 3) where the target was seen [m].
+        rows: (M,) numbers of the rows in the campaign.
+    """
+
+    arm: Arm
+    q: Array
+    at: Array
+    rows: np.ndarray
+
+    def placed(self, q: Array, beside: Array | None = None) -> Placed:
+        """Return the rigid arm placed at (M, nq) positions, its target found, with columns (M, k) that shift it."""
+        unknown, fixed = self.arm.measurement.frame != "base", self.arm.instrument or Instrument()
+        tips = _tips(self.arm, q)
+        axes, here, count = tips[:, :3, :3], fixed.in_base(tips), len(q)
+        columns = np.zeros((count, 0)) if beside is None else beside
+        columns = np.column_stack([columns, np.ones(count)]) if unknown else columns
+        turn, through = fixed.pose.rotation, columns.shape[1]
+        across = columns @ np.linalg.pinv(columns)
+        if unknown:
+            turn = rigid_fit(here - across @ here, self.at - across @ self.at)[0]
+        seen = self.at if unknown else self.at - fixed.pose.translation
+        weights, target, left, shifts = np.ones(count), np.zeros(3), seen, np.zeros((through, 3))
+        for _ in range(PLACINGS):
+            there = (here + axes @ target) @ turn.T
+            jacobian = [rigid_motion(there)[:, :, 3:]] if unknown else []
+            jacobian += [columns[:, None, [i]] * np.eye(3) for i in range(through)]
+            full = np.concatenate([*jacobian, turn @ axes], axis=2)
+            flat, each, left = full.reshape(3 * count, -1), np.repeat(weights, 3), seen - there
+            known, start = np.full(flat.shape[1], RESOLUTION), np.zeros(flat.shape[1])
+            noise = max(float(np.median(((left - across @ left) ** 2).sum(axis=1))), RESOLUTION)
+            known[-3:], start[-3:] = noise / (self.arm.prior.tool or RESOLUTION) ** 2, target
+            information = (flat * each[:, None]).T @ flat + np.diag(known)
+            right = flat.T @ (each * left.ravel()) - known * start
+            step = np.asarray(np.linalg.lstsq(information, right, rcond=None)[0], dtype=float)
+            left = left - full @ step
+            turn, target = (pin.exp3(step[:3]) @ turn if unknown else turn), target + step[-3:]
+            shifts = step[3 * unknown : 3 * (unknown + through)].reshape(through, 3)
+            length = np.linalg.norm(left, axis=1)
+            weights = np.minimum(1.0, 2.0 * np.median(length) / np.maximum(length, RESOLUTION))
+        return Placed(left, shifts[: through - unknown], turn)
+
+    def cost(self, left: Array) -> float:
+        """Return minus the logarithm of the density of what is left, at its own scatter; see `misread`."""
+        off = (left**2).sum(axis=1)
+        least = max(float(np.median(off)) / 3.0, (1e-4 * self.arm.robot.reach) ** 2)
+        return float(0.5 * (TAILS + 3.0) * np.log1p(off / least / TAILS).mean() + 1.5 * np.log(least))
+
+
+def _tips(arm: Arm, q: Array) -> Array:
+    """Return the (M, 4, 4) poses of the rigid tip; hundreds are asked for, before anything is compiled."""
+    moving = {joint.name: number for number, joint in enumerate(arm.robot.moving)}
+    found = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+    for joint in arm.robot.chain:
+        fixed = pin.SE3(joint.rotation, joint.origin)
+        if joint.name not in moving:
+            found = found @ (fixed * joint.motion(arm.robot.locked.get(joint.name, 0.0))).homogeneous
+            continue
+        at, motion = q[:, moving[joint.name]], np.tile(np.eye(4), (len(q), 1, 1))
+        axis = joint.axis / np.linalg.norm(joint.axis)
+        if joint.kind == "prismatic":
+            motion[:, :3, 3] = at[:, None] * axis
+        else:
+            cross = pin.skew(axis)
+            sine, rest = np.sin(at)[:, None, None], 1.0 - np.cos(at)[:, None, None]
+            motion[:, :3, :3] += sine * cross + rest * (cross @ cross)
+        found = found @ (fixed.homogeneous @ motion)
+    return found
+
+
+Called = tuple[Array, str, str, int]
+Map = Callable[[Array], tuple[Array, Array]]
+"""Numbers -> A (nq, nq) and b (nq,): q A + b is meant."""
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Conventions that differ in one or two numbers.
+
+    Attributes:
+        map: See there.
+        starts: Numbers to begin from.
+        named: Of refined numbers, those that people use within such a part of them, the name, the remedy, and the
+            mistakes that it takes; None where nobody uses such numbers.
+    """
+
+    map: Map
+    starts: Sequence[Array]
+    named: Callable[[Array, float], Called | None]
+
+
+def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misreading]:
+    """Yield the conventions that bring a campaign's positions near those of the rigid arm.
+
+    Args:
+        arm: The arm as declared.
+        every: The whole campaign.
+        rows: (M,) numbers of the rows to look at, the tip seen in all.
+    """
+    own = np.array(every.session)[rows]
+    first = max(dict.fromkeys(own.tolist()), key=lambda name: int((own == name).sum()))
+    rows = rows[own == first]
+    some = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS_PLACED)).astype(int))]
+    seen = Seen(arm, every.q[some], every.position[some], some)
+    if len(some) < 3 * FEW or arm.robot.linkage:
+        return
+    with np.errstate(all="ignore"):
+        yield from _rails(seen, every)
+        yield from _columns(seen, every)
+
+
+def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
+    """Yield the likeliest of the families, each refined, and of two at once where one alone leaves much."""
+    before = seen.cost(seen.placed(seen.q).left)
+    units = {joint.name: every.units.get(f"q_{joint.name}", "") for joint in seen.arm.robot.moving}
+    found = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
+    yield from (one for _, one, _ in found)
+    for _ in range(TOGETHER - 1):
+        if not found:
+            return
+        cost, one, after = found[0]
+        found = []
+        for lower, other, then in _fitted(after, [*_couplings(after), *_homes(after)], cost):
+            change = lambda rows, first=one, last=other: last.rows(first.rows(rows))  # noqa: E731
+            more = {"mistakes": one.mistakes + other.mistakes, "whole": True}
+            both = Misreading(f"{one.name}, and {other.name}", f"{one.remedy}; {other.remedy}", change, **more)
+            found.append((lower, both, then))
+        yield from (one for _, one, _ in found[:1])
+
+
+def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple[float, Misreading, Seen]]:
+    """Return the likeliest families refined, the best first: the cost, the hypothesis, and the rows so meant."""
+    from scipy.optimize import least_squares  # not needed to import the package
+
+    def left(family: Family, numbers: Array) -> Array:
+        by, shift = family.map(numbers)
+        return seen.placed(seen.q @ by + shift).left
+
+    looked = [
+        (seen.cost(left(family, start)), number, place)
+        for number, family in enumerate(families)
+        for place, start in enumerate(family.starts)
+    ]
+    likely, found = dict[int, int](), list[tuple[float, Misreading, Seen]]()
+    for cost, number, place in sorted(looked):
+        if cost < before - LESS and len(likely) < 2 * FEW:
+            likely.setdefault(number, place)
+    for number, place in likely.items():
+        family, start = families[number], families[number].starts[place]
+        size, scale = np.maximum(np.abs(start), 0.1), max(float(np.median(np.abs(left(family, start)))), RESOLUTION)
+
+        def errors(numbers: Array, family: Family = family, size: Array = size, scale: float = scale) -> Array:
+            return left(family, numbers * size).ravel() / scale
+
+        refined = size * least_squares(errors, start / size, loss="soft_l1", diff_step=1e-5, max_nfev=20).x
+        least = seen.cost(left(family, refined))
+        for alike in (ROUGHLY, ALIKE):  # what else is wrong in the campaign bends the numbers
+            if (called := family.named(refined, alike)) is None:
+                continue
+            numbers, name, remedy, mistakes = called
+            by, shift = family.map(numbers)
+            if (cost := seen.cost(left(family, numbers))) < least + LESS or alike == ALIKE:
+                hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
+                found.append((cost, hypothesis, replace(seen, q=seen.q @ by + shift)))
+                break
+    return sorted(found, key=lambda one: one[0] + LESS * one[1].mistakes)[:FEW]
+
+
+def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
+    """Yield the families of a unit, with a zero: of all turning joints, of each joint alone, of parts of the limits."""
+    robot, count = seen.arm.robot, seen.q.shape[1]
+    turns = np.array([joint.kind != "prismatic" for joint in robot.moving])
+    limited = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    lower, upper = np.where(limited, robot.lower, -1.0), np.where(limited, robot.upper, 1.0)
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    spread = np.ptp(seen.q, axis=0)
+
+    def steps(travel: float, least: float, most: float) -> Array:
+        number = int(np.log(most / least) / np.log(STEP))
+        return least * STEP ** np.arange(number + 1) / max(travel, RESOLUTION)
+
+    def common(zero: Array) -> Map:
+        def made(numbers: Array) -> tuple[Array, Array]:
+            return np.diag(np.where(turns, numbers[0], 1.0)), np.where(turns, zero, 0.0)
+
+        return made
+
+    def from_count(numbers: Array) -> tuple[Array, Array]:
+        scale, zero = numbers
+        return np.diag(np.where(turns, scale, 1.0)), np.where(turns, -scale * zero, 0.0)
+
+    def of_limits(start: Array) -> Map:
+        def made(numbers: Array) -> tuple[Array, Array]:
+            return np.diag(np.where(turns, half * numbers[0], 1.0)), np.where(turns, start, 0.0)
+
+        return made
+
+    names, every = [joint.name for joint in robot.moving], "the turning joints are"
+    head = next((units[name] for name, one in zip(names, turns, strict=True) if one), "")
+    written = UNITS["angle"].get(head, 1.0)
+    if turns.sum() > 1 and spread[turns].max() > RESOLUTION:
+        all_steps = [np.array([one]) for one in steps(float(spread[turns].max()), FINEST, COARSEST)]
+
+        def of_unit(zero: Array, words: str, more: str) -> Family:
+            def named(numbers: Array, alike: float) -> Called:
+                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
+                value /= written
+                remedy = _header(unit, "q_...", head) or f"convert them: q = {value:.9g} q {head or 'rad'}"
+                wrong = [f"in {unit}"] if abs(value - 1.0) > ALIKE else []
+                remedy = "; ".join(part for part in (remedy if wrong else "", more) if part)
+                wrong += [words] if words else []
+                return np.array([value]), f"{every} {', '.join(wrong)}", remedy, max(len(wrong), 1)
+
+            return Family(common(zero), all_steps, named)
+
+        yield of_unit(np.zeros(count), "", "")
+        if limited[turns].all():
+            added = listing(
+                f"{one:+.4g} to q_{name}" for name, one in zip(names, middle, strict=True) if abs(one) > ZERO_OFF
+            )
+            if (np.abs(middle[turns]) > ZERO_OFF).any():
+                yield of_unit(middle, "counted from the middle of their limits", f"add {added} [rad]")
+            added = listing(f"{one:+.4g} to q_{name}" for name, one in zip(names, lower, strict=True))
+            yield of_unit(lower, "counted from their lower limits", f"add {added} [rad]")
+            share = [one * 0.5 / np.median(half[turns]) for one in all_steps]
+            for start, low in ((middle, -1.0), (lower, 0.0)):
+
+                def named(numbers: Array, alike: float, low: float = low, start: Array = start) -> Called | None:
+                    most = (2.0 if low == 0.0 else 1.0) / numbers[0]
+                    round_ = 10.0 ** round(np.log10(abs(most)))
+                    if abs(round_ / most - 1.0) > ALIKE:
+                        return None
+                    text = f"{every} parts of their limits, {low * round_:g} to {round_:g}"
+                    remedy = (
+                        f"convert them: q = lower + (upper - lower) (q {-low * round_:+g}) / {round_ - low * round_:g}"
+                    )
+                    return np.array([(2.0 if low == 0.0 else 1.0) / round_]), text, remedy, 1
+
+                yield Family(of_limits(start), share, named)
+        centre = float(np.median(seen.q[:, turns]))
+        if abs(centre) > ALIKE * spread[turns].max():
+
+            def counted(numbers: Array, alike: float) -> Called:
+                value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
+                zero = _round_zero(numbers[1] / written, 2.0 * np.pi / value)
+                text = f"{every} in {unit}, with zero at {zero:.6g}"
+                remedy = f"convert them: q = {value / written:.9g} (q - {zero:.6g}) {head or 'rad'}"
+                return np.array([value / written, zero * written]), text, remedy, 2
+
+            yield Family(from_count, [np.array([one[0], centre]) for one in all_steps], counted)
+    for i, name in enumerate(names):
+        if spread[i] < RESOLUTION:
+            continue
+        known = LOGGED_ANGLES if turns[i] else LOGGED_LENGTHS
+        unit = UNITS["angle" if turns[i] else "length"].get(units[name], 1.0)
+        most = COARSEST if turns[i] else 3.0 * max(upper[i] - lower[i], LARGEST_MOTION)
+        least = FINEST if turns[i] else most / 100.0
+
+        def alone(numbers: Array, i: int = i) -> tuple[Array, Array]:
+            return np.diag(np.where(np.arange(count) == i, numbers[0], 1.0)), np.zeros(count)
+
+        def one_unit(
+            numbers: Array, alike: float, i: int = i, name: str = name, by: float = unit, known=known
+        ) -> Called:
+            value, unit = _unit(numbers[0] * by, known, alike)
+            remedy = (
+                _header(unit, f"q_{name}", units[name])
+                or f"convert it: {value / by:.9g} q_{name} {units[name] or ('rad' if turns[i] else 'm')}"
+            )
+            return np.array([value / by]), f"q_{name} is in {unit}", remedy, 1
+
+        yield Family(alone, [np.array([one]) for one in steps(float(spread[i]), least, most)], one_unit)
+
+
+def _couplings(seen: Seen) -> Iterator[Family]:
+    """Yield the families in which a joint is counted with a part of another one's position."""
+    robot, count = seen.arm.robot, seen.q.shape[1]
+    turning = [i for i, joint in enumerate(robot.moving) if joint.kind != "prismatic"]
+    for i, j in permutations(turning, 2):
+        one, other = robot.moving[i].name, robot.moving[j].name
+
+        def map_(numbers: Array, i: int = i, j: int = j) -> tuple[Array, Array]:
+            by = np.eye(count)
+            by[i, j] = numbers[0]
+            return by, np.zeros(count)
+
+        def named(
+            numbers: Array, alike: float, one: str = one, other: str = other, beside: bool = turning[1:3] == [i, j]
+        ) -> Called:
+            share = float(numbers[0])
+            share = next((ratio for ratio in RATIOS if abs(share / ratio - 1.0) < alike), share)
+            part = "" if abs(share) == 1.0 else f"{abs(share):.4g} "
+            how = "taken off" if share > 0.0 else "added"
+            sum_ = f"{other} = q_{other} {'+' if share > 0.0 else '-'} {part}q_{one}"
+            note = ", as in Fanuc's J2/J3 coupling" if beside and share == 1.0 else ""
+            note = ", the opposite of Fanuc's J2/J3 coupling" if beside and share == -1.0 else note
+            text = f"q_{other} is counted with {part}q_{one} {how} ({sum_}{note})"
+            return np.array([share]), text, f"write {sum_} into the column", 1
+
+        yield Family(map_, [np.array([1.0]), np.array([-1.0])], named)
+
+
+def _homes(seen: Seen) -> Iterator[Family]:
+    """Yield the families in which one turning joint's zero is somewhere else."""
+    robot, count = seen.arm.robot, seen.q.shape[1]
+    for i, joint in enumerate(robot.moving):
+        if joint.kind == "prismatic":
+            continue
+
+        def map_(numbers: Array, i: int = i) -> tuple[Array, Array]:
+            return np.eye(count), np.where(np.arange(count) == i, numbers[0], 0.0)
+
+        def named(numbers: Array, alike: float, name: str = joint.name) -> Called:
+            degrees = (float(np.degrees(numbers[0])) + 180.0) % 360.0 - 180.0
+            near = 5.0 * round(degrees / 5.0)
+            degrees = near if abs(degrees - near) < np.degrees(ZERO_OFF) and near else round(degrees, 1)
+            text = f"the home position of {name} is {degrees:+g} degrees from the URDF's"
+            remedy = f"add {degrees:+g} degrees to q_{name}, or turn the joint's origin in the URDF"
+            return np.array([np.radians(degrees)]), text, remedy, 2
+
+        yield Family(map_, [np.array([np.radians(one)]) for one in range(-165, 181, 15) if one], named)
+
+
+def _unit(value: float, known: dict[str, float], alike: float) -> tuple[float, str]:
+    """Return a unit's value [rad or m] and its name, of the nearest that people use, else the value as it is."""
+    name = min(known, key=lambda one: abs(np.log(known[one] / abs(value))))
+    if abs(known[name] / value - 1.0) < alike:
+        return known[name], name
+    if known is LOGGED_LENGTHS or abs(value) > np.pi / 200.0:
+        return value, f"a unit of {value:.4g} {'m' if known is LOGGED_LENGTHS else 'rad'}"
+    count = 2.0 * np.pi / value
+    power, digits = 2.0 ** round(np.log2(abs(count))), float(f"{abs(count):.2g}")
+    near = min((power, digits), key=lambda one: abs(np.log(one / abs(count))))
+    near = near if abs(near / abs(count) - 1.0) < ALIKE else round(abs(count))
+    return 2.0 * np.pi / near, f"ticks, {near:g} a turn"
+
+
+def _round_zero(zero: float, count: float) -> float:
+    """Return the share of a turn's `count` that a zero is at, if it is one, else the zero as it is."""
+    share = round(8.0 * zero / count) / 8.0
+    return share * count if abs(zero - share * count) < ZERO_OFF / (2.0 * np.pi) * count else zero
+
+
+def _header(unit: str, column: str, written: str) -> str:
+    """Return the remedy of a unit that a header states, '' where it states none."""
+    if written and unit in ("radians", "m"):
+        return f"take _{written} from the header"
+    return f"write {column}_{HEADERS[unit]} into the header" if unit in HEADERS and not written else ""
+
+
+def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
+    """Yield that the arm rides on a rail whose place is in a column of numbers, or on two or three of them."""
+    numbers = {name: values for name, values in every.covariates.items() if not isinstance(values, tuple)}
+    before, base = seen.placed(seen.q), seen.cost(seen.placed(seen.q).left)
+    looked = list[tuple[float, str]]()
+    for name, values in numbers.items():
+        column = values[seen.rows][:, None]
+        if np.ptp(column) > RESOLUTION * max(1.0, float(np.abs(column).max())):
+            looked.append((seen.cost(seen.placed(seen.q, column - column.mean()).left), name))
+    looked = [one for one in sorted(looked) if one[0] < base - 0.1][:FEW]
+    chosen: list[str] = []
+    placed, cost = before, base
+    for _, name in looked:
+        columns = np.column_stack([numbers[one][seen.rows] - numbers[one][seen.rows].mean() for one in (*chosen, name)])
+        other = seen.placed(seen.q, columns)
+        if seen.cost(other.left) < cost - 0.3:
+            chosen, placed, cost = [*chosen, name], other, seen.cost(other.left)
+    if not chosen:
+        return
+    said, steps = [], []
+    for name, step in zip(chosen, placed.beside, strict=True):
+        size = float(np.linalg.norm(step))
+        value, unit = _unit(max(size, 1e-300), LOGGED_LENGTHS, ALIKE)
+        travel = size * float(np.ptp(numbers[name][seen.rows]))
+        if unit not in LOGGED_LENGTHS or travel < LARGEST_MOTION * seen.arm.robot.reach:
+            return
+        along = ", ".join(f"{one:g}" for one in np.round(placed.turn.T @ step / size, 3) + 0.0)
+        said.append(f"column {name} moves the arm by 1 {unit} per unit along ({along}) of its base")
+        steps.append(step / size * value)
+    offset = [float(numbers[name][seen.rows].mean()) for name in chosen]
+
+    def back(rows: Measurements) -> Measurements:
+        places = [np.asarray(rows.covariates[name]) - mean for name, mean in zip(chosen, offset, strict=True)]
+        ridden = sum(np.outer(one, step) for one, step in zip(places, steps, strict=True))
+        position = rows.readings.of(Position)
+        kinds = tuple(
+            replace(one, values=one.values - ridden) if one is position else one for one in rows.readings.kinds
+        )
+        return replace(rows, readings=replace(rows.readings, kinds=kinds))
+
+    text = f"the arm stands on a rail: {listing(said)}"
+    remedy = f"declare it in the URDF, a prismatic joint below the base, and call {listing(chosen)} q_ and its name"
+    yield Misreading(text, remedy, back, whole=True)
