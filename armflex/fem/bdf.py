@@ -155,14 +155,17 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             draft.fail(f"{word} makes shells of {name}, which are not computed: {NOT_COMPUTED}", line)
     for material in draft.materials.values():
         material |= {"density": (controlled or scale or 1.0) * material["density"]} if "density" in material else {}
-    for name, (given, line) in sets.items():
-        if name not in draft.unread:
-            _members(draft, name, given, line)
+    requested = [(name, *one) for name, one in sets.items()]
     for name, several in held.items():
-        for given, line in several if name not in draft.unread else ():
-            for other in [word for word in given if word.startswith("SPC")]:
-                given = [word for more, _ in held.get(other, ()) for word in more]
-            _members(draft, name, given, line)
+        for given, line in several:
+            others = [word for word in given if word.startswith("SPC")]
+            more = [word for other in others for words_of, _ in held.get(other, ()) for word in words_of]
+            requested.append((name, more if others else given, line))
+    last = max(draft.nodes, default=0)
+    for name, given, line in requested:
+        if name not in draft.unread:
+            draft.sets.setdefault(name, []).extend(_members(draft, name, given, line, last))
+    draft.sets = {name: nodes for name, nodes in draft.sets.items() if name not in draft.unread}
     return draft.mesh(flags)
 
 
@@ -183,9 +186,7 @@ def _lines(draft: Draft, path: Path, depth: int = 0) -> Iterator[Line]:
             continue
         if depth >= DEEPEST:
             draft.fail(f"INCLUDE: at most {DEEPEST} files include one another", number)
-        if not (file := path.parent / name.strip("'\"")).is_file():
-            draft.fail(f"INCLUDE of {name}, which is not there", number)
-        yield from _lines(draft, file, depth + 1)
+        yield from _lines(draft, draft.beside(path, name, number), depth + 1)
     if waiting is not None:
         draft.fail("INCLUDE: the quote of its file's name does not end", waiting[0])
 
@@ -237,30 +238,33 @@ def _add_set(draft: Draft, sets: dict[str, tuple[list[str], int]], match: re.Mat
     sets.setdefault(name, (given, line))
 
 
-def _members(draft: Draft, name: str, given: list[str], line: int) -> None:
-    """Add the nodes of a SET or of an SPC to a set: numbers, THRU with BY, EXCEPT for those within it, and ALL."""
-    chosen, nodes = dict.fromkeys(draft.sets.pop(name, ())), draft.nodes
-    text, at, last, excepting, problem = " ".join(given), 0, 0, False, ""
-    while at < len(text) and not problem:
+def _members(draft: Draft, name: str, given: list[str], line: int, last: int) -> list[int]:
+    """Return the nodes, none beyond the last, of numbers, THRU with BY, EXCEPT for those within it, and ALL.
+
+    A set that names anything else is left unread.
+    """
+    chosen: dict[int, None] = {}
+    nodes, text, at, stop, excepting = draft.nodes, " ".join(given), 0, 0, False
+    while at < len(text):
         if (match := _ITEM.match(text, at)) is None:
-            problem = f"has {text[at:].split()[0][:40]!r}, expected nodes, THRU, EXCEPT or ALL"
-            break
+            word = text[at:].split()[0][:40]
+            draft.unread[name] = f"has {word!r}, expected nodes, THRU, EXCEPT or ALL", line
+            return []
         at = match.end()
-        first, stop = (1, max(nodes, default=0)) if match[2] == "ALL" else (int(match[2]), int(match[3] or match[2]))
-        excepting = bool(match[1]) or (excepting and first <= last)
-        several = range(first, stop + 1, int(match[4] or 1))
+        first = 1 if match[2] == "ALL" else int(match[2])
+        excepting = bool(match[1]) or (excepting and first <= stop)
+        until = last if match[2] == "ALL" else int(match[3] or first)
+        several = range(first, min(until, last) + 1, int(match[4] or 1))
         several = several if len(several) < len(nodes) else [node for node in nodes if node in several]
         if excepting:
             chosen = {node: None for node in chosen if node not in several}
             continue
         if match[2] != "ALL" and not match[3] and first not in nodes:
-            problem = f"names node {first}, which is not there"
+            draft.unread[name] = f"names node {first}, which is not there", line
+            return []
         chosen |= dict.fromkeys(node for node in several if node in nodes)
-        last = stop
-    if problem:
-        draft.unread[name] = problem, line
-    else:
-        draft.sets[name] = [*chosen]
+        stop = until
+    return [*chosen]
 
 
 def _cards(draft: Draft, lines: list[Line]) -> Iterator[tuple[int, list[str]]]:

@@ -171,10 +171,12 @@ class _Reader:
                 if now.keyword == "INCLUDE":
                     if depth >= DEEPEST or "INPUT" not in now.parameters:
                         self.fail("*INCLUDE needs INPUT=FILE, and at most five files include one another", number)
-                    yield from self.statements(path.parent / now.parameters["INPUT"], depth + 1)
+                    file = self.draft.beside(path, now.parameters["INPUT"], number)
+                    yield from self.statements(file, depth + 1)
                     now = None
                 elif "INPUT" in now.parameters and now.keyword in READERS:
-                    for line, row in self.draft.text_lines(path.parent / now.parameters["INPUT"]):
+                    file = self.draft.beside(path, now.parameters["INPUT"], number)
+                    for line, row in self.draft.text_lines(file):
                         if row.strip() and not row.startswith("**"):
                             now.data.append((line, _SPLIT.split(row.strip().rstrip(", \t"))))
             elif now is None:

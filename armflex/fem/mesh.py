@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from os.path import isfile  # False, whatever is wrong with the name
 from pathlib import Path
 from stat import S_ISREG
+from sys import maxsize
 from typing import Any, NoReturn
 
 import numpy as np
@@ -198,6 +200,12 @@ class Draft:
         file, line = divmod(line, MOST_LINES)
         raise MeshError(Place((self.path, *self.included)[file], line), problem)
 
+    def beside(self, path: Path, name: str, line: int) -> Path:
+        """Return the file that a line of another names, from the folder of that one."""
+        if not isfile(file := path.parent / name.strip("\"' ")):
+            self.fail(f"names the file {name[:80]!r}, which is not there", line)
+        return file
+
     def text_lines(self, path: Path) -> Iterator[tuple[int, str]]:
         """Yield the lines of the file or of one that it includes, each with its number."""
         if included := path != self.path:
@@ -220,7 +228,7 @@ class Draft:
             found = [int(cell) for cell in cells if cell.strip()]
         except ValueError:
             found = None
-        if found is None or len(found) < least:
+        if found is None or len(found) < least or any(abs(number) > maxsize for number in found):
             self.fail(f"expected whole numbers, got {','.join(cells)[:60]!r}", line)
         return found
 

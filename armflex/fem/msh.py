@@ -154,9 +154,9 @@ def _read_text(draft: Draft, version: str) -> None:
     for begun, _, _, parametric, count in rows.blocks("nodes", apart):
         if parametric:
             draft.fail(f"parametric nodes are not read: in gmsh {OPTIONS['ParametricNodes']}", begun)
-        numbers = [text for _, text in rows.take(count, "nodes")] if apart else [""] * count
-        for number, (line, text) in zip(numbers, rows.take(count, "nodes"), strict=True):
-            cells = [*number.split(), *text.split()]
+        numbers = rows.take(count, "nodes") if apart else []
+        for place, (line, text) in enumerate(rows.take(count, "nodes")):
+            cells = [*(numbers[place][1].split() if apart else ()), *text.split()]
             if len(cells) != 4:
                 draft.fail(f"expected a node's number and three coordinates, got {' '.join(cells)[:60]!r}", line)
             (key,) = draft.whole(line, cells[:1], 1)
