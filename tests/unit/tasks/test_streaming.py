@@ -172,10 +172,10 @@ def test_a_row_that_cannot_be_predicted_leaves_no_file(
     path = rows_of(tmp_path)
     lines = path.read_text().splitlines()
     q = lines[0].split(",").index("q_A1")
-    lines[12] = ",".join("3.9" if i == q else cell for i, cell in enumerate(lines[12].split(",")))
+    lines[12] = ",".join("7" if i == q else cell for i, cell in enumerate(lines[12].split(",")))
     path.write_text("\n".join(lines))
     monkeypatch.setattr(task, "TOGETHER", 5)
-    with pytest.raises(ArmflexError, match=f"{Place(path, 13)}: joint 'A1' at 3.9 is outside"):
+    with pytest.raises(ArmflexError, match=f"{Place(path, 13)}: joint 'A1' at 7 is outside"):
         predict_file(arm, path, tmp_path / "out.csv")
     assert [one.name for one in tmp_path.iterdir()] == ["rows.csv"]
 
