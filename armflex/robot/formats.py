@@ -32,7 +32,8 @@ from armflex.robot.urdf import (
     parse_xml,
     read_urdf,
 )
-from armflex.storage.trust import is_trusted, sha256_of
+from armflex.storage.read_file import check_file
+from armflex.storage.trust import MOST_BYTES, is_trusted, sha256_of
 
 XACRO = re.compile(r"https?://(www\.)?ros\.org/wiki/xacro/?")
 """The namespace of its tags, as it was and as it is."""
@@ -110,6 +111,7 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         mujoco: Any = import_module("mujoco")
     except ImportError:
         raise UrdfError(Place(path), "is MJCF, which MuJoCo itself reads: pip install mujoco") from None
+    _check_named(path, root)
     model, flags = _compiled(mujoco, path)
     lines = {(str(one.tag), one.get("name")): one.sourceline or 0 for one in root.iter() if isinstance(one.tag, str)}
     tree, kinds = Tree(path), mujoco.mjtJoint
@@ -196,6 +198,19 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         x, y, z = model.opt.gravity.tolist()
         tree.gravity = (x, y, z)
     return tree.robot(root.get("model") or path.stem)
+
+
+def _check_named(path: Path, root: etree._Element) -> None:
+    """Raise where a file that an MJCF names is there and none: MuJoCo would wait for a named pipe."""
+    folders = {"", *(value for one in root.iter("compiler") for key, value in one.items() if key.endswith("dir"))}
+    for element in root.iter("*"):
+        for place in (path.parent / folder / (element.get("file") or "") for folder in folders if element.get("file")):
+            try:
+                if place.exists():
+                    check_file(place, MOST_BYTES)
+            except OSError as error:
+                text = f"<{element.tag} file={element.get('file')!r}> cannot be read: {error.strerror}"
+                raise UrdfError(Place(path, element.sourceline or 0), text) from None
 
 
 def _compiled(mujoco: Any, path: Path) -> tuple[Any, list[Flag]]:

@@ -18,7 +18,6 @@ from pathlib import Path
 OWN_STREAM = re.compile(r"/dev/stdin|(/dev/fd|/proc/(self|\d+)/fd)/\d+")
 
 KINDS = (
-    (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a named pipe"),
     (stat.S_ISCHR, "a device"),
     (stat.S_ISBLK, "a device"),
@@ -62,6 +61,8 @@ def reading(path: Path, most: int) -> Iterator[io.BufferedReader]:
 
 def _check(path: Path, handle: int, most: int) -> None:
     there = os.fstat(handle)
+    if stat.S_ISDIR(there.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if stat.S_ISREG(there.st_mode):
         if there.st_size > most:
             raise _too_large(path, most)

@@ -269,7 +269,9 @@ def read_mesh(urdf: Path, filename: str) -> tuple[bytes, str] | None:
                     data.decode()  # the others are text
                 return data, form
         except (OSError, ValueError) as error:
-            raise UrdfError(Place(urdf), f"mesh {filename[:200]!r} cannot be read: {error}") from None
+            raise UrdfError(
+                Place(urdf), f"mesh {filename[:200]!r} cannot be read: {getattr(error, 'strerror', None) or error}"
+            ) from None
     return None
 
 

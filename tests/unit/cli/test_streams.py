@@ -78,7 +78,7 @@ def test_an_ended_command_says_so_and_leaves_nothing(tmp_path: Path) -> None:
 def test_check_has_a_page(tmp_path: Path) -> None:
     page = tmp_path / "r.html"
     files = HEAVY / "arm.toml", HEAVY / "trajectory.csv"
-    fine(run_here("check", *files, "--tolerance", "500mm", "--report", page))
+    fine(run_here(tmp_path, "check", *files, "--tolerance", "500mm", "--report", page))
     text = unescape(page.read_text())
     assert "The path is within 500 mm." in text and "SHA-256" in text and "<svg" in text
     for word in ("first frequency Hz", "settles in s", "margin mm", "as declared, not calibrated", *ROWS):
@@ -87,10 +87,14 @@ def test_check_has_a_page(tmp_path: Path) -> None:
 
 def test_modes_along_a_path_and_names_of_its_via_points(tmp_path: Path) -> None:
     files = HEAVY / "arm.toml", HEAVY / "trajectory.csv"
-    fine(run_here("modes", HEAVY / "arm.toml", "--traj", files[1], "--count", "2", "--json", tmp_path / "m.json"))
+    fine(
+        run_here(
+            tmp_path, "modes", HEAVY / "arm.toml", "--traj", files[1], "--count", "2", "--json", tmp_path / "m.json"
+        )
+    )
     points = json.loads((tmp_path / "m.json").read_text())["via_points"]
     assert {*ROWS} <= {point["name"] for point in points}
     assert all(len(point["frequencies_hz"]) == 2 for point in points)
-    fine(run_here("predict", *files, "-o", tmp_path / "p.csv"))
+    fine(run_here(tmp_path, "predict", *files, "-o", tmp_path / "p.csv"))
     head, *rows = (line.split(",") for line in (tmp_path / "p.csv").read_text().splitlines())
     assert {*ROWS} <= {row[head.index("via")] for row in rows}

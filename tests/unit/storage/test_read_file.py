@@ -26,7 +26,7 @@ def odd_files(folder: Path) -> dict[str, Path]:
     os.mkfifo(folder / "pipe")
     (folder / "zero").symlink_to("/dev/zero")
     (folder / "folder").mkdir()
-    return {"a named pipe": folder / "pipe", "a device": folder / "zero", "irectory": folder / "folder"}
+    return {"a named pipe": folder / "pipe", "a device": folder / "zero", "Is a directory": folder / "folder"}
 
 
 @posix
@@ -59,6 +59,15 @@ def test_no_reader_waits_or_fills_the_memory(tmp_path: Path) -> None:
     for suffix in ("csv", "c3d", "mcap"):
         with pytest.raises(InputError, match="cannot be read"):
             intake([tmp_path / f"zero.{suffix}"], 1e-4, {}, None, [])
+
+
+@posix
+def test_no_file_that_an_mjcf_names_is_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "m.stl")
+    geom = '<worldbody><body name="a"><joint name="j"/><geom type="mesh" mesh="m"/></body></worldbody>'
+    (tmp_path / "a.xml").write_text(f'<mujoco><asset><mesh name="m" file="m.stl"/></asset>{geom}</mujoco>')
+    with pytest.raises(FileError, match=r"a.xml:1: <mesh file='m.stl'> cannot be read: it is a named pipe"):
+        load_arm(tmp_path / "a.xml")
 
 
 def test_no_more_is_read_than_is_allowed(tmp_path: Path) -> None:
