@@ -15,6 +15,7 @@ import numpy as np
 
 from armflex.conventions import LARGEST, UNITS, Array, no_unit, unprintable
 from armflex.errors import ArmFileError, Place, did_you_mean, listing, shown
+from armflex.storage.read_file import read_file
 
 _TOKEN = re.compile(
     r'"""(?:\\.|[^\\])*?"""|"(?:\\.|[^"\\\n])*"|'
@@ -30,6 +31,9 @@ _DECIMAL_COMMA = re.compile(r"[=\[,\s]([-+]?[0-9]+),([0-9]+)\s*(?=[],}#]|$)")
 MAX_BYTES = 64_000_000
 MAX_DEPTH = 32
 """Tables and lists inside one another; an arm has a quarter of them."""
+
+DEEP = re.compile(r"""(?:^|[\[{,])[ \t]*(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){32}""", re.MULTILINE)
+"""A dotted key of more parts than there may be."""
 
 LARGEST_INTEGER = 2**63
 """TOML's integers have 64 bits; `tomllib` would take longer ones."""
@@ -297,14 +301,15 @@ def read_toml(path: Path) -> Declaration:
             holds an integer of more than 64 bits.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ArmFileError(Place(path), f"is larger than the {MAX_BYTES} bytes allowed")
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_file(path, MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise ArmFileError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ArmFileError(Place(path), "is not UTF-8 text: save it as UTF-8") from None
     source = Source(path, text)
+    if found := DEEP.search(text):  # which tomllib reads in a time that grows with the square of its parts
+        where = Place(path, text.count("\n", 0, found.end()) + 1)
+        raise ArmFileError(where, f"nested deeper than {MAX_DEPTH} tables or lists")
     try:
         root = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

@@ -9,11 +9,12 @@ import click
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import no_via_points, number, plus_minus, print_table, progress, say
+from armflex.cli.terminal import doing, no_via_points, number, plus_minus, print_table, progress, say, say_written
 from armflex.errors import enough_memory
 from armflex.measured.forces import Unnamed
 from armflex.mechanics.equilibrium import METHODS
 from armflex.result import record
+from armflex.storage.whole_file import together
 from armflex.tasks.check import CheckReport, Point, check
 from armflex.tasks.settle import SettlingReport, settle
 from armflex.trajectory import read_trajectory
@@ -31,6 +32,8 @@ from armflex.trajectory import read_trajectory
                    "path where it was meant to be?")  # fmt: skip
 @click.option("--settle", "within", type=options.Quantity("length"), metavar="1mm",
               help="Also: how long after each via-point the tip swings by more than this, and the peak.")  # fmt: skip
+@click.option("--report", "report_path", type=options.OutputPath(), metavar="R.html",
+              help="Write a page: picture, margins, first frequencies, settling, what it rests on.")  # fmt: skip
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True,
               help="How the equilibrium is found.")  # fmt: skip
 @options.loads
@@ -45,6 +48,7 @@ def command(
     angle: float | None,
     desired_path: Path | None,
     within: float | None,
+    report_path: Path | None,
     **how: Any,
 ) -> int:
     """Each via-point and the path between: displacement, margin, verdict, worst first.
@@ -61,12 +65,24 @@ def command(
     said |= {"against": str(desired_path or trajectory_path)} if moved else {}
     flags = report.flags if swing is None else (*report.flags, *swing.flags)
     said |= {} if swing is None else record(swing, settle_within_m="within_m", settling="via_points")
-    options.conclude(lambda: said, flags, arm)
+    with together():
+        if report_path is not None:
+            from armflex.show.report import write_report
+            from armflex.show.report.checked import CheckedPath
+
+            doing("drawing")
+            read = {"arm": click.get_current_context().params["arm_path"], "path": trajectory_path}
+            read |= {} if desired_path is None else {"desired path": desired_path}
+            files = {name: str(path) for name, path in read.items()}
+            asked = arm, trajectory, report, within or tolerance, how["covariates"], files, swing
+            write_report(CheckedPath(*asked), report_path)
+        options.conclude(lambda: said, flags, arm)
     meant = "" if desired_path is None else f"; against the rigid tip on {desired_path}"
     say(f"base {arm.robot.base}, tip {arm.robot.tip}{meant}", "")
     print_check(report, "off by" if moved else "moves")
     if swing is not None:
         print_settling(swing)
+    say_written(report_path)
     return 0 if report.ok else 1
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import io
 import os
+import signal
 import sys
 import warnings
 from types import ModuleType
@@ -43,6 +44,9 @@ THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """What the libraries behind SciPy, which no command has loaded yet, ask for their number of threads. The matrices here
 are so small that threads wait for each other rather than work, on a busy machine a hundred times as long as one takes.
 """
+
+ENDING = (signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else []))
+"""Signals that end a command as Ctrl-C does."""
 
 ASKS_FOR_HELP = getattr(click.exceptions, "NoArgsIsHelpError", ())
 """What click 8.2 and later raise where nothing is asked; 8.1 shows the help by itself."""
@@ -88,6 +92,10 @@ def armflex() -> None:
 
 def main() -> None:
     """Run the command line; exit with 0, 1 or 2."""
+    _open_streams()
+    for number in ENDING:
+        if signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, _end)
     warnings.showwarning = lambda message, *_, **__: _terminal().warn(str(message))
     for name in THREADS:
         os.environ.setdefault(name, "1")
@@ -97,7 +105,7 @@ def main() -> None:
     try:
         code = armflex.main(standalone_mode=False)
     except click.exceptions.Abort:
-        _fail("interrupted", 130)
+        _interrupted()
     except ASKS_FOR_HELP as error:
         error.show()
         sys.exit(2)
@@ -110,15 +118,53 @@ def main() -> None:
         from armflex.errors import ArmflexError, InputError
 
         if was_interrupted(error):
-            _fail("interrupted", 130)
+            _interrupted()
         if isinstance(error, MemoryError):
             _fail("there is not enough memory for this", 1)
+        if isinstance(error, BrokenPipeError):  # nobody reads on, as `head` does
+            _terminal().nobody_reads(1)
+            sys.exit(0)
         if isinstance(error, OSError):
             _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}", 2)
         if not isinstance(error, ArmflexError):
             raise
         _fail(getattr(error, "problems", str(error)), 2 if isinstance(error, InputError) else 1)
+    _flush()
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _open_streams() -> None:
+    """Open the streams that are closed, as of a service, on nothing: the next file would get their numbers."""
+    for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
+        if getattr(sys, name) is None:
+            nothing = os.open(os.devnull, os.O_RDWR)
+            if nothing != number:
+                os.dup2(nothing, number)
+                os.close(nothing)
+            setattr(sys, name, os.fdopen(number, mode, closefd=False))
+
+
+def _flush() -> None:
+    """Write what is left on stdout, nowhere if nobody reads it: Python would complain of that at its very end."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _terminal().nobody_reads(1)
+
+
+_ended: list[int] = []
+
+
+def _end(number: int, frame: object) -> NoReturn:
+    """End as Ctrl-C does: with what there is, and without a file that is written in part."""
+    _ended.append(number)
+    raise KeyboardInterrupt
+
+
+def _interrupted() -> NoReturn:
+    if _ended:
+        _fail(f"ended by {signal.Signals(_ended[-1]).name}", 128 + _ended[-1])
+    _fail("interrupted", 130)
 
 
 def was_interrupted(error: BaseException | None) -> bool:

@@ -10,19 +10,24 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.terminal import number, print_table, say
+from armflex.cli.terminal import number, print_table, progress, say
 from armflex.conventions import Array
+from armflex.errors import InputError
 from armflex.estimate.draw import drawn_frequencies
+from armflex.measured.forces import Unnamed
 from armflex.mechanics.modes import Modes
 from armflex.plotting import check_ending
 from armflex.result import record
 from armflex.rows.wrench import Wrench
 from armflex.show.view.mode_picture import draw_modes
 from armflex.storage.whole_file import together
+from armflex.tasks.settle import modes_along
 
 
 @click.command(cls=options.Command)
 @options.configuration
+@click.option("--traj", "trajectory_path", type=options.InputPath, metavar="TRAJ.csv",
+              help="The modes at each via-point of a path, at all rows where none is named; without --q.")  # fmt: skip
 @click.option("--count", type=click.IntRange(min=1), default=6, show_default=True, help="Largest number of modes.")
 @click.option("--picture", "drawing", type=options.OutputPath(), metavar="M.png", help="Draw the four slowest modes.")
 def command(
@@ -33,12 +38,21 @@ def command(
     covariates: dict[str, float],
     count: int,
     drawing: Path | None,
+    trajectory_path: Path | None,
 ) -> None:
     """Natural frequencies and mode shapes at the deflected pose, while the drives hold it.
 
     The uncertainty is the scatter over 64 arms drawn from the posterior in [calibration] and from the relative_std of
     the flexures.
     """
+    if trajectory_path is not None:
+        given = [name for name in ("positions", "forces", "drawing") if click.get_current_context().params.get(name)]
+        if given:
+            raise InputError(
+                "--traj brings its own positions and loads, and draws none: leave --q, --force, --picture out"
+            )
+        _along(arm, trajectory_path, payload, covariates, count)
+        return
     if drawing is not None:
         check_ending(drawing)
     found = arm.modes(q, payload, covariates=covariates, wrenches=wrenches, count=count)
@@ -56,6 +70,27 @@ def command(
             draw_modes(arm.deflection(q, payload, covariates=covariates, wrenches=wrenches), found, drawing)
         options.conclude(content, found.flags, arm)
     print_modes(found, std)
+
+
+def _along(arm: Arm, path: Path, payload: str, covariates: dict[str, float], count: int) -> None:
+    """Print and write the modes at the via-points of a path, under its loads and payloads."""
+    with progress("computing modes"):
+        found = modes_along(arm, options.read_path(path, arm, Unnamed(payload)), covariates, count)
+    points = [
+        record(point, "name time payload", **{"frequencies_hz": "frequencies", "flexures": "stiffest"})
+        for point in found
+    ]
+    flags = {flag.code: flag for point in found for flag in point.flags}
+    options.conclude(lambda: {"via_points": points}, tuple(flags.values()), arm)
+    most = max(len(point.frequencies) for point in found)
+    rows = [
+        [point.name, f"{point.time:g}", point.payload, *(number(float(one), 4) for one in point.frequencies)]
+        + [""] * (most - len(point.frequencies))
+        + [point.stiffest[0] if point.stiffest else "none"]
+        for point in found
+    ]
+    head = ["via-point", "time s", "payload", *(f"mode {i + 1} Hz" for i in range(most)), "first gained by"]
+    print_table(f"Modes of vibration, drives holding (base {arm.robot.base}, tip {arm.robot.tip})", head, rows)
 
 
 def print_modes(found: Modes, std: Array | None) -> None:

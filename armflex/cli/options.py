@@ -17,8 +17,9 @@ import click
 import numpy as np
 
 from armflex.arm import Arm, warn
-from armflex.cli.terminal import print_table, say, show_flags, showing_stages
+from armflex.cli.terminal import print_table, result_on_stdout, say, show_flags, showing_stages
 from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
+from armflex.declaration import DEEP, MAX_BYTES
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
 from armflex.laws.effects.in_arm import settled_covariates
@@ -29,7 +30,8 @@ from armflex.measured.points import PointExport, read_points
 from armflex.result import plain
 from armflex.robot.robot import lock_side_joints
 from armflex.rows.wrench import Wrench
-from armflex.storage.whole_file import is_replaced, write_whole
+from armflex.storage.read_file import read_file
+from armflex.storage.whole_file import is_replaced, is_stdout, write_whole
 from armflex.trajectory import Trajectory, read_trajectory
 
 if TYPE_CHECKING:
@@ -143,6 +145,8 @@ class Command(click.Command):
         for (one, first), (other, second) in combinations(outputs, 2):
             if same_file(first, second):
                 raise InputError(f"{one} and {other} are the same file {second}; name another one")
+        if any(is_stdout(path) for _, path in outputs):
+            result_on_stdout()
         context.meta[__name__] = context.params.pop("json_path")
         each = [(one, path) for one, some in paths.items() for path in (some if isinstance(some, tuple) else (some,))]
         self._check_kinds([(_file(one), path) for one, path in each if path is not None and _file(one) in FILES])
@@ -197,7 +201,8 @@ def named_files(path: Path) -> list[Path]:
     if path.suffix != ".toml":
         return [path]
     try:
-        values: list[Any] = [tomllib.loads(path.read_text(encoding="utf-8-sig"))]
+        text = read_file(path, MAX_BYTES).decode("utf-8-sig")
+        values: list[Any] = [] if DEEP.search(text) else [tomllib.loads(text)]
     except (OSError, ValueError, RecursionError):
         return [path]  # who reads it will say what is wrong with it
     found = [path]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import threading
 import time
@@ -35,6 +36,9 @@ EVERY, REDRAWN = 2.0, 0.5
 """Seconds of silence after which a line goes into a pipe (later a tenth of the time that passed), and between two looks
 of the live line in a terminal."""
 
+BETWEEN = 3
+"""Columns between those of a table."""
+
 MOST_ALIKE = 3
 """Flags of one code that are printed, where there are more."""
 
@@ -42,15 +46,39 @@ _said: set[str] = set()
 
 _writing = threading.RLock()
 
-_now: dict[str, Any] = {"doing": "", "begun": 0.0, "said": 0.0, "drawn": False}
-"""What is being done, when that began and when stderr heard of it last [s], and whether the live line stands there."""
+_now: dict[str, Any] = {"doing": "", "begun": 0.0, "said": 0.0, "drawn": False, "result": False}
+"""What is being done, when that began and when stderr heard of it last [s], whether the live line stands there, and
+whether stdout has a result for programs alone."""
+
+
+class _Stream(Console):
+    """A console whose reader may go away, as `head` does: the work goes on."""
+
+    def on_broken_pipe(self) -> None:
+        """Write what is left nowhere."""
+        nobody_reads(2 if self.stderr else 1)
+
+
+def nobody_reads(number: int) -> None:
+    """Send what this process still writes to its stream of a number, 1 or 2, nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, number)
+    os.close(nowhere)
 
 
 def stream(stderr: bool = False) -> Console:
-    """Return stdout or stderr, on which text is no markup; a pipe gets plain text wide enough for every table."""
-    plain = partial(Console, stderr=stderr, markup=False, emoji=False, highlight=False)
+    """Return stdout or stderr, on which text is no markup; a pipe gets plain text as wide as COLUMNS, or enough.
+
+    It is stderr alone while stdout has a result for programs, see `result_on_stdout`.
+    """
+    plain = partial(_Stream, stderr=stderr or _now["result"], markup=False, emoji=False, highlight=False)
     out = plain()
-    return out if out.is_terminal else plain(width=NARROWEST)
+    return out if out.is_terminal or os.environ.get("COLUMNS", "").isdecimal() else plain(width=NARROWEST)
+
+
+def result_on_stdout() -> None:
+    """Have everything else on stderr from now on."""
+    _now["result"] = True
 
 
 def say(*lines: str) -> None:
@@ -100,18 +128,33 @@ def show_flags(flags: Sequence[Flag]) -> None:
 
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Print a table: the first column is text, numbers are set to the right, verdicts give a row its colour."""
-    table = Table(title=printable(title), title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
-    rows = [[printable(str(cell)) for cell in row] for row in rows]
-    for index, column in enumerate(columns):
-        numeric = index > 0 and all(not row[index] or row[index][0] in "+-.×0123456789" for row in rows)
-        table.add_column(printable(column), justify="right" if numeric else "left", overflow="fold")
-    for row in rows:
+    """Print a table: the first column is text, numbers are set to the right, verdicts give a row its colour.
+
+    No word or number is broken. What is wider than the window is continued below, each part with the first column.
+    """
+    out, texts = stream(), [[printable(str(cell)) for cell in row] for row in rows]
+    cells = [[printable(column), *(row[i] for row in texts)] for i, column in enumerate(columns)]
+    least = [max(map(cell_len, " ".join(own).split()), default=0) for own in cells]
+    parts: list[list[int]] = [[0]]
+    for i in range(1, len(columns)):
+        width = sum(least[j] + BETWEEN for j in (*parts[-1], i)) - BETWEEN
+        if width > out.width and len(parts[-1]) > 1:
+            parts.append([0])
+        parts[-1].append(i)
+    for i, part in enumerate(parts):
+        _print_part(out, title if not i else f"{title}, continued", [cells[i] for i in part], texts)
+
+
+def _print_part(out: Console, title: str, cells: Sequence[Sequence[str]], rows: Sequence[Sequence[str]]) -> None:
+    """Print some columns of a table, each with its header first."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for index, (header, *column) in enumerate(cells):
+        numeric = index > 0 and all(not cell or cell[0] in "+-.×0123456789" for cell in column)
+        table.add_column(header, justify="right" if numeric else "left", overflow="fold")
+    for row, own in zip(rows, zip(*(column[1:] for column in cells), strict=True), strict=True):
         failed = "fail" in row or "not reached" in row
-        table.add_row(*row, style="red" if failed else "yellow" if "uncertain" in row else None)
-    out = stream()
-    # No word or number is broken, however narrow the window is: rich would rather break than be wider.
-    cells = [[str(column.header), *column.cells] for column in table.columns]
+        table.add_row(*own, style="red" if failed else "yellow" if "uncertain" in row else None)
+    # rich would rather break a word than be wider.
     whole = [max(map(cell_len, own)) for own in cells]
     least = [max(map(cell_len, " ".join(own).split()), default=0) for own in cells]
     rules = out.measure(table, options=out.options.update(max_width=ENDLESS)).maximum - sum(whole)
@@ -119,9 +162,11 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     for column, narrow, wide in zip(table.columns, least, whole, strict=True):
         column.width = min(wide, narrow + free)
         free -= column.width - narrow
-    out.width = max(out.width, rules + sum(least))
+    width, out.width = out.width, max(out.width, rules + sum(least))
     with _alone():
+        out.print(Text(printable(title), style="bold"))
         out.print(table)
+    out.width = width
 
 
 def plus_minus(sigma: float | None) -> str:

@@ -17,6 +17,7 @@ from armflex.arm import Arm, Flexure
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import ArmflexError, InputError, UnsupportedError, listing
 from armflex.export import Exported
+from armflex.export.quoting import c_comment, c_string
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
@@ -63,7 +64,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         text = "C code closes no loops, and an answer without them would be wrong"
         raise UnsupportedError(f"this arm cannot be written as C: {text} (it has {named}); Python's prepared() does")
     tables = _tables(arm)
-    text = TEMPLATE.read_text(encoding="utf-8")
+    text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", TEMPLATE.read_text(encoding="utf-8"))
     arm, counts = tables.arm, {count: value for count, (value, _) in tables.counts.items()}
     text = _chosen(text, counts)
     flexures, joints = counts["FLEXURES"], counts["JOINTS"]
@@ -74,8 +75,8 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "tip": matrix + state + 48 * 6 * flexures + 1024,
         "compensate": matrix + 2 * state + 48 * (joints + 6) * flexures + 336 * counts["STRAIGHTENED"] + 2048,
     }
-    text = text.replace("/*@head*/", _head(arm, tables, stack)).replace("/*@constants*/", _constants(arm, tables))
-    text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
+    text = text.replace("/*@head*/", _head(arm, tables, stack, name))
+    text = text.replace("/*@constants*/", _constants(arm, tables, name))
     notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(tables.payloads)}"]
     if tables.covariates:
         notes.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
@@ -265,7 +266,7 @@ def _elements(arm: Arm, chain: Tree, places: dict[int, int]) -> list[str]:
             c_number(body[0]),
             c_number(body[1:]),
         ]
-        rows.append(f"{{{kind}, {own}, {rotated}, {', '.join(parts)}}}, /* {_plain(label)} */")
+        rows.append(f"{{{kind}, {own}, {rotated}, {', '.join(parts)}}}, /* {c_comment(label)} */")
     return rows
 
 
@@ -283,7 +284,7 @@ def _add(tables: _Tables, place: int, label: str, terms: Sequence[Term]) -> None
             tables.compliance[place] += compliance
         else:
             numbers = f"{c_number(offset)}, {c_number(compliance)}"
-            tables.changing.append(f"{{{place}, {_two(tables, factors)}, {numbers}}}, /* {_plain(label)} */")
+            tables.changing.append(f"{{{place}, {_two(tables, factors)}, {numbers}}}, /* {c_comment(label)} */")
     # Terms under one window stand together, so that a load is drawn in once.
     groups: dict[bytes, list[Term]] = {}
     for term in terms:
@@ -302,8 +303,8 @@ def _add(tables: _Tables, place: int, label: str, terms: Sequence[Term]) -> None
                 tables.features.append(f"{{{one.kind.name}, {form}, {', '.join(map(c_number, values))}}},")
             span, matrix = f"{begin}, {len(tables.features)}", _form(tables, term.matrix)
             numbers = f"{_two(tables, term.factors)}, {span}, {matrix}, {c_number(term.along)}"
-            tables.terms.append(f"{{{numbers}}}," + (f" /* {_plain(label)} */" if term is own[0] else ""))
-        tables.curved.append(f"{{{place}, {number}, {first}, {len(tables.terms)}}}, /* {_plain(label)} */")
+            tables.terms.append(f"{{{numbers}}}," + (f" /* {c_comment(label)} */" if term is own[0] else ""))
+        tables.curved.append(f"{{{place}, {number}, {first}, {len(tables.terms)}}}, /* {c_comment(label)} */")
 
 
 def _form(tables: _Tables, form: Array | None) -> int:
@@ -335,7 +336,7 @@ def _pull(arm: Arm, pulling: Pulling) -> list[str]:
     kind, hook, anchor, size, reach = PULLS[pulling.law.name](pulling)
     point = placement.act(hook)
     numbers = f"{c_number(point)}, {c_number(anchor)}, {c_number(size)}, {c_number(reach)}"
-    label = _plain(f"{pulling.law.name} at {pulling.frame}")
+    label = c_comment(f"{pulling.law.name} at {pulling.frame}")
     return [f"{{{kind}, {element - 1}, {flexures}, {numbers}}}, /* {label} */"]
 
 
@@ -374,7 +375,7 @@ def _chosen(text: str, counts: dict[str, int]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
+def _head(arm: Arm, tables: _Tables, stack: dict[str, int], name: str) -> str:
     robot = arm.robot
     lines = [
         f"The tip of the manipulator {robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
@@ -383,7 +384,7 @@ def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
         f"Base frame {robot.base!r}, tip {robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
         "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
         "threads may ask at once. The covariates, where there are any, are read alone.",
-        "Every loop is bounded: NAME_tip weighs the arm MOST_STEPS + PROBES times at most, and NAME_compensate",
+        f"Every loop is bounded: {name}_tip weighs the arm MOST_STEPS + PROBES times at most, and {name}_compensate",
         "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
         *(
             [
@@ -393,14 +394,14 @@ def _head(arm: Arm, tables: _Tables, stack: dict[str, int]) -> str:
             if tables.unproven
             else []
         ),
-        f"Stack: NAME_tip takes up to {stack['tip']} bytes, NAME_compensate up to {stack['compensate']}.",
+        f"Stack: {name}_tip takes up to {stack['tip']} bytes, {name}_compensate up to {stack['compensate']}.",
     ]
     return "\n".join(
-        ["/* NAME_tip and NAME_compensate.", " *", *(f" * {_plain(line)}".rstrip() for line in lines), " */"]
+        [f"/* {name}_tip and {name}_compensate.", " *", *(f" * {c_comment(line)}".rstrip() for line in lines), " */"]
     )
 
 
-def _constants(arm: Arm, tables: _Tables) -> str:
+def _constants(arm: Arm, tables: _Tables, name: str) -> str:
     counts = [f"    {name} = {count}, /* {what} */" for name, (count, what) in tables.counts.items() if what]
     bodies = [arm.payload(name) for name in tables.payloads]
     ends = (np.clip(end, -LARGEST_POSITION, LARGEST_POSITION) for end in (arm.robot.lower, arm.robot.upper))
@@ -408,19 +409,19 @@ def _constants(arm: Arm, tables: _Tables) -> str:
     unset = ", ".join(["NAN"] * len(tables.covariates)) or "0.0"
     text = [
         "enum {\n" + "\n".join(counts) + "\n};",
-        f"const int NAME_nq = {len(arm.joint_names)};",
-        _names("NAME_joints", arm.joint_names),
-        _names("NAME_payloads", tables.payloads),
-        _names("NAME_covariate_names", tables.covariates),
-        f"double NAME_covariates[{max(1, len(tables.covariates))}] = {{{unset}}};",
+        f"const int {name}_nq = {len(arm.joint_names)};",
+        _names(f"{name}_joints", arm.joint_names),
+        _names(f"{name}_payloads", tables.payloads),
+        _names(f"{name}_covariate_names", tables.covariates),
+        f"double {name}_covariates[{max(1, len(tables.covariates))}] = {{{unset}}};",
         _table("double limits[JOINTS][2]", "lowest and highest position of every joint [rad or m]",
-               [f"{c_number(pair)}, /* {_plain(name)} */" for name, *pair in limits]),
+               [f"{c_number(pair)}, /* {c_comment(name)} */" for name, *pair in limits]),
         _table("payload_body payloads[PAYLOADS]", "",
-               [f"{{{c_number(body.mass)}, {c_number(body.com)}, {int(proven)}}}, /* {_plain(name)} */"
+               [f"{{{c_number(body.mass)}, {c_number(body.com)}, {int(proven)}}}, /* {c_comment(name)} */"
                 for name, body, proven in zip(tables.payloads, bodies, tables.proven, strict=True)]),
         _table("element chain[ELEMENTS]", "from base to tip, the arm as it is", tables.chain),
     ]  # fmt: skip
-    names = [f" /* {_plain(arm.flexure_names[i])} */" for i in arm.loaded(None).chain.order]
+    names = [f" /* {c_comment(arm.flexure_names[i])} */" for i in arm.loaded(None).chain.order]
     if tables.nominal:
         what = "the rigid arm as the controller knows it"
         text.append(_table("element nominal_chain[NOMINAL]", what, tables.nominal))
@@ -439,7 +440,7 @@ def _constants(arm: Arm, tables: _Tables) -> str:
     for one in tables.factors:
         numbers = (*one.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
         values = ", ".join(map(c_number, numbers))
-        factors.append(f"{{{one.kind.name}, {columns[one.column]}, {values}}}, /* {_plain(one.column)} */")
+        factors.append(f"{{{one.kind.name}, {columns[one.column]}, {values}}}, /* {c_comment(one.column)} */")
     windows = []
     for one in tables.windows:
         energy = one.precision if one.energy is None else one.energy
@@ -465,7 +466,7 @@ def _table(declared: str, what: str, rows: Sequence[str]) -> str:
 
 
 def _names(declared: str, names: Iterable[str]) -> str:
-    return f"const char *const {declared}[] = {{{', '.join([*map(_quoted, names), 'NULL'])}}};"
+    return f"const char *const {declared}[] = {{{', '.join([*map(c_string, names), 'NULL'])}}};"
 
 
 def c_number(value: Any) -> str:
@@ -476,15 +477,3 @@ def c_number(value: Any) -> str:
         return "{" * np.ndim(value) + "0.0" + "}" * np.ndim(value)
     between = ",\n        " if np.shape(value) == (6, 6) else ", "
     return "{" + between.join(map(c_number, value)) + "}"
-
-
-def _quoted(name: str) -> str:
-    """Return a text as C reads it, byte by byte."""
-    plain = {ord(letter) for letter in name if letter.isascii() and letter.isprintable()} - set(b'"\\?')
-    return '"' + "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in name.encode()) + '"'
-
-
-def _plain(text: str) -> str:
-    """Return a text that ends no comment."""
-    kept = "".join(letter if letter.isascii() and letter.isprintable() else "?" for letter in text)
-    return kept.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")

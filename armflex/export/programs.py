@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import UNITS, Array, number, printable
+from armflex.conventions import UNITS, Array, number
 from armflex.errors import Flag, InputError, UnknownNameError, UnsupportedError, listing, naming
 from armflex.export import Exported
+from armflex.export.quoting import line_comment, yaml_string
 from armflex.export.rigid import require_six_turning
 from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.tasks.compensate import compensate as compensated
@@ -277,7 +277,7 @@ def program(
     placed = _axes(arm, language, axes)
     called = "joint {} of movej" if language.called == "URScript" else "{}"
     comments = [f"{language.comment} {line}" for line in head]
-    comments += [f"{language.comment} {called.format(axis)} [{units[i][0]}]: {_comment(arm.joint_names[i])}"
+    comments += [f"{language.comment} {called.format(axis)} [{units[i][0]}]: {line_comment(arm.joint_names[i])}"
                 for axis, i in placed.items()]  # fmt: skip
     lines, places = list[str](), list[str]()
     for line in language.opening:
@@ -304,7 +304,7 @@ def jointtrajectory(arm: Arm, traj: Path, **asked: Any) -> Exported:
     Arguments and errors are those of `path_of`.
     """
     path, notes, flags, head = path_of(arm, traj, **asked)
-    names = ", ".join(json.dumps(joint, ensure_ascii=False) for joint in arm.joint_names)
+    names = ", ".join(yaml_string(joint) for joint in arm.joint_names)
     lines = [f"# {line}" for line in head]
     lines += ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: [{names}]", "points:"]
     motion = (("positions", path.q), ("velocities", path.v), ("accelerations", path.a))
@@ -376,7 +376,7 @@ def _head(path: Trajectory, what: str, arm_file: str) -> tuple[str, ...]:
     force, moment = np.max(loads, axis=0, initial=0.0) if loads else (0.0, 0.0)
     pushed = f"loads from outside up to {force:.4g} N and {moment:.4g} Nm" if loads else "no load from outside"
     written = f"Written by armflex {__version__}" + (f" from {arm_file}" if arm_file else "")
-    return _comment(written), _comment(f"{what}; payload {listing(dict.fromkeys(path.payload))}, {pushed}")
+    return line_comment(written), line_comment(f"{what}; payload {listing(dict.fromkeys(path.payload))}, {pushed}")
 
 
 def _axes(arm: Arm, language: Language, text: str) -> dict[str, int]:
@@ -437,10 +437,5 @@ def _decimal(value: float, digits: int) -> str:
     return f"{round(float(value), digits) + 0.0:.{digits}f}"
 
 
-def _comment(text: str) -> str:
-    """Return a text that ends no comment in any of the languages and has letters that all controllers read."""
-    return printable(text).encode("ascii", "backslashreplace").decode().replace("]]>", "]] >")
-
-
 def _via(path: Trajectory, i: int, mark: str) -> str:
-    return f"  {mark} {_comment(path.via[i])}" if path.via[i] else ""
+    return f"  {mark} {line_comment(path.via[i])}" if path.via[i] else ""

@@ -7,6 +7,7 @@ from pathlib import Path
 from armflex.arm import Arm
 from armflex.export import Exported
 from armflex.export.c_code import c_number, check_name
+from armflex.export.quoting import c_comment
 from armflex.tasks.calm import SLOWER, calm
 from armflex.trajectory import read_trajectory
 
@@ -46,18 +47,19 @@ def export(
     most = max((len(one.times) for one in found.motions), default=1)
     rows = [[[*values, *[0.0] * (most - len(values))] for values in (one.times, one.sizes)] for one in found.motions]
     said = [f"{one.via or 'motion ' + str(i)}: {one.shaper or 'none'}" for i, one in enumerate(found.motions)]
-    count = max(len(found.motions), 1)
+    count, lengths = max(len(found.motions), 1), ", ".join(str(len(one.times)) for one in found.motions)
+    head = f"Input shapers of the motions in {traj.name} for {arm_file or arm!r}, from rest to rest."
     text = "\n".join(
         [
-            f"/* Input shapers of the motions in {traj.name} for {arm_file or arm!r}, from rest to rest. */",
-            *(f"/* {line} */" for line in said),
-            f"enum {{ NAME_motions = {len(found.motions)} }};",
-            f"const int NAME_impulses[{count}] = {{{', '.join(str(len(one.times)) for one in found.motions) or '0'}}};",
-            f"const double NAME_speedups[{count}] = {c_number([one.speedup for one in found.motions] or [1.0])};",
-            f"const double NAME_times[{count}][{most}] = {c_number([row[0] for row in rows] or [[0.0]])}; /* s */",
-            f"const double NAME_sizes[{count}][{most}] = {c_number([row[1] for row in rows] or [[0.0]])};",
-            FUNCTION,
+            f"/* {c_comment(head)} */",
+            *(f"/* {c_comment(line)} */" for line in said),
+            f"enum {{ {name}_motions = {len(found.motions)} }};",
+            f"const int {name}_impulses[{count}] = {{{lengths or '0'}}};",
+            f"const double {name}_speedups[{count}] = {c_number([one.speedup for one in found.motions] or [1.0])};",
+            f"const double {name}_times[{count}][{most}] = {c_number([row[0] for row in rows] or [[0.0]])}; /* s */",
+            f"const double {name}_sizes[{count}][{most}] = {c_number([row[1] for row in rows] or [[0.0]])};",
+            FUNCTION.replace("NAME", name),
         ]
     )
     numbers = {"motions": found.motions}
-    return Exported(text.replace("NAME", name), tuple(said), numbers, found.flags)
+    return Exported(text, tuple(said), numbers, found.flags)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from os.path import isfile  # False, whatever is wrong with the name
 from pathlib import Path
-from stat import S_ISREG
 from sys import maxsize
 from typing import Any, NoReturn
 
@@ -16,6 +16,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, MeshError, Place, UnitError, UnknownNameError, listing
 from armflex.fem.part import MOST
+from armflex.storage.read_file import reading
 
 SOLIDS = {"C3D4": 4, "C3D10": 10, "C3D8": 8, "C3D20": 20, "C3D20R": 20}
 """Element type, by CalculiX's names -> its nodes, of which 4 or 8 are corners."""
@@ -413,11 +414,7 @@ def interfaces_of(mesh: Mesh, fixed: str, loaded: Sequence[str], whole: bool = T
 def text_lines(path: Path) -> Iterator[str]:
     """Yield the lines of a text file."""
     try:
-        if not S_ISREG((status := path.stat()).st_mode):
-            raise MeshError(Place(path), "is no file")
-        if status.st_size > MOST_BYTES:
-            raise MeshError(Place(path), f"is larger than the {MOST_BYTES} bytes allowed")
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            yield from file
+        with reading(path, MOST_BYTES) as file:
+            yield from io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise MeshError(Place(path), f"cannot be read: {error.strerror or error}") from None

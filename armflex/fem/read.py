@@ -9,8 +9,9 @@ from armflex.errors import InputError, MeshError, Place, did_you_mean, listing
 from armflex.fem.bdf import read_bdf
 from armflex.fem.inp import read_inp
 from armflex.fem.matrices import SUFFIXES
-from armflex.fem.mesh import Mesh, with_material
+from armflex.fem.mesh import MOST_BYTES, Mesh, with_material
 from armflex.fem.msh import mesh_step, read_msh
+from armflex.storage.read_file import check_file
 
 READERS = {".inp": read_inp, **dict.fromkeys((".bdf", ".nas", ".dat"), read_bdf), ".msh": read_msh}
 STEP = (".step", ".stp")
@@ -41,6 +42,10 @@ def read_mesh(
     if suffix not in (*READERS, *STEP):
         known, named = (*READERS, *STEP, *SUFFIXES), suffix or "a file without a suffix"
         raise MeshError(Place(path), f"{named} is no mesh{did_you_mean(suffix, known)} (known: {listing(known)})")
+    try:
+        check_file(path, MOST_BYTES)
+    except OSError as error:
+        raise MeshError(Place(path), f"cannot be read: {error.strerror}") from None
     if (size is None) == (suffix in STEP):
         text = (
             "is meshed already: --size is for a STEP file" if size else "has no elements: give their size (--size 20mm)"

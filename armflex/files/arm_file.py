@@ -6,6 +6,7 @@ What a fit found is written beside what was declared, comments and all: [calibra
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -159,7 +160,8 @@ def make_arm(
             raise UnknownNameError("joint with a stiffness", name, stiffness)
     urdf = Path(urdf).absolute()
     keys = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in robot.items()}
-    tip = tip or load_robot(urdf, strict=strict).tip
+    arguments = keys.get("xacro_arguments")
+    tip = tip or load_robot(urdf, strict=strict, xacro_arguments=arguments).tip
     given = {name: np.asarray(values).tolist() for name, values in stiffness.items()}
     flexures = {
         name: {"joint": name, "stiffness" if isinstance(values, list) else "joint_stiffness": values}
@@ -274,6 +276,14 @@ def _with_effects(arm: Arm, tables: list[Declaration]) -> Arm:
     return setup.arm if setup.instrument is start.instrument else replace(setup.arm, instrument=setup.instrument)
 
 
+def _argument(table: Declaration, name: str) -> str:
+    """Return an argument of a xacro file as that takes it: a text, a number, true or false."""
+    value = table.table[name]
+    if isinstance(value, str | int | float) and re.fullmatch(r"[A-Za-z_]\w*", name):
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    raise table.fail(name, f"is {value!r}, expected a text, a number, true or false, by the name of an argument")
+
+
 def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | None, float | None], tuple[Flag, ...]]:
     by_dh = table.has("dh")
     if by_dh and table.has("urdf"):
@@ -289,7 +299,11 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
     held = table.part("locked")
     locked = {name: held.number(name) for name in held.table}
     massless = table.flag("allow_massless")
+    given = table.part("xacro_arguments")
+    arguments = {name: _argument(given, name) for name in given.table}
     table.finish()
+    if by_dh and arguments:
+        raise table.fail("xacro_arguments", "are those of a xacro file, and the robot is given by 'dh'")
     flags: list[Flag] = []
     if gravity is not None and mount is not None:
         level = mount.rotation.T @ np.array([0.0, 0.0, -np.linalg.norm(gravity)])
@@ -299,7 +313,7 @@ def _read_robot(table: Declaration, strict: bool) -> tuple[Robot, tuple[float | 
     for key, pose in (("tool", tool), ("mount", mount)):
         if pose is not None and np.abs(given := np.array(table.table[key].get("rpy", [0.0]))).max() > 2.0 * np.pi:
             raise table.fail(key, f"rpy {given.tolist()} exceeds a full turn: degrees? It is in rad")
-    how = {"strict": strict, "allow_massless": massless, "locked": locked}
+    how = {"strict": strict, "allow_massless": massless, "locked": locked, "xacro_arguments": arguments}
     how |= {"tool": tool, "mount": None if mount is None else mount.rotation}
     try:
         robot = load_robot(urdf, tip, None if base == "-" else base, gravity, loops=True, **how)

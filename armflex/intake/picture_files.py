@@ -15,8 +15,9 @@ from armflex.declaration import Declaration
 from armflex.declaration import Source as Text
 from armflex.errors import ArmflexError, InputError, Place, TableError, listing
 from armflex.intake.sources import Source
-from armflex.measured.pictures import CORNER, find_corners
+from armflex.measured.pictures import CORNER, MOST_BYTES, find_corners
 from armflex.readings.board import DICTIONARY, LENGTHS, Board, read_board
+from armflex.storage.read_file import read_file
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm")
 STAMP = re.compile(r"(\d{4})[-_]?(\d\d)[-_]?(\d\d)[-_ T]?(\d\d)[-_h]?(\d\d)[-_m]?(\d\d)(?:[._-]?(\d{1,9}))?(?!\d)")
@@ -109,7 +110,7 @@ def _size(path: Path) -> tuple[int, int]:
     """Return width and height of a picture that OpenCV reads [px]."""
     import cv2  # a wheel of 60 MB that only pictures need
 
-    picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
+    picture = cv2.imdecode(np.frombuffer(read_file(path, MOST_BYTES), np.uint8), cv2.IMREAD_GRAYSCALE)
     if picture is None:
         raise TableError(Place(path), "is no picture that OpenCV reads")
     return picture.shape[1], picture.shape[0]

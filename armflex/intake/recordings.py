@@ -27,8 +27,12 @@ from armflex.errors import ArmflexError, Place, TableError, UnsupportedError, li
 from armflex.intake.picture_files import is_pictures, of_corners, read_folder
 from armflex.intake.sources import Cells, Source, read_table_source
 from armflex.measured.table import text_lines
+from armflex.storage.read_file import check_file, read_file
 
 BAGS = (".bag", ".db3", ".mcap")
+MOST_BYTES = 20_000_000_000
+"""Of a recording: that of an hour with pictures has less."""
+
 JOINTS = "JointState"
 POINTS = {
     "PoseStamped": "pose",
@@ -52,6 +56,11 @@ def read_sources(path: str | Path) -> list[Source]:
     path = Path(path)
     if is_pictures(path):
         return [read_folder(path)]
+    if path.suffix.lower() in (*BAGS, ".c3d") and not path.is_dir():
+        try:
+            check_file(path, MOST_BYTES)
+        except OSError as error:
+            raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
     if path.is_dir() or path.suffix.lower() in BAGS:
         return _bag(path)
     if path.suffix.lower() == ".c3d":
@@ -249,8 +258,6 @@ def _c3d(path: Path) -> list[Source]:
     """Return every point of a C3D file that was seen; its parameters say unit and rate (c3d.org, POINT group)."""
     if find_spec("ezc3d") is None:
         raise UnsupportedError(f"{path} is a C3D file: pip install 'armflex[mocap]'")
-    if not path.is_file():
-        raise TableError(Place(path), "cannot be read: no such file")
     try:
         run = subprocess.run([sys.executable, "-c", READS_C3D, path], capture_output=True, timeout=600)
     except subprocess.TimeoutExpired:
@@ -300,7 +307,7 @@ def _trace(path: Path) -> Source:
             if one in stored:
                 if one.get("214", "REAL64").upper() != "REAL64":
                     raise TableError(Place(path), f"channel {name!r} is of type {one['214']}, expected REAL64")
-                data = np.fromfile(path.parent / one["211"], dtype="<f8")
+                data = np.frombuffer(read_file(path.parent / one["211"], MOST_BYTES), dtype="<f8")
                 block, place = one.get("213", "BLOCK").upper() == "BLOCK", int(one.get("221") or 1) - 1
                 others = sum(other.get("211") == one["211"] for other in stored)
                 values = data[place:][: size * others : others] if block else data[place : place + size]

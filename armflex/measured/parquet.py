@@ -8,6 +8,7 @@ from typing import Any
 
 from armflex.conventions import unprintable
 from armflex.errors import Place, TableError
+from armflex.storage.read_file import check_file
 
 MAX_CELLS = 20_000_000
 """Cells beyond which a file is refused unread: a few bytes of Parquet can stand for billions of equal rows."""
@@ -35,6 +36,7 @@ def parquet_rows(path: Path, most: int | None = None) -> Iterator[tuple[int, lis
     except ImportError:
         raise TableError(Place(path), "is Parquet, which needs pyarrow: pip install 'armflex[parquet]'") from None
     try:
+        check_file(path, MAX_BYTES)
         with parquet.ParquetFile(path) as file:
             texts = _check(path, file)
             count = file.metadata.num_rows

@@ -18,12 +18,16 @@ from armflex.errors import Flag, Place, TableError, UnsupportedError, did_you_me
 from armflex.measured.table import Table, read_table
 from armflex.readings import Camera, Pixels, Sensor
 from armflex.readings.board import Board
+from armflex.storage.read_file import read_file
 
 if TYPE_CHECKING:
     from armflex.measured.measurements import Measurements
 
 CORNER = ("picture", "corner", "u", "v")
 """Columns of a table of corners."""
+
+MOST_BYTES = 500_000_000
+"""Of a picture."""
 
 MARGIN = 5
 """Half the side of the window [px] in which a corner of a tag is refined."""
@@ -138,7 +142,7 @@ def find_corners(path: Path, board: Board, version: object = None) -> Array | No
     except ImportError:
         text = "corners are found in pictures with OpenCV: pip install 'armflex[camera]'"
         raise UnsupportedError(f"{text}; or write them to a table, see `corners`") from None
-    picture = cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), cv2.IMREAD_GRAYSCALE)
+    picture = cv2.imdecode(np.frombuffer(read_file(path, MOST_BYTES), np.uint8), cv2.IMREAD_GRAYSCALE)
     if picture is None:
         return None
     found = np.full((len(board.points), 2), np.nan)

@@ -9,6 +9,7 @@ from zipfile import ZipFile
 
 from armflex.conventions import unprintable
 from armflex.errors import Place, TableError, listing
+from armflex.storage.read_file import check_file
 
 SUFFIXES = (".xlsx", ".xlsm")
 
@@ -29,6 +30,7 @@ def sheet_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         text = "is an Excel workbook, which needs openpyxl: pip install 'armflex[excel]'; or save it as CSV UTF-8"
         raise TableError(Place(path), text) from None
     try:
+        check_file(path, MAX_BYTES)
         with ZipFile(path) as parts:
             size = sum(part.file_size for part in parts.infolist())
         if size > MAX_BYTES:

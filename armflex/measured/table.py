@@ -28,6 +28,7 @@ from armflex.errors import Flag, Frame, Place, TableError, UnknownNameError, did
 from armflex.laws.effects.in_arm import depended_on
 from armflex.measured import parquet, spreadsheet
 from armflex.rows.rows import APPROACH, LEVEL_OF
+from armflex.storage.read_file import read_file, reading
 from armflex.storage.whole_file import writing
 
 if TYPE_CHECKING:
@@ -95,12 +96,15 @@ class Table:
 
     @property
     def sha256(self) -> str:
-        """Of the file, or of what the data frame holds."""
+        """Of the file, or of what the data frame or the stream holds."""
         if self.digest:
             return self.digest
         if isinstance(self.path, Frame):
             return self.path.sha256
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        if not self.path.is_file():  # a stream, which is read once
+            cells = [(name, column.unit, column.cells) for name, column in self.columns.items()]
+            return hashlib.sha256(repr(cells).encode()).hexdigest()
+        return hashlib.sha256(read_file(self.path, MAX_BYTES)).hexdigest()
 
     def fail(self, problem: str, row: int | np.integer | None = None) -> TableError:
         """Return the error that says what is wrong with a row, or with the header where none is named."""
@@ -317,9 +321,7 @@ def text_lines(path: Path) -> Iterator[str]:
     """Yield the lines of a file, the end of each included; raise where it is no text that can be shown."""
     line, encoding, wide = 1, "utf-8-sig", False
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise TableError(Place(path), f"is larger than the {MAX_BYTES} bytes allowed")
-        with open(path, "rb") as file:
+        with reading(path, MAX_BYTES) as file:
             source: Any = file
             if file.peek(2)[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
                 source = io.TextIOWrapper(file, encoding="utf-16", newline="\n")

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
@@ -31,14 +32,40 @@ from armflex.robot.urdf import (
     parse_xml,
     read_urdf,
 )
-from armflex.storage.trust import is_trusted, sha256_of
+from armflex.storage.read_file import check_file
+from armflex.storage.trust import MOST_BYTES, is_trusted, sha256_of
+
+XACRO = re.compile(r"https?://(www\.)?ros\.org/wiki/xacro/?")
+"""The namespace of its tags, as it was and as it is."""
 
 ALIGNED = 1e-6
 """How far links may be from where a weld wants them in the reference configuration, as numbers of a rotation."""
 
 
-def read_other(path: Path, root: etree._Element, strict: bool = True, loops: bool = False) -> Urdf:
-    """Return the robot of a xacro file (by its suffix), MJCF or SDF (by their root elements).
+def is_xacro(path: Path, root: etree._Element) -> bool:
+    """Return whether a file is to be expanded: by its suffix, or as it has tags or expressions of xacro."""
+    if path.suffix.lower() == ".xacro":
+        return True
+    if not any(XACRO.fullmatch(uri) for uri in root.nsmap.values()):
+        return False
+    values = (str(value) for element in root.iter("*") for value in element.attrib.values())
+    return any(_is(one) for one in root.iter("*")) or any("${" in value or "$(" in value for value in values)
+
+
+def _is(element: etree._Element, tag: str = "") -> bool:
+    """Return whether an element is one of xacro's, of a tag or of any."""
+    name = etree.QName(element) if "{" in str(element.tag) else None
+    return name is not None and XACRO.fullmatch(name.namespace or "") is not None and tag in ("", name.localname)
+
+
+def read_other(
+    path: Path,
+    root: etree._Element,
+    strict: bool = True,
+    loops: bool = False,
+    arguments: Mapping[str, str] | None = None,
+) -> Urdf:
+    """Return the robot of a xacro file, see `is_xacro`, MJCF or SDF (by their root elements).
 
     With `loops` those of an MJCF are `Urdf.declared`; they are refused otherwise.
 
@@ -46,18 +73,22 @@ def read_other(path: Path, root: etree._Element, strict: bool = True, loops: boo
         UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
         UntrustedError: A xacro file asks for the environment, or for a file elsewhere.
     """
-    if path.suffix.lower() == ".xacro":
-        return read_urdf(path, strict, parse_xml(path, _expanded(path)), translated=True)
+    if is_xacro(path, root):
+        named = [name for one in root.iter("*") if _is(one, "arg") and (name := one.get("name"))]
+        left = [name for name in named if name not in (arguments or {})]
+        hint = f"; it was expanded with its own values of {listing(left)}, which [robot] xacro_arguments gives others"
+        return read_urdf(path, strict, parse_xml(path, _expanded(path, arguments or {})), True, hint if left else "")
     return _read_mjcf(path, root, loops) if root.tag == "mujoco" else read_sdf(path, root)
 
 
-def _expanded(path: Path) -> bytes:
-    """Return the URDF that a xacro file stands for, its arguments at their defaults; `xacro_process` has the limits."""
-    if not any(find_spec(name) for name in xacro_process.LIBRARIES):
+def _expanded(path: Path, arguments: Mapping[str, str]) -> bytes:
+    """Return the URDF that a xacro file stands for with some arguments; `xacro_process` has the limits."""
+    if not find_spec(xacro_process.LIBRARY):
         text = "is a xacro file, which needs a library to be expanded: pip install xacrodoc (or xacro)"
         raise UrdfError(Place(path), f"{text}; or expand it yourself, xacro {path.name} > robot.urdf")
     digest = sha256_of(path)
     command = [sys.executable, "-P", xacro_process.__file__, path.name, "trusted" if is_trusted(digest) else ""]
+    command += [f"{name}:={value}" for name, value in arguments.items()]
     ended, limit = None, xacro_process.PATIENCE
     with suppress(subprocess.TimeoutExpired):
         ended = subprocess.run(command, cwd=path.parent, stdin=subprocess.DEVNULL, capture_output=True, timeout=limit)
@@ -80,6 +111,7 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         mujoco: Any = import_module("mujoco")
     except ImportError:
         raise UrdfError(Place(path), "is MJCF, which MuJoCo itself reads: pip install mujoco") from None
+    _check_named(path, root)
     model, flags = _compiled(mujoco, path)
     lines = {(str(one.tag), one.get("name")): one.sourceline or 0 for one in root.iter() if isinstance(one.tag, str)}
     tree, kinds = Tree(path), mujoco.mjtJoint
@@ -166,6 +198,19 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
         x, y, z = model.opt.gravity.tolist()
         tree.gravity = (x, y, z)
     return tree.robot(root.get("model") or path.stem)
+
+
+def _check_named(path: Path, root: etree._Element) -> None:
+    """Raise where a file that an MJCF names is there and none: MuJoCo would wait for a named pipe."""
+    folders = {"", *(value for one in root.iter("compiler") for key, value in one.items() if key.endswith("dir"))}
+    for element in root.iter("*"):
+        for place in (path.parent / folder / (element.get("file") or "") for folder in folders if element.get("file")):
+            try:
+                if place.exists():
+                    check_file(place, MOST_BYTES)
+            except OSError as error:
+                text = f"<{element.tag} file={element.get('file')!r}> cannot be read: {error.strerror}"
+                raise UrdfError(Place(path, element.sourceline or 0), text) from None
 
 
 def _compiled(mujoco: Any, path: Path) -> tuple[Any, list[Flag]]:

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import STANDARD_GRAVITY, Array, finite_array
 from armflex.errors import Flag, JointLimitError, Place, UnknownNameError, UrdfError, did_you_mean, listing
-from armflex.robot.formats import read_other
+from armflex.robot.formats import is_xacro, read_other
 from armflex.robot.linkage import Linkage
 from armflex.robot.urdf import FARTHEST, MOVING, Inertial, Joint, Link, Urdf, Visual, parse_xml, read_urdf
 
@@ -267,6 +267,7 @@ def load_robot(
     tool: pin.SE3 | None = None,
     mount: Array | None = None,
     loops: bool = False,
+    xacro_arguments: Mapping[str, str] | None = None,
 ) -> Robot:
     """Read and validate a robot; nothing reaches Pinocchio before it has passed.
 
@@ -283,6 +284,7 @@ def load_robot(
             link of its own, "tcp", without mass.
         mount: (3, 3) how the base stands in a level world whose z is up; gravity follows where it is not given.
         loops: Whether whoever asks makes loops and springs of those that an MJCF declares; they are refused otherwise.
+        xacro_arguments: By name, where they are to be others than the file's own.
 
     Raises:
         UrdfError: The file is no robot that can be computed with, or the chain or what it carries cannot be read; file
@@ -295,8 +297,12 @@ def load_robot(
     else:
         path = Path(urdf)
         element = parse_xml(path)
-        other = element.tag in ("mujoco", "sdf") or path.suffix.lower() == ".xacro"
-        document = read_other(path, element, strict, loops) if other else read_urdf(path, strict, element)
+        if element.tag in ("mujoco", "sdf") or is_xacro(path, element):
+            document = read_other(path, element, strict, loops, xacro_arguments)
+        else:
+            document = read_urdf(path, strict, element)
+            if xacro_arguments:
+                raise UrdfError(Place(path), f"is no xacro file, and has no arguments ({listing(xacro_arguments)})")
     root = check_tree(document)
     base = base or root
     if base not in document.links:

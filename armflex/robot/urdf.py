@@ -6,6 +6,7 @@ takes '0x64' and stops at the comma of '1,5'; no two URDF readers agree on such 
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import re
 from collections.abc import Iterator, Mapping
@@ -21,6 +22,7 @@ from lxml import etree
 
 from armflex.conventions import LARGEST, NUMBER, Array, unprintable
 from armflex.errors import Flag, Place, UrdfError, did_you_mean
+from armflex.storage.read_file import read_file
 
 MAX_LINKS = 500
 MAX_BYTES = 5_000_000
@@ -55,6 +57,12 @@ ATTRIBUTES = {
 
 WEIGHING = ("inertial", "mass", "inertia", "origin")
 """Tags without which a body weighs less, or elsewhere."""
+
+DECLARATION = re.compile(
+    rb"""(\s|<!--.*?-->)*(?P<declaration><\?xml\s[^>]*?(\sencoding\s*=\s*["'](?P<encoding>[\w.:-]+)["'][^>]*?)?\?>)""",
+    re.DOTALL,
+)
+"""What stands before the root element of a file that says its encoding."""
 
 Matters = Literal["chain", "carried", "moved"]
 
@@ -229,26 +237,17 @@ def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
     """Return the root element of an XML file, or of a text that was made from it.
 
     Raises:
-        UrdfError: The file is missing, empty, larger than `MAX_BYTES`, not UTF-8, truncated, deeper than
-            `MAX_DEPTH`, has a text that cannot be shown, or a document type definition (entities could read files or
-            explode).
+        UrdfError: The file is missing, empty, larger than `MAX_BYTES`, not of the encoding that it declares (UTF-8
+            where it declares none), truncated, deeper than `MAX_DEPTH`, has a text that cannot be shown, or a document
+            type definition (entities could read files or explode).
     """
     try:
-        if (size := path.stat().st_size if text is None else len(text)) > MAX_BYTES:
-            raise UrdfError(Place(path), f"is {size} bytes, more than the {MAX_BYTES} allowed")
-        data = path.read_bytes() if text is None else text
-        if not data.strip():
-            raise UrdfError(Place(path), "is empty")
-        if "\0" in data.decode("utf-8"):
-            raise UrdfError(Place(path), "holds NUL characters: binary or UTF-16?")
-        parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
-        root = etree.fromstring(data, parser)
+        data = read_file(path, MAX_BYTES) if text is None else text
     except OSError as error:
         raise UrdfError(Place(path), f"cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise UrdfError(Place(path), "is not UTF-8 text (binary or UTF-16?)") from None
-    except etree.XMLSyntaxError as error:
-        raise UrdfError(Place(path, error.lineno or 0), f"not well-formed XML: {error.msg}") from None
+    if len(data) > MAX_BYTES:
+        raise UrdfError(Place(path), f"is {len(data)} bytes, more than the {MAX_BYTES} allowed")
+    root = _root(path, _as_utf8(path, data))
     if root.getroottree().docinfo.doctype:  # pyright: ignore[reportAttributeAccessIssue] - lxml has it, its stubs not
         raise UrdfError(Place(path, 1), "has a document type definition (DTD); entities are refused")
     stack = [(root, 1)]  # the interpreter's own stack must not be the limit
@@ -257,6 +256,10 @@ def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
         where = Place(path, element.sourceline or 0)
         if depth > MAX_DEPTH:
             raise UrdfError(where, f"nested deeper than {MAX_DEPTH} elements")
+        if element.prefix is None and str(element.tag).startswith(
+            "{"
+        ):  # of a default namespace: Drake's files have one, and other readers look at none
+            element.tag = etree.QName(element).localname
         for name, value in element.attrib.items():
             if found := unprintable(str(value)):
                 raise UrdfError(where, f"<{element.tag} {name}={value!r}> {found[1]}")
@@ -264,11 +267,49 @@ def parse_xml(path: Path, text: bytes | None = None) -> etree._Element:
     return root
 
 
+def _as_utf8(path: Path, data: bytes) -> bytes:
+    """Return XML as UTF-8 with the same lines and without a declaration, whose encoding is followed.
+
+    A byte order mark, blank lines and comments may stand before the declaration, as other readers have it.
+    """
+    marks = {codecs.BOM_UTF8: "utf-8", codecs.BOM_UTF16_LE: "utf-16-le", codecs.BOM_UTF16_BE: "utf-16-be"}
+    mark = next((mark for mark in marks if data.startswith(mark)), b"")
+    data, encoding = data[len(mark) :], marks.get(mark, "utf-8")
+    if not mark and (declared := DECLARATION.match(data)) and declared["encoding"]:
+        encoding = declared["encoding"].decode()
+    if not data.strip():
+        raise UrdfError(Place(path), "is empty")
+    try:
+        letters = str(data, encoding)  # which no codec passes that is none of text
+    except (UnicodeError, LookupError) as error:
+        text = f"is not {encoding.upper()} text" if isinstance(error, UnicodeError) else str(error)
+        raise UrdfError(Place(path), f"{text}; expected UTF-8, or the encoding that its <?xml ..?> declares") from None
+    if "\0" in letters:
+        raise UrdfError(Place(path), "holds NUL characters: binary or UTF-16 without a byte order mark?")
+    plain = letters.encode("utf-8", "surrogatepass").removeprefix(codecs.BOM_UTF8)
+    if found := DECLARATION.match(plain):
+        start, end = found.span("declaration")
+        plain = plain[:start] + b"\n" * plain.count(b"\n", start, end) + plain[end:]
+    return plain
+
+
+def _root(path: Path, data: bytes) -> etree._Element:
+    """Return the root element; a prefix that nothing declares is a part of the name, `gazebo:x`."""
+    safe: dict[str, Any] = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    parser = etree.XMLParser(encoding="utf-8", **safe)
+    try:
+        return etree.fromstring(data, parser)
+    except etree.XMLSyntaxError as error:
+        if all(one.type_name == "NS_ERR_UNDEFINED_NAMESPACE" for one in parser.error_log):
+            return etree.fromstring(data, etree.XMLParser(encoding="utf-8", recover=True, **safe))
+        raise UrdfError(Place(path, error.lineno or 0), f"not well-formed XML: {error.msg}") from None
+
+
 class Reader:
     """Typed access to one file's elements; collects flags and words every error with file and line."""
 
-    def __init__(self, path: Path, strict: bool, lines: bool = True) -> None:
-        self.path, self.strict, self._lines = path, strict, lines
+    def __init__(self, path: Path, strict: bool, lines: bool = True, hint: str = "") -> None:
+        self.path, self.strict, self._lines, self._hint = path, strict, lines, hint
         self.flags: list[Flag] = []
         self.faults: list[Fault] = []
 
@@ -276,7 +317,7 @@ class Reader:
         return Place(self.path, (element.sourceline or 0) if self._lines else 0)
 
     def fail(self, element: etree._Element, problem: str) -> UrdfError:
-        return UrdfError(self.place(element), problem)
+        return UrdfError(self.place(element), problem + self._hint)
 
     def flag(self, element: etree._Element, code: str, text: str) -> None:
         self.flags.append(Flag(code, f"{self.place(element)}: {text}"))
@@ -386,8 +427,12 @@ class Reader:
 Named = TypeVar("Named", Link, Joint)
 
 
-def read_urdf(path: Path, strict: bool = True, made: etree._Element | None = None, translated: bool = False) -> Urdf:
+def read_urdf(
+    path: Path, strict: bool = True, made: etree._Element | None = None, translated: bool = False, hint: str = ""
+) -> Urdf:
     """Read a URDF into links and joints; `translated` where the root `made` from the file has other lines.
+
+    `hint` ends what is said of everything that is wrong.
 
     Raises:
         UrdfError: Not well-formed, over a cap, unknown or misplaced tags in the root (a flag when not `strict`),
@@ -395,9 +440,10 @@ def read_urdf(path: Path, strict: bool = True, made: etree._Element | None = Non
             error depends on the chain that is asked about.
     """
     root: etree._Element = parse_xml(path) if made is None else made
-    reader = Reader(path, strict, lines=not translated)
+    reader = Reader(path, strict, not translated, hint)
     if root.tag != "robot":
         raise reader.fail(root, f"root element is <{root.tag}>, expected <robot>")
+    _flag_prefixes(reader, root)
     elements = reader.children(root)
     count = sum(element.tag == "link" for element in elements)
     if count == 0:
@@ -408,6 +454,17 @@ def read_urdf(path: Path, strict: bool = True, made: etree._Element | None = Non
     links = [_link(reader, element, materials) for element in elements if element.tag == "link"]
     joints = [_joint(reader, element) for element in elements if element.tag == "joint"]
     return Urdf(root.get("name") or path.stem, path, _by_name(links), _by_name(joints), tuple(reader.flags), translated)
+
+
+def _flag_prefixes(reader: Reader, root: etree._Element) -> None:
+    """Flag prefixes that nothing declares; what they stand before is judged as any other element is."""
+    first: dict[str, etree._Element] = {}
+    for element in root.iter("*"):
+        for name in (str(element.tag), *map(str, element.attrib)):
+            if ":" in name and not name.startswith("{"):
+                first.setdefault(name.partition(":")[0], element)
+    for prefix, element in first.items():
+        reader.flag(element, "undeclared_prefix", f"no xmlns declares the prefix {prefix!r} of <{element.tag}>")
 
 
 def _by_name(items: list[Named]) -> dict[str, Named]:

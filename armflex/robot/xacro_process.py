@@ -11,15 +11,20 @@ import ast
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-LIBRARIES = ("xacrodoc", "xacro")
+LIBRARY = "xacro"
+"""What expands; xacrodoc brings it along."""
 
 SECONDS, PATIENCE, MEMORY, MOST_BYTES = 8, 60, 1 << 30, 64_000_000
 """Of a processor; by the clock; bytes of this process; bytes that a robot becomes. Real robots take two seconds."""
+
+DEEPEST = 5
+"""Folders below one of ROS_PACKAGE_PATH in which a package is looked for."""
 
 FAILED, REFUSED = 3, 4
 """Exit codes: the file is wrong, or asks for more than it may; what there is to say comes instead of the robot."""
@@ -36,8 +41,12 @@ class Refused(BaseException):
 
 
 def main() -> None:
-    """Write the robot that a xacro file stands for to the standard output, or what is wrong."""
+    """Write the robot that a xacro file stands for to the standard output, or what is wrong.
+
+    The command line has the file's name, "trusted" or nothing, and `name:=value` of each argument.
+    """
     name, trusted = sys.argv[1], sys.argv[2] == "trusted"
+    given = _Arguments(text.split(":=", 1) for text in sys.argv[3:])
     out, sys.stdout = sys.stdout, sys.stderr  # which is the libraries' own
     sys.dont_write_bytecode = True
     try:
@@ -48,49 +57,140 @@ def main() -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     except (ImportError, ValueError, OSError):
         pass  # Windows: the time is limited by who waits
-    code, library = 0, LIBRARIES[0]
+    code = 0
     try:
-        try:
-            found: Any = import_module(library)
-        except ImportError:
-            found = import_module(library := LIBRARIES[1])
-        if not trusted:
-            confine(Path(name).resolve().parent)
-        said = (
-            found.process_file(name).toxml() if library == "xacro" else found.XacroDoc.from_file(name).to_urdf_string()
+        xacro: Any = import_module(LIBRARY)
+        find = partial(find_package, Path(name).resolve().parent)
+        substitutions: Any = import_module("xacro.substitution_args")
+        substitutions._eval_find = find
+        substitutions._eval_dirname = lambda _: os.path.abspath(
+            os.path.dirname((xacro.filestack or [name])[-1] or name)
         )
+        if not trusted:
+            find = confine(Path(name).resolve().parent, find)
+        checked = xacro.check_attrs
+
+        def check(tag: Any, required: Sequence[str], optional: Sequence[str]) -> Any:
+            if tag.tagName == "xacro:arg" and not tag.hasAttribute("default"):  # which xacro itself demands
+                if tag.getAttribute("name") not in given:
+                    raise ArgumentError(f"its argument {tag.getAttribute('name')!r} has no value")
+                tag.setAttribute("default", "")
+            return checked(tag, required, optional)
+
+        xacro.check_attrs = check
+        found = xacro.process_file(name, mappings=given)
+        if unknown := [one for one in sys.argv[3:] if one.split(":=", 1)[0] not in given.asked]:
+            known = ", ".join(sorted(given.asked)) or "none"
+            raise ArgumentError(f"it has no argument {unknown[0].split(':=', 1)[0]!r} (known: {known})")
+        said = re.sub(r"package://([\w-]+)", partial(_file_of, find), found.toxml())
         if len(said) > MOST_BYTES:
             raise ValueError(f"it becomes {len(said)} bytes, more than the {MOST_BYTES} allowed")
     except Refused as error:
         code, said = REFUSED, str(error)
     except (Exception, SystemExit) as error:  # every fault of the file, of whatever kind
-        kind = type(getattr(error, "exc", None) or error).__name__
-        code, said = FAILED, f"{library} cannot expand it: {kind}: {' '.join(str(error).split())}"
+        cause = getattr(error, "exc", None) or error
+        own = isinstance(cause, PackageError | ArgumentError)
+        kind, text = type(cause).__name__, " ".join(str(cause if own else error).split())
+        code, said = FAILED, f"xacro cannot expand it: {'' if own else f'{kind}: '}{text}"
+        if isinstance(cause, ArgumentError) or "substitution argument" in text:
+            said += "; [robot] xacro_arguments = { NAME = VALUE } of an arm.toml gives arguments"
+        if isinstance(cause, PackageError):
+            said += "; ROS_PACKAGE_PATH lists folders that hold packages, AMENT_PREFIX_PATH those with share/PACKAGE"
+        if own or "substitution argument" in text:
+            said += f"; or expand it yourself: xacro {name} NAME:=VALUE > robot.urdf"
     out.buffer.write(said.encode("utf-8", "replace"))
     out.flush()
     os._exit(code)  # at once: nothing is to be tidied up, and some of that would be refused
 
 
-def confine(folder: Path) -> None:
-    """Refuse from now on what no robot needs: files elsewhere than below a folder and named packages, and more."""
+class _Arguments(dict[str, str]):
+    """Values of arguments by name, and which the file has asked for."""
+
+    def __init__(self, pairs: Iterable[Sequence[str]]) -> None:
+        super().__init__((name, value) for name, value in pairs)
+        self.asked: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.asked.add(str(name))
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        self.asked.add(name)
+        return super().__getitem__(name)
+
+
+class PackageError(Exception):
+    """There is no package of a name."""
+
+
+class ArgumentError(Exception):
+    """An argument has no value, or the file has no such argument."""
+
+
+def find_package(folder: Path, package: str) -> str:
+    """Return the folder of a ROS package: one above the file, or where ROS's own variables of the environment lead.
+
+    Its name is what its package.xml says, or the name of its folder.
+    """
+    listed = {name: os.environ.get(name, "").split(os.pathsep) for name in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")}
+    shares = [Path(prefix, "share", package) for prefix in listed["AMENT_PREFIX_PATH"] if prefix]
+    roots = [Path(root) for root in listed["ROS_PACKAGE_PATH"] if root]
+    for place in (folder, *folder.parents):
+        if _named(place) == package:
+            return str(place)
+    for place in (*shares, *(root / package for root in roots), *roots):
+        if place.is_dir() and (_named(place) or place.name) == package:
+            return str(place)
+    for root in roots:
+        for place, inside, _ in os.walk(root):
+            if (name := _named(Path(place))) == package:
+                return place
+            if name or len(Path(place).relative_to(root).parts) >= DEEPEST:
+                inside.clear()
+    for place in (folder, *folder.parents):
+        if place.name == package:
+            return str(place)
+    raise PackageError(f"no package {package!r} above {folder} or where ROS_PACKAGE_PATH and AMENT_PREFIX_PATH lead")
+
+
+def _named(folder: Path) -> str:
+    """Return the name that a folder's package.xml says, '' where it has none."""
+    try:
+        with open(folder / "package.xml", encoding="utf-8", errors="replace") as file:
+            found = re.search(r"<name>\s*([^<\s]+)\s*</name>", file.read(1 << 20))
+    except OSError:
+        return ""
+    return found[1] if found else folder.name
+
+
+def _file_of(find: Callable[[str], str], found: re.Match[str]) -> str:
+    """Return where a mesh's package is, as it was written where there is none: meshes are only drawn."""
+    try:
+        return Path(find(found[1])).absolute().as_uri().replace("%20", " ")
+    except PackageError:
+        return found[0]
+
+
+def confine(folder: Path, find_package: Callable[[str], str]) -> Callable[[str], str]:
+    """Refuse from now on what no robot needs: files elsewhere than below a folder and named packages, and more.
+
+    Return how packages are found.
+    """
     xacro: Any = import_module("xacro")
     substitutions: Any = import_module("xacro.substitution_args")
     roots, looking = [os.path.realpath(folder)], list[str]()
     own = [os.path.realpath(path) for path in sys.path if path]  # modules that are imported only now
 
-    def named(find: Callable[[str], str]) -> Callable[[str], str]:
-        def found(package: str) -> str:
-            if not re.fullmatch(r"[\w-]+", package):
-                raise Refused(f"names a package {package!r}")
-            looking.append(package)
-            try:
-                place = find(package)
-            finally:
-                looking.pop()
-            roots.append(os.path.realpath(place))
-            return place
-
-        return found
+    def find(package: str) -> str:
+        if not re.fullmatch(r"[\w-]+", package):
+            raise Refused(f"names a package {package!r}")
+        looking.append(package)
+        try:
+            place = find_package(package)
+        finally:
+            looking.pop()
+        roots.append(os.path.realpath(place))
+        return place
 
     def refuse(what: str) -> Callable[..., Any]:
         def refused(*given: Any, **more: Any) -> None:
@@ -98,11 +198,7 @@ def confine(folder: Path) -> None:
 
         return refused
 
-    packages: Any = sys.modules.get("xacrodoc.packages")
-    if packages is not None:
-        packages.get_path = named(packages.get_path)  # which is asked for meshes, too
-    else:
-        substitutions._eval_find = named(substitutions._eval_find)
+    substitutions._eval_find = find
     substitutions._eval_env = substitutions._eval_optenv = refuse("reads the environment variable {0!r}")
     substitutions._eval = refuse("evaluates $({0})")
     evaluate = xacro.safe_eval
@@ -128,6 +224,7 @@ def confine(folder: Path) -> None:
             raise Refused(f"asks the system for {event}")
 
     sys.addaudithook(watch)
+    return find
 
 
 if __name__ == "__main__":

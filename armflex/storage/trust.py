@@ -17,9 +17,13 @@ from pathlib import Path
 import platformdirs
 
 from armflex.errors import FileError, Place
+from armflex.storage.read_file import read_file
 from armflex.storage.whole_file import write_whole
 
 DIGEST = re.compile("[0-9a-f]{64}")
+
+MOST_BYTES = 500_000_000
+"""Of a file whose digest is asked for: meshes are the largest."""
 
 _named: ContextVar[frozenset[str]] = ContextVar("named", default=frozenset())
 
@@ -29,7 +33,7 @@ _own: set[str] = set()
 def sha256_of(path: Path) -> str:
     """Return the digest of a file; raise `FileError` where it cannot be read."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        return hashlib.sha256(read_file(path, MOST_BYTES)).hexdigest()
     except OSError as error:
         raise FileError(Place(path), f"cannot be read: {error.strerror or error}") from None
 

@@ -126,6 +126,12 @@ def is_replaced(path: Path) -> bool:
     return there is None or (stat.S_ISREG(there.st_mode) and _own_stream(there) is None)
 
 
+def is_stdout(path: Path) -> bool:
+    """Return whether what is written to a path goes to this process's output stream."""
+    there = _status(path)
+    return there is not None and _own_stream(there) == 1
+
+
 def _status(path: Path) -> os.stat_result | None:
     """Return what stands at the end of a path and its links, None where there is nothing yet."""
     try:

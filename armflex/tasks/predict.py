@@ -33,7 +33,7 @@ from armflex.parallel import in_threads
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
-from armflex.rows.rows import numbered
+from armflex.rows.rows import LEVEL_OF, numbered
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Trajectory
 
@@ -153,8 +153,9 @@ def predict_file(
     Args:
         arm, progress, covariates: As of `predict`.
         path: The rows; see `stream_inputs`.
-        output: Written whole or not at all: x y z, sigma_*, the orientation pose_r*, the displacement dx to rz, and of
-            an arm with trained laws or traced effects `outside`, what of a row is beyond what they were found in.
+        output: Written whole or not at all: the rows' `via`, x y z, sigma_*, the orientation pose_r*, the displacement
+            dx to rz, and of an arm with trained laws or traced effects `outside`, what of a row is beyond what they
+            were found in.
         unnamed: What loads rows that name no payload, or no force.
         table_path: Loads by the length of path [m] that the rigid tip has gone from row to row; see `read_force_table`.
 
@@ -350,6 +351,16 @@ class _Flags:
         return (*derived, *(self._first | about).values(), *worst, *self._fitted)
 
 
+def _via(rows: Measurements) -> dict[str, list]:
+    """Return the column of names of via-points where the rows have one, which may be split by its levels."""
+    if (given := rows.covariates.get("via")) is not None:
+        return {"via": [name if isinstance(name, str) else "" if np.isnan(name) else f"{name:g}" for name in given]}
+    begins = f"via{LEVEL_OF}"
+    levels = {name.removeprefix(begins): rows.covariates[name] for name in rows.covariates if name.startswith(begins)}
+    names = [next((name for name, there in levels.items() if there[i]), "") for i in range(len(rows))]
+    return {"via": names} if levels else {}
+
+
 def _columns(prediction: Prediction) -> dict[str, list]:
     """Return the columns of a table of predictions."""
     rows = prediction.rows
@@ -360,7 +371,7 @@ def _columns(prediction: Prediction) -> dict[str, list]:
         return dict(zip(names, columns, strict=True))
 
     columns: dict[str, list] = {"pose": list(rows.pose), "session": list(rows.session)}
-    columns |= {"time": rows.time.tolist(), "payload": list(rows.payload)}
+    columns |= {"time": rows.time.tolist(), "payload": list(rows.payload)} | _via(rows)
     columns |= named("xyz", prediction.position) | named(["pose_rx", "pose_ry", "pose_rz"], prediction.rotation)
     columns |= named(["sigma_x", "sigma_y", "sigma_z"], prediction.sigma)
     for kind, std in prediction.sensors:

@@ -113,6 +113,53 @@ def settle(
     return SettlingReport(within, tuple(found), tuple(met.values()))
 
 
+@dataclass(frozen=True)
+class ModesAt:
+    """The slowest modes at one via-point.
+
+    Attributes:
+        name: The via-point's, or "row" with its number where the path names none.
+        time: When it is reached [s].
+        payload: What is carried there.
+        frequencies: (m,) [Hz], ascending.
+        stiffest: (m,) of each mode the flexure whose stiffness gains most frequency.
+        flags: What is doubtful about them.
+    """
+
+    name: str
+    time: float
+    payload: str
+    frequencies: Array
+    stiffest: tuple[str, ...]
+    flags: tuple[Flag, ...]
+
+
+@checked_kinds
+def modes_along(
+    arm: Arm, trajectory: Trajectory | Tabular, covariates: Mapping[str, float] | None = None, count: int = 6
+) -> tuple[ModesAt, ...]:
+    """Return the modes at each via-point, at all rows where none is named, while the drives hold the arm there.
+
+    Args:
+        arm: The arm.
+        trajectory: The path.
+        covariates: What the arm's effects depend on and no column gives.
+        count: Most modes of each.
+
+    Raises:
+        InputError: A row cannot be used, or what moves has no mass.
+    """
+    path = as_trajectory(trajectory, arm).with_constants(arm, covariates or {}).prepared(arm)
+    rows = [i for i, name in enumerate(path.via) if name] or range(len(path))
+    found = []
+    for row in rows:
+        modes, _ = modes_at(arm, path, row, path.payload[row], row)
+        stiffest = tuple(modes.names.flexures[int(i)] for i in modes.sensitivities[:count].argmax(axis=1))
+        name, time = path.via[row] or f"row {row}", float(path.time[row])
+        found.append(ModesAt(name, time, path.payload[row], modes.frequencies[:count], stiffest, modes.flags))
+    return tuple(found)
+
+
 def stops(
     path: Trajectory, named: Sequence[bool], asked: Callable[[int, str, int], tuple[Modes, Array]]
 ) -> Iterator[tuple[int, Modes, Array, Array]]:

@@ -130,6 +130,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "damping_ratio": Key("damping of vibrations over the critical one, 0 to 1", default="0.01, with a flag"),
         "locked": Key("joints beside the chain, or of it, held still at a position", "rad or m"),
         "allow_massless": Key("accept links without mass on the chain"),
+        "xacro_arguments": Key("`{ NAME = value }`: arguments of a xacro file", default="its own"),
     },
     "robot.joint.NAME": {
         "theta": Key("Denavit-Hartenberg parameter, to which the position of a turning joint is added", "rad", "0"),
@@ -149,6 +150,7 @@ KEYS: dict[str, dict[str, Key]] = {
     },
     "robot.mount": {"rpy": Key("roll, pitch and yaw of the base in a level world", "rad")},
     "robot.locked": {"NAME": Key("position of the joint", "rad or m")},
+    "robot.xacro_arguments": {"NAME": Key("value of the argument, a text, a number, true or false")},
     "payload.NAME": {
         "mass": Key("of what is carried", "kg"),
         "com": Key("centre of mass in the tip frame", "m"),

@@ -1,4 +1,4 @@
-"""A trace, a calibration, pose characteristics or a machine's history as one HTML page: no server, no network."""
+"""A trace, calibration, history, checked path or pose characteristics as one HTML page: no server, no network."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from armflex.storage.whole_file import write_whole
 if TYPE_CHECKING:
     from armflex.estimate import Calibration
     from armflex.estimate.calibrations import History
+    from armflex.show.report.checked import CheckedPath
     from armflex.tasks.iso9283 import PosePerformance
     from armflex.trace.findings import Trace
 
@@ -24,12 +25,15 @@ PAGES = {
     "Calibration": ("cover", "calibration.html"),
     "PosePerformance": ("performance", "iso9283.html"),
     "History": ("courses", "history.html"),
+    "CheckedPath": ("checked", "checked.html"),
 }
 """By what is reported the module whose `account` says what a page shows, and the page's template."""
 
 
 def write_report(
-    result: Trace | Calibration | PosePerformance | History, path: str | os.PathLike[str], *labels: Sequence[str]
+    result: Trace | Calibration | PosePerformance | History | CheckedPath,
+    path: str | os.PathLike[str],
+    *labels: Sequence[str],
 ) -> Path:
     """Write the page of a result and return its path; see `render_report`.
 
@@ -44,7 +48,7 @@ def write_report(
     return write_whole(Path(path), render_report(result, *labels).encode())
 
 
-def render_report(result: Trace | Calibration | PosePerformance | History, *labels: Sequence[str]) -> str:
+def render_report(result: Trace | Calibration | PosePerformance | History | CheckedPath, *labels: Sequence[str]) -> str:
     """Return the page of a result as HTML text; everything that is not a figure is escaped.
 
     The same result gives the same page, byte for byte.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from html import escape
 from pathlib import Path
 from typing import TypedDict, Unpack, cast, overload
@@ -252,6 +253,8 @@ def arm_scene(
         markers=tuple(_markers(arm, trajectory, report)),
         legend_title="Share of each flexure in the tip's displacement" if arm.flexures else "",
         legend=tuple(_legend(shown, colors, trajectory, report, factor)),
+        table_title=_table_title(report) if trajectory is not None else "",
+        table=_table(motion, trajectory, report),
         notes=(*_notes(arm, shown, motion, factor), *missing),
         times=times if len(times) > 1 else None,
         speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
@@ -626,6 +629,37 @@ def _legend(
             yield LegendRow(color, f"via-point: {verdict}", str(count))
 
 
+def _table_title(report: CheckReport | None) -> str:
+    if report is None:
+        return "Via-points (no tolerance was given)"
+    angle = "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
+    return f"Via-points against {report.tolerance_m * 1e3:g} mm{angle}"
+
+
+def _table(motion: Motion, trajectory: Trajectory | None, report: CheckReport | None) -> tuple[tuple[str, ...], ...]:
+    """Return the via-points of a path in their order, the head first; of a checked one with margin and verdict."""
+    if report is not None:
+        rows = [
+            (
+                one.name,
+                f"{one.time:g}",
+                number(one.displacement_m * 1e3, 4, TINY)
+                + ("" if one.sigma_m is None else f" ± {number(one.sigma_m * 1e3, 2, TINY)}"),
+                number(one.margin_m * 1e3, 3),
+                one.verdict,
+            )
+            for one in sorted(report.via_points, key=lambda point: point.time)
+        ]
+        return (("name", "s", "moves mm", "margin mm", "verdict"), *rows) if rows else ()
+    via = {} if trajectory is None else dict(zip(trajectory.time.tolist(), trajectory.via, strict=True))
+    rows = [
+        (via[time], f"{time:g}", number(float(np.linalg.norm(frame.displacement[:3])) * 1e3, 4, TINY))
+        for time, frame in zip(motion.times.tolist(), motion.frames, strict=True)
+        if via.get(time)
+    ]
+    return (("name", "s", "moves mm"), *rows) if rows else ()
+
+
 def _subtitle(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> str:
     if not arm.flexures:
         return "No flexure is declared: this arm is rigid."
@@ -643,7 +677,10 @@ def _when(motion: Motion) -> str:
 
 
 def _notes(arm: Arm, shown: Deflection, motion: Motion, factor: float) -> Iterator[str]:
-    yield f"Base {arm.robot.base}, tip {arm.robot.tip}; grid lines are 0.5 m apart."
+    yield f"Base {arm.robot.base}, tip {arm.robot.tip}; grid lines are 0.5 m apart. Made on {date.today().isoformat()}."
+    if arm.robot.linkage:
+        text = "Here are no sliders and no modes: with loops, cylinders or passive joints each pose is solved anew"
+        yield f"{text}, which a page cannot do. view --q shows another pose, armflex modes --picture how it swings."
     if arm.flexures:
         left = float(np.linalg.norm(shown.remainder[:3]) * 1e3)
         yield f"Deflections are drawn {factor:g} times as large as they are; the rigid arm is to scale."

@@ -10,8 +10,6 @@ would have sent. They are made here, in process, from meshcat's own geometry, co
 from __future__ import annotations
 
 import base64
-import html
-import json
 from collections.abc import Iterator
 from importlib import resources
 from io import BytesIO
@@ -24,7 +22,7 @@ from meshcat.animation import Animation, AnimationClip, AnimationTrack, js_posit
 from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
 from meshcat.path import Path as ScenePath
 
-from armflex.conventions import printable
+from armflex.export.quoting import html_data, html_script, html_text
 from armflex.show.view.scene_3d import Camera, Posable, Scene, Shape, frame_camera, scene_points
 
 Command = dict[str, object]
@@ -72,23 +70,27 @@ def render_page(scene: Scene) -> str:
         rows = []
         for row in scene.legend:
             swatch = f'<i style="background:{row.color};opacity:{row.opacity}"></i>' if row.color else ""
-            rows.append(f"<tr><td>{swatch}</td><td>{_html(row.text)}</td><td>{_html(row.value)}</td></tr>")
-        heading = f"<h2>{_html(scene.legend_title)}</h2>" if scene.legend_title else ""
+            rows.append(f"<tr><td>{swatch}</td><td>{html_text(row.text)}</td><td>{html_text(row.value)}</td></tr>")
+        heading = f"<h2>{html_text(scene.legend_title)}</h2>" if scene.legend_title else ""
         legend = f"{heading}<table>{''.join(rows)}</table>"
+    if scene.table:
+        head, *rows = ("".join(f"<td>{html_text(cell)}</td>" for cell in row) for row in scene.table)
+        body = "".join(f"<tr>{row}</tr>" for row in rows)
+        legend += f'<h2>{html_text(scene.table_title)}</h2><table class="points"><tr>{head}</tr>{body}</table>'
     viewer = resources.files("meshcat") / "viewer"
     files = [viewer.joinpath(*name.split("/")) for name in _LICENCES]
     licences = ["meshcat viewer", *(file.read_text("utf-8") for file in files if file.is_file())]
     commands = [base64.b64encode(umsgpack.packb(command)).decode() for command in _commands(scene, camera)]
     template = Template((resources.files("armflex.show.view") / "overlay.html").read_text(encoding="utf-8"))
     return template.substitute(
-        title=_html(scene.title),
-        subtitle=_html(scene.subtitle),
+        title=html_text(scene.title),
+        subtitle=html_text(scene.subtitle),
         legend=legend,
-        notes="".join(f"<li>{_html(note)}</li>" for note in scene.notes),
-        licences=_script_safe("\n\n".join(licences)),
-        viewer=_script_safe((viewer / "dist" / "main.min.js").read_text(encoding="utf-8")),
-        facts=json.dumps(facts).replace("<", "\\u003c"),
-        commands=json.dumps(commands),
+        notes="".join(f"<li>{html_text(note)}</li>" for note in scene.notes),
+        licences=html_script("\n\n".join(licences)),
+        viewer=html_script((viewer / "dist" / "main.min.js").read_text(encoding="utf-8")),
+        facts=html_data(facts),
+        commands=html_data(commands),
     )
 
 
@@ -113,16 +115,6 @@ def _posable(arm: Posable) -> dict[str, object]:
         "when": arm.when,
         "swings": [{"hz": one.frequency, "flexed": np.round(one.flexed, 7).tolist()} for one in arm.swings],
     }
-
-
-def _html(text: str) -> str:
-    return html.escape(printable(text))
-
-
-def _script_safe(text: str) -> str:
-    # Inside a script element, "</script" ends it wherever it stands; the escaped slash means the same to
-    # JavaScript and JSON strings.
-    return text.replace("</script", "<\\/script")
 
 
 def tube_mesh(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.errors import Place, UrdfError
+from armflex.storage.read_file import read_file
 
 ShapeKind = Literal["box", "cylinder", "sphere", "capsule", "cone", "mesh"]
 
@@ -176,8 +177,8 @@ class Scene:
     """All that one picture shows.
 
     `times` (T,) seconds, strictly increasing, date the poses of the nodes that move, which are played `speed` times
-    faster; None where nothing moves. `floor_z` is the height of the floor grid, None for no floor. Without a `camera`
-    everything is framed in a three-quarter view.
+    faster; None where nothing moves. `table` has a row of cells for each via-point, its head first. `floor_z` is the
+    height of the floor grid, None for no floor. Without a `camera` everything is framed in a three-quarter view.
     """
 
     title: str
@@ -188,6 +189,8 @@ class Scene:
     legend_title: str = ""
     legend: tuple[LegendRow, ...] = ()
     notes: tuple[str, ...] = ()
+    table_title: str = ""
+    table: tuple[tuple[str, ...], ...] = ()
     camera: Camera | None = None
     times: Array | None = None
     speed: float = 1.0
@@ -261,14 +264,14 @@ def read_mesh(urdf: Path, filename: str) -> tuple[bytes, str] | None:
             raise UrdfError(Place(urdf), f"mesh {filename!r} leads out of {root}")
         try:
             if path.is_file() and (form := FORMATS.get(path.suffix.lower())):
-                if path.stat().st_size > MAX_BYTES:
-                    raise ValueError(f"larger than {MAX_BYTES} bytes")
-                data = path.read_bytes()
+                data = read_file(path, MAX_BYTES)
                 if form != "stl":
                     data.decode()  # the others are text
                 return data, form
         except (OSError, ValueError) as error:
-            raise UrdfError(Place(urdf), f"mesh {filename[:200]!r} cannot be read: {error}") from None
+            raise UrdfError(
+                Place(urdf), f"mesh {filename[:200]!r} cannot be read: {getattr(error, 'strerror', None) or error}"
+            ) from None
     return None
 
 

@@ -10,6 +10,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -408,7 +409,7 @@ def test_a_reader_that_goes_away_gets_no_traceback() -> None:
     )
     child.stdout.close()
     assert b"Traceback" not in child.communicate(timeout=600)[1]
-    assert child.returncode == 1
+    assert child.returncode == 0  # the verdict is that of the work
 
 
 @pytest.mark.slow
@@ -534,7 +535,8 @@ def test_tables_break_no_word_and_no_number(monkeypatch: pytest.MonkeyPatch, wid
     columns = ["pose", "payload", "AP with this model", "repeatability"]
     terminal.print_table("ISO 9283", columns, rows)
     words = [word for word in shown.getvalue().split() if "\u2500" not in word]
-    assert sorted(words[2:]) == sorted(" ".join(map(" ".join, [columns, *rows])).split())
+    expected = Counter(" ".join(map(" ".join, [columns, *rows])).split())
+    assert not expected - Counter(words) and set(words) - set(expected) <= {"ISO", "9283", "9283,", "continued"}
 
 
 @pytest.mark.parametrize(("count", "printed"), [(4, 4), (5, 4), (72, 4)])

@@ -66,6 +66,56 @@ def test_real_files_stay_welcome(tmp_path, old, new):
     assert loaded.flags == () and loaded.joint_names == ("shoulder", "elbow")
 
 
+DECLARED = GOOD.split("\n", 1)[1]
+ENCODED = {
+    "a default namespace": GOOD.replace("<robot ", '<robot xmlns="http://www.ros.org" ', 1).encode(),
+    "that of Drake": GOOD.replace(
+        "<robot ",
+        '<robot xmlns="http://drake.mit.edu" xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"'
+        ' xsi:schemaLocation="http://drake.mit.edu ../doc/drakeURDF.xsd" ',
+        1,
+    ).encode(),
+    "one of a part": GOOD.replace("<inertial>", '<inertial xmlns="urn:x">').encode(),
+    "Latin-1": f'<?xml version="1.0" encoding="ISO-8859-1"?>\n<!-- Gr\u00f6\u00dfe -->{DECLARED}'.encode("latin-1"),
+    "Windows-1252": f"<?xml version='1.0'  encoding = 'windows-1252' ?><!-- \u20ac -->{DECLARED}".encode("cp1252"),
+    "UTF-16": f'<?xml version="1.0" encoding="UTF-16"?>{DECLARED}'.encode("utf-16"),
+    "UTF-16 with its mark alone": DECLARED.encode("utf-16"),
+    "Shift_JIS": f'<?xml version="1.0" encoding="Shift_JIS"?><!-- \u7532 -->{DECLARED}'.encode("shift_jis"),
+    "a blank line first": b"\n \t\n" + GOOD.encode(),
+    "a mark and a blank line first": "\ufeff\n".encode() + GOOD.encode(),
+    "a comment first": b"<!-- made by hand -->\n" + GOOD.encode(),
+}
+
+
+@pytest.mark.parametrize("data", ENCODED.values(), ids=ENCODED)
+def test_xml_as_others_write_it(tmp_path, data):
+    (tmp_path / "robot.urdf").write_bytes(data)
+    loaded, plain = load_robot(tmp_path / "robot.urdf"), load_robot(write(tmp_path, GOOD, "plain.urdf"))
+    assert loaded.flags == () and loaded.reach == plain.reach and loaded.joint_names == plain.joint_names
+
+
+def test_lines_are_those_of_the_file_whatever_stands_before_it(tmp_path):
+    text = "\n\n" + GOOD.replace('<mass value="20"/>', '<mass value="2o"/>')
+    line = text[: text.index("2o")].count("\n") + 1
+    with pytest.raises(UrdfError, match=rf"robot\.urdf:{line}: .*2o"):
+        load_robot(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("inside", ["<sensor:camera/>", '<a sensor:x="1"/>'])
+def test_a_prefix_that_nothing_declares_is_a_warning(tmp_path, inside):
+    loaded = load_robot(write(tmp_path, changed(("</robot>", f"<gazebo>{inside}</gazebo></robot>"))))
+    assert codes(loaded) == ["undeclared_prefix"] and "'sensor'" in loaded.flags[0].text
+    text = changed((MASS, f"<my:mass value='1'/>{MASS}"), ("</robot>", "<my:link name='a'/></robot>"))
+    with pytest.raises(UrdfError, match=r"my:link.* is not known inside <robot>"):
+        load_robot(write(tmp_path, text))
+
+
+@pytest.mark.parametrize("encoding", ["no-such", "zlib", "rot13"])
+def test_an_encoding_that_is_none_is_refused(tmp_path, encoding):
+    with pytest.raises(UrdfError, match=f"{encoding}.*expected UTF-8, or the encoding"):
+        load_robot(write(tmp_path, f'<?xml version="1.0" encoding="{encoding}"?>{DECLARED}'))
+
+
 def test_a_garbled_colour_is_only_flagged(tmp_path):
     text = changed(("</robot>", '<material name="red"><color rgba="1 0 0"/></material></robot>'))
     assert codes(load_robot(write(tmp_path, text))) == ["color"]

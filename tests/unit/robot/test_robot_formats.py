@@ -17,7 +17,7 @@ from support.small_arms import ROBOTS, line_of, write
 from support.two_links import GOOD, Q, declared
 
 from armflex import Arm, load_arm, make_arm
-from armflex.errors import ArmflexWarning, UnsupportedError, UntrustedError, UrdfError
+from armflex.errors import ArmFileError, ArmflexWarning, UnsupportedError, UntrustedError, UrdfError
 from armflex.export.urdf_file import export
 from armflex.robot import load_robot
 
@@ -528,6 +528,69 @@ def test_a_trusted_xacro_reads_the_environment(tmp_path: Path, monkeypatch: pyte
     path = asking(tmp_path, "$(env REACH)", "")
     monkeypatch.setenv("REACH", "1.0")
     assert load_arm(path, trust=path).robot.reach == load_robot(write(tmp_path, GOOD)).reach
+
+
+ARGUED = XACRO.replace(OPEN, f'{OPEN}<xacro:arg name="long"/>').replace("${0.5 + 0.5}", "$(arg long)")
+
+
+@with_xacro
+@pytest.mark.parametrize("value", ["1.0", '"1.0"'])
+def test_arguments_of_xacro_are_a_key(tmp_path: Path, value: str) -> None:
+    """Also where the file has no suffix of xacro."""
+    write(tmp_path, ARGUED, "robot.xml")
+    path = declared(tmp_path, ('"robot.urdf"', f'"robot.xml"\nxacro_arguments = {{ long = {value} }}'))
+    assert load_arm(path).robot.reach == load_robot(write(tmp_path, GOOD)).reach
+
+
+@with_xacro
+@pytest.mark.parametrize(
+    ("given", "match"),
+    {
+        "": r"its argument 'long' has no value; \[robot\] xacro_arguments = .*xacro robot\.xml NAME:=VALUE",
+        "long = 1.0, lnog = 2": r"it has no argument 'lnog' \(known: .*long",
+        "long = [1]": r"is \[1\], expected a text, a number, true or false",
+        'long = "short"': r"'short' is not a finite decimal number",
+    }.items(),
+)
+def test_arguments_of_xacro_that_cannot_be(tmp_path: Path, given: str, match: str) -> None:
+    write(tmp_path, ARGUED, "robot.xml")
+    path = declared(tmp_path, ('"robot.urdf"', f'"robot.xml"\nxacro_arguments = {{ {given} }}'))
+    with pytest.raises((UrdfError, ArmFileError), match=match):
+        load_arm(path)
+
+
+def test_a_urdf_has_no_arguments(tmp_path: Path) -> None:
+    with pytest.raises(UrdfError, match="is no xacro file, and has no arguments"):
+        load_robot(write(tmp_path, GOOD), xacro_arguments={"a": "1"})
+
+
+@with_xacro
+@pytest.mark.parametrize(("name", "place"), [("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")])
+def test_packages_of_xacro_are_where_ros_has_them(
+    tmp_path: Path, name: str, place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "ws" / place / "far_away"
+    package.mkdir(parents=True)
+    write(package, f'{OPEN}<xacro:property name="k" value="1.0"/></robot>', "k.xacro")
+    (tmp_path / "own").mkdir()
+    head = '<xacro:include filename="$(find far_away)/k.xacro"/>'
+    text = GOOD.replace('<robot name="two_link">', OPEN + head).replace('xyz="1.0 0 0"', 'xyz="${k} 0 0"')
+    path = write(tmp_path / "own", text, "robot.xacro")
+    with pytest.raises(
+        UrdfError, match=r"no package 'far_away'.*ROS_PACKAGE_PATH.*AMENT_PREFIX_PATH.*xacro robot\.xacro"
+    ):
+        load_robot(path)
+    monkeypatch.setenv(name, f"{tmp_path / 'nothing'}:{tmp_path / 'ws'}")
+    assert load_robot(path).reach == load_robot(write(tmp_path, GOOD)).reach
+
+
+@with_xacro
+def test_xacro_knows_the_folder_of_its_file(tmp_path: Path) -> None:
+    (tmp_path / "inside").mkdir()
+    write(tmp_path / "inside", f'{OPEN}<xacro:property name="k" value="1.0"/></robot>', "k.xacro")
+    head = '<xacro:include filename="$(dirname)/inside/k.xacro"/>'
+    text = GOOD.replace('<robot name="two_link">', OPEN + head).replace('xyz="1.0 0 0"', 'xyz="${k} 0 0"')
+    assert load_robot(write(tmp_path, text, "r.xacro")).reach == load_robot(write(tmp_path, GOOD)).reach
 
 
 @with_xacro

@@ -293,7 +293,7 @@ def test_meshes_that_cannot_be_read(tmp_path: Path, filename: str, content: byte
 def test_mesh_that_is_too_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "m.stl").write_bytes(TRIANGLE)
     monkeypatch.setattr(scene_3d, "MAX_BYTES", 100)
-    with pytest.raises(UrdfError, match="larger than 100 bytes"):
+    with pytest.raises(UrdfError, match="larger than the 100 bytes"):
         meshed(tmp_path, "m.stl")()
 
 

@@ -1,0 +1,237 @@
+"""What the page of a checked path shows: every via-point with its margin, a picture, and what it all rests on."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import date
+from types import SimpleNamespace
+
+import numpy as np
+import pinocchio
+
+from armflex.arm import Arm
+from armflex.conventions import Array, number
+from armflex.errors import ArmflexError, listing, naming
+from armflex.mechanics.deflection import Deflection
+from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MARK, MUTED, canvas, cut, grid, inline
+from armflex.show.report.words import millimetres
+from armflex.show.view.arm_scene import Motion, nice_magnification
+from armflex.tasks.check import CheckReport, Point
+from armflex.tasks.settle import ModesAt, Settling, SettlingReport, modes_along, settle
+from armflex.trajectory import Trajectory
+from armflex.version import __version__
+
+COLOURS = {"ok": AFTER, "uncertain": MARK, "fail": BEFORE}
+
+MOST = 60
+"""Via-points that a figure has room for."""
+
+
+@dataclass(frozen=True)
+class CheckedPath:
+    """A path that was checked, with all that its page says.
+
+    Attributes:
+        arm: The arm.
+        path: The path as it was checked, with its loads.
+        report: Of `check`.
+        within: Distance from rest up to which the tip counts as settled [m].
+        covariates: What the arm's effects depend on and no column gives.
+        files: What was read, by what it is: arm, path, desired path.
+        swing: Of `settle` where that is known already.
+    """
+
+    arm: Arm
+    path: Trajectory
+    report: CheckReport
+    within: float
+    covariates: Mapping[str, float] = field(default_factory=dict)
+    files: Mapping[str, str] = field(default_factory=dict)
+    swing: SettlingReport | None = None
+
+
+def account(found: CheckedPath) -> SimpleNamespace:
+    """Return what the template shows."""
+    arm, report = found.arm, found.report
+    points = report.via_points or tuple(sorted(report.rows, key=lambda one: one.badness))[:MOST]
+    swing, modes, left = _swings(found)
+    frequencies = {(one.name, one.time): one for one in modes}
+    settled = {(one.name, one.time): one for one in swing.via_points} if swing else {}
+    worst, moves = report.path_worst, "off by" if found.path.is_moved or "desired path" in found.files else "moves"
+    asked = f"{report.tolerance_m * 1e3:g} mm"
+    asked += "" if report.angle_rad is None else f" and {report.angle_rad * 1e3:g} mrad"
+    verdict = "within" if report.ok else "NOT within" if worst.verdict == "fail" else "not certain to be within"
+    where = f"at {worst.name}" if worst.name else f"between via-points, at {worst.time:g} s"
+    cards = [
+        ("Largest displacement", millimetres(worst.displacement_m, worst.sigma_m), where),
+        ("Smallest margin", millimetres(min(one.margin_m for one in (*points, worst))), f"of {asked}"),
+    ]
+    slow = min((one for one in modes if len(one.frequencies)), key=lambda one: one.frequencies[0], default=None)
+    if slow is not None:
+        cards.append(("Slowest first frequency", f"{slow.frequencies[0]:.3g} Hz", f"at {slow.name}"))
+    if swing and swing.via_points:
+        last = max(swing.via_points, key=lambda one: one.settle_s)
+        note = f"until within {found.within * 1e3:g} mm, at {last.name or 'the last row'}"
+        cards.append(("Longest settling", f"{number(last.settle_s, 3)} s", note))
+    angle = report.angle_rad is not None
+    head = ["via-point", "time s", "payload", f"{moves} mm", "margin mm", "turns mrad", *(["margin mrad"] * angle)]
+    rows = tuple(_row(one, frequencies.get((one.name, one.time)), settled.get((one.name, one.time))) for one in points)
+    flags = dict.fromkeys((*arm.flags, *report.flags, *(swing.flags if swing else ())))
+    return SimpleNamespace(
+        title=f"{arm.robot.urdf.name}: loaded path against {asked}",
+        headline=f"The path is {verdict} {asked}.",
+        lead=(
+            f"{len(report.via_points) or 'No'} via-points and the path between them, {report.samples} configurations. "
+            "The displacement is that of the loaded tip from where "
+            + ("it is meant to be." if moves == "off by" else "the rigid arm would have it."),
+            *([] if report.via_points else [f"The path names no via-points: its {len(points)} worst rows are listed."]),
+            *(f"{one.name or 'between'} at {one.time:g} s: {one.reason}." for one in (*points, worst) if one.reason),
+        ),
+        cards=tuple(cards),
+        picture=_picture(found, points),
+        bars=_bars(found, points),
+        head=[*head, "verdict", "cause", "first frequency Hz", "settles in s", "peak mm"],
+        points=rows,
+        worst=(_row(worst, None, None)[: len(head) + 2],),
+        worst_head=[*head, "verdict", "cause"],
+        left=left,
+        campaign=_rests_on(found, asked),
+        flags=[flag.text for flag in flags],
+    )
+
+
+def _swings(found: CheckedPath) -> tuple[SettlingReport | None, tuple[ModesAt, ...], str]:
+    """Return how the arm swings at the via-points, and why that is not known where it is not."""
+    try:
+        modes = modes_along(found.arm, found.path, found.covariates, 1)
+        return found.swing or settle(found.arm, found.path, found.within, found.covariates), modes, ""
+    except ArmflexError as error:
+        return None, (), f"First frequencies and settling times are not computed: {error}"
+
+
+def _row(point: Point, modes: ModesAt | None, swing: Settling | None) -> tuple[str, ...]:
+    """Return the cells of a via-point; lengths in mm, angles in mrad."""
+    return (
+        point.name or "between",
+        f"{point.time:g}",
+        point.payload,
+        millimetres(point.displacement_m, point.sigma_m).removesuffix(" mm"),
+        number(point.margin_m * 1e3, 3),
+        number(point.rotation_rad * 1e3, 3),
+        *([] if point.margin_rad is None else [number(point.margin_rad * 1e3, 3)]),
+        point.verdict,
+        point.cause or "none",
+        "–" if modes is None or not len(modes.frequencies) else f"{modes.frequencies[0]:.3g}",
+        "–" if swing is None else number(swing.settle_s, 3),
+        "–" if swing is None else number(swing.peak_m * 1e3, 3),
+    )
+
+
+def _picture(found: CheckedPath, points: tuple[Point, ...]) -> str:
+    """Return the arm at its worst via-point, rigid and flexed, and the path of its rigid tip: from side and above."""
+    arm = found.arm
+    path = found.path.with_constants(arm, found.covariates).prepared(arm)
+    row = int(np.argmin(np.abs(path.time - points[0].time)))
+
+    def at(i: int) -> Deflection:
+        with naming(path.where(i)):
+            return arm.deflection(path.q[i], path.payload[i], **path.asked(i), enforce_limits=False)
+
+    try:
+        here = at(row)
+        tips = np.array([at(i).link_poses(0.0)[arm.robot.tip][:3, 3] for i in _some(path, points)]) @ arm.robot.mount.T
+        named = {one: at(int(np.argmin(np.abs(path.time - one.time)))) for one in points[:MOST]}
+    except ArmflexError as error:  # a joint beyond its limit, an arm that buckles
+        return f"<p>No picture: {cut(str(error), 200).replace('<', '(').replace('&', '+')}</p>"
+    factor = nice_magnification(arm, Motion(np.zeros(1), (here,), 0))
+    figure, axes = canvas(10.0, 4.6, 1, 2)
+    for panel, up, name in zip(axes, (2, 1), ("from the side", "from above"), strict=True):
+        panel.plot(tips[:, 0], tips[:, up], color=MUTED, linewidth=1.0)
+        for scale, colour, style in ((0.0, MUTED, DASHED), (factor, INK, "solid")):
+            line = _chain(here, scale)
+            panel.plot(line[:, 0], line[:, up], color=colour, linestyle=style, linewidth=1.6, marker="o", markersize=3)
+        for one, stands in named.items():
+            tip = arm.robot.mount @ stands.link_poses(0.0)[arm.robot.tip][:3, 3]
+            panel.plot(tip[0], tip[up], "o", color=COLOURS[one.verdict], markersize=6)
+            if one.name and len(named) <= 12:
+                panel.annotate(cut(one.name, 18), (tip[0], tip[up]), (4, 4), textcoords="offset points", color=INK)
+        panel.set(xlabel="x [m]", ylabel=f"{'xyz'[up]} [m]", title=name, aspect="equal")
+        panel.set_adjustable("datalim")
+        grid(panel)
+    axes[0].set_title(f"from the side, at {cut(points[0].name or f'{points[0].time:g} s')}, bent {factor:g} times")
+    return inline(figure, "the arm at its worst via-point")
+
+
+def _some(path: Trajectory, points: tuple[Point, ...]) -> list[int]:
+    """Return rows that show a path: some hundred evenly, and every one that is named."""
+    return sorted({*np.linspace(0, len(path) - 1, min(len(path), 120)).astype(int).tolist()})
+
+
+def _chain(found: Deflection, factor: float) -> Array:
+    """Return (k, 3) origins of the links from base to tip in a level world [m]."""
+    robot, poses = found.arm.robot, found.link_poses(factor)
+    return np.array([np.zeros(3), *(poses[joint.child][:3, 3] for joint in robot.chain)]) @ robot.mount.T
+
+
+def _bars(found: CheckedPath, points: tuple[Point, ...]) -> str:
+    """Return the displacement of every via-point beside the tolerance, in the order of the path."""
+    shown = sorted(points[:MOST], key=lambda one: one.time)
+    figure, (axes,) = canvas(10.0, 2.8)
+    place = np.arange(len(shown))
+    finite = [min(1e3 * one.displacement_m, 1e6) for one in shown]
+    axes.bar(place, finite, width=0.6, color=[COLOURS[one.verdict] for one in shown])
+    std = [2e3 * one.sigma_m if one.sigma_m is not None and np.isfinite(one.sigma_m) else 0.0 for one in shown]
+    axes.errorbar(place, finite, std, fmt="none", ecolor=INK, linewidth=1.0)
+    axes.axhline(1e3 * found.report.tolerance_m, color=MUTED, linestyle=DASHED, linewidth=1.0)
+    axes.set_xticks(place, [cut(one.name or f"{one.time:g} s", 12) for one in shown],
+                    rotation=90 if len(shown) > 12 else 0)  # fmt: skip
+    axes.set(ylabel="mm")
+    grid(axes, "y")
+    return inline(figure, "displacement of every via-point")
+
+
+def _rests_on(found: CheckedPath, asked: str) -> tuple[tuple[str, str], ...]:
+    """Return what the verdict rests on: files, how the arm is known, loads, versions, date."""
+    arm, path = found.arm, found.path
+    if arm.certainty is not None:
+        known = "calibrated: ± is of the fit to its campaign, and of the compliances that state a deviation"
+    elif any(flexure.law.uncertain for flexure in arm.flexures):
+        known = "as declared, not calibrated: ± is of the compliances that state a deviation"
+    else:
+        known = "as declared, not calibrated; no uncertainty is stated, so none is in the verdict"
+    rows = [(f"File of the {what}", f"{name}{_sha256(name)}") for what, name in found.files.items()]
+    loads = f"payload {listing(dict.fromkeys(path.payload))}"
+    pushed = max((float(np.max(one.sizes[0], initial=0.0)) for one in path.wrenches if not one.hangs), default=0.0)
+    loads += f", loads from outside up to {pushed:.4g} N" if pushed else ", no load from outside"
+    effects = listing(effect.title for effect in arm.effects) if arm.effects else "none"
+    damping = "0.01, assumed" if arm.damping_ratio is None else f"{arm.damping_ratio:g}"
+    solver: str = pinocchio.__version__  # pyright: ignore[reportAttributeAccessIssue]
+    versions = f"armflex {__version__}, Pinocchio {solver}, NumPy {np.__version__}, Python {platform.python_version()}"
+    covariates = listing(f"{name} = {value:g}" for name, value in found.covariates.items())
+    return (
+        ("Arm", f"{arm.robot.urdf.name}, {arm.robot.base} to {arm.robot.tip}"),
+        ("How it is known", known),
+        ("Effects beside the flexures", effects),
+        *rows,
+        ("Tolerance", asked),
+        ("Loads", loads),
+        *([("Taken as", covariates)] if found.covariates else []),
+        ("Uncertain", "the margin is within two standard uncertainties"),
+        ("Swing", f"drives stop at the via-point; settled within {found.within * 1e3:g} mm; damping ratio {damping}"),
+        ("Made on", date.today().isoformat()),
+        ("Made with", versions),
+    )
+
+
+def _sha256(name: str) -> str:
+    """Return the digest of a file, as a remark; nothing where it cannot be read again."""
+    from pathlib import Path
+
+    from armflex.storage.trust import sha256_of
+
+    try:
+        return f", SHA-256 {sha256_of(Path(name))}" if Path(name).is_file() else ""
+    except ArmflexError:
+        return ""
