@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -43,18 +44,27 @@ class Doing:
         return f"{text} [{effects}; RMS {said_of(self.rms, self.unit)}]"
 
 
+class OutOfTimeError(KeyboardInterrupt):
+    """The CPU time has passed that a search may take: it ends wherever it is, as after Ctrl-C."""
+
+
 class Reporter:
     """Hands on what a search is at; it costs a call, so that the innermost loops may say it.
 
     Attributes:
         report: Called with what is being done, in words, once for every stage.
         progress: Called with all of it, often.
+        until: CPU time of this process [s] after which whatever is said next ends with `OutOfTimeError`.
     """
 
     def __init__(
         self, report: Callable[[str], None] | None = None, progress: Callable[[Doing], None] | None = None
     ) -> None:
-        self.report, self.progress, self.doing = report, progress, Doing()
+        self.report, self.progress, self.doing, self.until = report, progress, Doing(), float("inf")
+
+    def limit(self, seconds: float) -> None:
+        """Let what goes on take so many seconds of CPU time from now on."""
+        self.until = time.process_time() + seconds
 
     def stage(self, text: str) -> None:
         """Say that a stage begins."""
@@ -72,6 +82,8 @@ class Reporter:
 
     def say(self, **changed: Any) -> None:
         """Say what has changed of what it is at, or of what there is so far."""
+        if time.process_time() > self.until:
+            raise OutOfTimeError
         if self.progress:
             self.doing = replace(self.doing, **changed)
             self.progress(self.doing)

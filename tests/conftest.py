@@ -7,11 +7,13 @@ import gc
 import resource
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
 import pytest
 
+from armflex.cli import terminal
 from armflex.mechanics.many_rows import kernel
 
 hypothesis.settings.register_profile("armflex", deadline=None)  # a machine that is busy fails no test
@@ -26,13 +28,21 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compile the engines once, before the workers start: they would each, and code compiled apart rounds otherwise."""
     if not hasattr(config, "workerinput"):
         command, root = [sys.executable, "-m", "armflex", "compile"], Path(__file__).parents[1]
-        subprocess.run(command, cwd=root, stdout=subprocess.DEVNULL, check=True, timeout=600)
+        subprocess.run(command, cwd=root, stdout=subprocess.DEVNULL, check=True, timeout=3600)
 
 
 @pytest.fixture(scope="session", autouse=True)
 def engine() -> None:
     """Load the kernel, as in a process that has asked about many rows; how few are answered has tests of its own."""
     kernel()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def unhurried() -> Iterator[None]:
+    """Have no line say that a command still goes on: on a busy machine one more would be there than on another."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(terminal, "EVERY", float("inf"))
+        yield
 
 
 @pytest.hookimpl(trylast=True)  # after fixtures have ended

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +15,9 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.calibrate_command import campaigns_json, outlier_json, print_campaigns, scaled
-from armflex.cli.terminal import doing, number, print_table, say, say_written, show_flags, show_stage, warn
+from armflex.cli.terminal import doing, number, print_table, say, say_written, show_flags, show_stage
 from armflex.conventions import SHOWN
 from armflex.errors import InputError, enough_memory, listing
-from armflex.files.arm_file import accepted_effects
 from armflex.files.effect_file import names_of
 from armflex.laws.effects.effect import Effect, EffectLaw
 from armflex.laws.effects.in_arm import derived_directions
@@ -28,7 +30,7 @@ from armflex.result import plain, record
 from armflex.show.report import write_report
 from armflex.show.report.summary import further, headline
 from armflex.storage.whole_file import together
-from armflex.trace import trace
+from armflex.trace import MOST_MINUTES, trace
 from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, write_traced
 
 MOST_LINES = 8
@@ -48,8 +50,14 @@ MOST_ADVICE = 3
 )
 @options.settable
 @click.option(
-    "--resume", is_flag=True, help="Begin with what an interrupted trace had accepted, in the output's arm.toml."
+    "--minutes",
+    type=click.FloatRange(0.0, min_open=True),
+    default=MOST_MINUTES,
+    metavar=f"{MOST_MINUTES:g}",
+    show_default=True,
+    help="CPU time that the search may take; then it ends with what it has, and says so.",
 )
+@click.option("--resume", is_flag=True, hidden=True)
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @options.campaign
 def command(
@@ -58,53 +66,57 @@ def command(
     report_path: Path | None,
     ask: int | None,
     covariates: dict[str, list[float]],
+    minutes: float,
     resume: bool,
     keep: bool,
     anyway: bool,
     measured: Callable[[Arm], Measurements],
     lax: bool,
-) -> None:
+) -> int:
     """Calibrate, find the effects that explain the residual, add them, and report the errors before and after.
 
     Effects are selected by their posterior probability, and each is listed with its own and with what else it may be.
     Several campaigns of one machine are traced together: what they have in common is named once, and what is of one of
-    them depends on the column `campaign`.
-    After every state that the search accepts the arm.toml and the JSON are written, marked unfinished; the page is
-    drawn at the end, or when the search is interrupted. Effects with which held-out poses are predicted worse than by
-    the calibrated arm, beyond chance, are withdrawn.
+    them depends on the column `campaign`. Effects with which held-out poses are predicted worse than by the calibrated
+    arm, beyond chance, are withdrawn.
+
+    Ctrl-C, or SIGTERM, ends the search with what it has accepted: the files are written, marked unfinished, and the
+    exit code is 1.
     """
+    if resume:
+        raise click.UsageError("--resume is no more: leave it out; --minutes N gives a search the time that it needs")
     if covariates and ask is None:
         raise InputError("--covariates are values for the rows of --ask")
     outputs = Outputs(arm_path, output, report_path, options.json_path())
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = measured(arm)
-    accepted = accepted_effects(arm_path, output, measurements.sha256) if resume else ()
-    finished, passing = list[Trace](), list[Trace]()
-    try:
-        with enough_memory(f"{len(measurements)} rows"):
-
-            def account(found: Trace) -> None:
-                show_stage("writing what was accepted so far" if found.unfinished else "writing")
-                if not found.unfinished:
-                    finished.append(found)
-                elif report_path:
-                    passing[:] = [found]
-                outputs.write(found, page=not found.unfinished)
-
-            trace(arm, measurements, None, show_stage, keep, account, doing, anyway, ask or 0, covariates, accepted)
-    except BaseException:  # Ctrl-C, too
-        for found in passing if not finished else ():
-            outputs.write(found, ended=True)
-        raise
-    finally:  # also where it could not be written
-        for found in finished:
+    with enough_memory(f"{len(measurements)} rows"), _interruptible():
+        found = trace(arm, measurements, None, show_stage, keep, doing, anyway, ask or 0, covariates, minutes)
+        show_stage("writing")
+        try:
+            outputs.write(found)
+        finally:  # also where it could not be written
             print_trace(found)
             derived = derived_directions(found.arm, measurements, found.rows)
             show_flags((*measurements.flags, *derived, *found.flags))
-    if ask and not any(found.asked for found in finished):
+    if ask and not found.asked:
         say("No rows are asked for: none would decide what is in question.")
-    written = [*(outputs.rows(found) for found in finished if found.asked), output, report_path]
-    say_written(*written)
+    say_written(*([outputs.rows(found)] if found.asked else []), output, report_path)
+    return int(found.unfinished)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Have SIGTERM raise `KeyboardInterrupt`, too, and SIGINT where a script's shell ignores it in the background."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {one: signal.signal(one, signal.default_int_handler) for one in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for one, handler in before.items():
+            signal.signal(one, handler)
 
 
 @dataclass(frozen=True)
@@ -120,31 +132,24 @@ class Outputs:
         """Return where the rows go that were asked for, None where none were."""
         return None if found.asked is None else self.arm.parent / f"{found.asked.stem}.csv"
 
-    def write(self, found: Trace, page: bool = True, ended: bool = False) -> None:
-        """Write all of them or none, the page where it is asked for.
-
-        A search that goes on is not ended by a full disk: it says so. Where it was `ended` before, that error counts.
+    def write(self, found: Trace) -> None:
+        """Write all of them or none.
 
         Raises:
-            FileError: A file of the finished account cannot be written.
+            FileError: One cannot be written.
         """
         writers: list[tuple[Path | None, Callable[[Path], object]]] = [
             (self.arm, lambda path: write_traced(self.declared, found, path)),
             (self.json, lambda path: options.write_json(as_json(found), path)),
-            (self.report if page else None, lambda path: write_report(found, path)),
+            (self.report, lambda path: write_report(found, path)),
         ]
         if found.asked is not None:
             asked = found.asked
             writers.append((self.rows(found), lambda path: write_plan(asked, path)))
-        try:
-            with together():
-                for path, write in writers:
-                    if path is not None and not (found.unfinished and path.exists() and not path.is_file()):
-                        write(path)  # a pipe gets one account
-        except Exception as error:
-            if not found.unfinished:
-                raise
-            warn(f"{error}; {'the files stay as they were before' if ended else 'the search goes on'}")
+        with together():
+            for path, write in writers:
+                if path is not None:
+                    write(path)
 
 
 def print_trace(found: Trace) -> None:
@@ -246,11 +251,13 @@ def as_json(found: Trace) -> dict[str, Any]:
         "format": "armflex-trace-1",
         **({} if found.nothing is None else record(found, "nothing")),
         **({"unfinished": True} if found.unfinished else {}),
+        **({"ended": found.ended} if found.ended else {}),
         "rows": len(found.rows) + len(found.unjudged),
         **campaigns_json(found.campaigns, stages),
         **{f"{name}_mm": scaled(value, 1e3) for name, value in errors.items()},
         **({} if unit == "m" else errors | {"unit": unit}),
-        "effects": [_effect_json(one) for one in found.found],
+        "effects": [_effect_json(one) for one in found.found]
+        or [place_json(one.law, one.location) | {"parameters": _values_json(one, std)} for one, std in found.accepted],
         "unexplained": left
         and record(left, "axis std unit")
         | {"site": left.site and left.site.removeprefix(LINK), "rms_mm": left.rms * 1e3, "covariates": []},

@@ -77,7 +77,7 @@ class PoseBlock(Block):
             name=RANDOM,
             words=Words(RANDOM, "", ""),
             places=lambda records: (),
-            amplitudes=(Amplitude("twist", "{m}"),) * count,
+            amplitudes=tuple(Amplitude(f"pose {i}", "{m}") for i in range(count)),
             terms=lambda here, inner: twists(here.direction, *own),
             physical=False,
         )

@@ -6,8 +6,6 @@ What a fit found is written beside what was declared, comments and all: [calibra
 from __future__ import annotations
 
 import os
-import tomllib
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -23,11 +21,9 @@ from armflex.conventions import SMALLEST_STD, TWIST_NAMES
 from armflex.declaration import Declaration, Source, read_toml
 from armflex.errors import (
     ArmFileError,
-    FileError,
     Flag,
     InputError,
     PayloadError,
-    Place,
     UnknownNameError,
     UrdfError,
     did_you_mean,
@@ -50,7 +46,6 @@ from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import positive, read_spring
 from armflex.laws import read_law
 from armflex.laws.declared import law_name, soft
-from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.carried import AtNode
@@ -63,7 +58,7 @@ from armflex.readings.instrument import Instrument
 from armflex.robot import Robot, load_robot
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
 from armflex.storage.trust import trusting
-from armflex.storage.whole_file import remove, together, write_whole
+from armflex.storage.whole_file import together, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
 """Suffixes of files that hold a robot and no arm."""
@@ -478,7 +473,7 @@ def write_arm(
         campaign: What it was fitted to.
         path: The arm.toml to write; files named in it are named relative to its folder.
         effects: Tables of what was found beyond what was declared, see `effect_table`.
-        unfinished: Whether the search for them was still going on.
+        unfinished: Whether the search for them was ended at once.
     """
     import tomlkit  # only when an arm is written
 
@@ -502,9 +497,6 @@ def write_arm(
         for name in REMARKS.keys() & calibration.keys():
             fitted[name].comment(REMARKS[name])
         document.append("calibration", fitted)
-        for file in _passing(path):
-            if file.name != calibration.get("covariance_file"):
-                remove(file)
         return write_whole(path, tomlkit.dumps(document).encode())
 
 
@@ -524,47 +516,6 @@ def write_prior(declared: Path, each: Mapping[str, tuple[float, float]], path: P
     document["prior"].pop("each", None)
     document["prior"].append("each", tomlkit.item({label: list(pair) for label, pair in each.items()}))
     return write_whole(path, tomlkit.dumps(document).encode())
-
-
-def accepted_effects(declared: Path, path: Path, sha256: str) -> tuple[Effect, ...]:
-    """Return the effects that an unfinished trace had added to a declared arm.toml.
-
-    Args:
-        declared: The arm.toml that is traced.
-        path: The one that was written.
-        sha256: Of the campaign.
-
-    Raises:
-        FileError: It is not there, or no arm.toml of an unfinished trace, or that of another campaign or another arm.
-    """
-    if not path.exists():
-        raise FileError(Place(path), "does not exist: there is nothing to resume")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # that it is unfinished
-        arm = load_arm(path)
-    document, own = (tomllib.loads(file.read_text(encoding="utf-8-sig")) for file in (path, declared))
-    _move_files(own, declared.parent.resolve(), path.parent.resolve())
-    table, count = document.pop("calibration", {}), len(own.setdefault("effect", []))
-    own.pop("calibration", None)
-    document["effect"] = document.get("effect", [])[:count]
-    if not table.get("unfinished"):
-        raise FileError(Place(path), "is of no unfinished trace: there is nothing to resume")
-    if table.get("measurements_sha256") != sha256:
-        raise FileError(Place(path), "is of a trace of another campaign: it is resumed with the same rows only")
-    if document != own:
-        raise FileError(Place(path), f"is of a trace of another arm than {declared}")
-    return arm.effects[count:]
-
-
-def _passing(path: Path) -> list[Path]:
-    """Return the file beside an unfinished arm.toml that holds its covariance: it belongs to that arm.toml."""
-    try:  # a device or a pipe may have no end
-        document = tomllib.loads(path.read_text(encoding="utf-8") if path.is_file() else "")
-    except (OSError, ValueError):
-        return []
-    name = document.get("calibration", {}).get("covariance_file")
-    ours = isinstance(name, str) and name.startswith(f"{path.stem}.unfinished-") and Path(name).name == name
-    return [path.with_name(name)] if name and ours else []
 
 
 def _move_files(table: Any, old: Path, new: Path) -> None:

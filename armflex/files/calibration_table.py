@@ -7,7 +7,6 @@ second on have their number before the parameter, in the order of the file: 'eff
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -48,7 +47,7 @@ from armflex.storage.schema import Numbers
 
 LARGEST_LOGARITHM = 200.0
 """Of the factor by which a compliance was found to be softer or stiffer; what nothing determines may wander far."""
-UNFINISHED = "written while `armflex trace` was still searching: more effects may be missing, none was compared"
+UNFINISHED = "written when `armflex trace` was interrupted: more effects may be missing, none was compared"
 
 REMARKS = {
     "joint_offset": "added to the controller's positions [rad or m]",
@@ -90,7 +89,7 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         arm: With its instrument and its certainty. What effects change in it is in their own tables alone, so that
             nothing is applied twice.
         campaign: What it was fitted to.
-        unfinished: Whether a search for what it lacks was still going on.
+        unfinished: Whether a search for what it lacks was ended at once.
     """
     assert arm.instrument is not None and arm.certainty is not None
     instrument, corrections = arm.instrument, arm.corrections
@@ -376,10 +375,7 @@ def with_covariance(table: dict[str, Any], path: Path) -> dict[str, Any]:
     covariance = table["covariance"]
     if len(covariance) <= MOST_ROWS:
         return table | {"covariance": [_rounded(row[: i + 1]) for i, row in enumerate(covariance)]}
-    # The arm.toml that is there stays whole until the new one takes its place: it keeps its own covariance.
-    digest = hashlib.sha256(covariance.tobytes()).hexdigest()[:8]
-    passing = f".unfinished-{digest}" if table.get("unfinished") else ""
-    beside = path.with_suffix(f"{passing}.covariance.safetensors")
+    beside = path.with_suffix(".covariance.safetensors")
     written = write_arrays(beside, LAYOUT, {"covariance": covariance}, {"parameters": table["parameters"]})
     others = {key: value for key, value in table.items() if key != "covariance"}
     return others | {"covariance_file": beside.name, "covariance_sha256": written}

@@ -35,6 +35,10 @@ class Row:
             raise MissingCovariateError(name, self.covariates)
         return self.covariates[name]
 
+    def has(self, name: str) -> bool:
+        """Return whether there is a column, or a joint's position, of a name."""
+        return name in self.covariates or (name.startswith("q_") and name[2:] in self.joint_index)
+
     def column(self, name: str) -> Array:
         """Return the (...,) values of a column, or of a joint's position ('q_J')."""
         if name.startswith("q_") and name[2:] in self.joint_index:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -39,8 +39,8 @@ class Kind(ABC):
         name: Of the sensor that read it; '' is the instrument that looks at the tip.
     """
 
-    values: Array
-    sigma: Array
+    values: Array = field(repr=False)
+    sigma: Array = field(repr=False)
     name: str = ""
 
     dimension: ClassVar[int]

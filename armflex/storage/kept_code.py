@@ -30,8 +30,8 @@ from numba.core.typing.templates import builtin_registry
 
 log = logging.getLogger(__name__)
 
-WAITED = 600.0
-"""Tolerance: seconds after which a process compiles beside another one that still does."""
+WAITED = 10.0
+"""Tolerance: seconds after which a process compiles beside another one that still does: alone it takes a minute."""
 
 COUNTS = "argcount", "posonlyargcount", "kwonlyargcount", "flags"
 CODE = *COUNTS, "code", "consts", "names", "varnames", "freevars", "cellvars", "exceptiontable"
@@ -182,7 +182,7 @@ def compiled_once(*functions: Any) -> Iterator[None]:
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        log.warning("another process compiles: waiting for it")
+        log.warning("another process compiles: waiting for it, %g s at most", WAITED)
         with suppress(Timeout):
             lock.acquire(timeout=WAITED)
     except (OSError, NotImplementedError):  # read-only, or without locks

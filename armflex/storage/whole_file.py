@@ -32,11 +32,11 @@ class _Staged:
     """What was written and is not yet in its place.
 
     Attributes:
-        files: Temporary file and place of each; None for the temporary one where a file is to be removed.
+        files: Temporary file and place of each.
         streams: Path of each pipe, device or own stream, the number of an own one, and what goes there.
     """
 
-    files: list[tuple[Path | None, Path]] = field(default_factory=list)
+    files: list[tuple[Path, Path]] = field(default_factory=list)
     streams: list[tuple[Path, int | None, IO[bytes]]] = field(default_factory=list)
 
 
@@ -76,8 +76,7 @@ def together() -> Iterator[None]:
         _replace(staged.files)
     finally:
         for temporary, _ in staged.files:
-            if temporary is not None:
-                temporary.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
         for _, _, content in staged.streams:
             content.close()
 
@@ -121,18 +120,6 @@ def scratch(**files: str) -> Iterator[Path]:
         yield Path(folder)
 
 
-def remove(path: Path) -> None:
-    """Remove a file that nobody needs any more, inside `together` with what is written there.
-
-    Raises:
-        FileError: That is not possible.
-    """
-    with together():
-        staged = _staged.get()
-        assert staged is not None
-        staged.files.append((None, path))
-
-
 def is_replaced(path: Path) -> bool:
     """Return whether `write_whole` makes a new file in the path's folder, which must then be writable."""
     there = _status(path)
@@ -159,12 +146,12 @@ def _own_stream(there: os.stat_result) -> int | None:
 
 
 @contextmanager
-def _naming(path: Path, done: str = "written") -> Iterator[None]:
+def _naming(path: Path) -> Iterator[None]:
     """Raise what the system refuses inside as a `FileError` about a path."""
     try:
         yield
     except OSError as error:
-        raise FileError(Place(path), f"cannot be {done}: {error.strerror or error}") from None
+        raise FileError(Place(path), f"cannot be written: {error.strerror or error}") from None
 
 
 def _send(path: Path, number: int | None, content: IO[bytes]) -> None:
@@ -205,21 +192,21 @@ def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.name[:LONGEST]}.{secrets.token_hex(4)}")
 
 
-def _replace(files: list[tuple[Path | None, Path]]) -> None:
+def _replace(files: list[tuple[Path, Path]]) -> None:
     """Put every temporary file in its place, or leave all places as they were."""
     kept: dict[Path, Path] = {}
     done: list[Path] = []
     try:
-        for temporary, path in [pair for pair in files if pair[1].exists()] if len(files) > 1 else ():
+        for path in [place for _, place in files if place.exists()] if len(files) > 1 else ():
             kept[path] = _temporary(path)
-            with _naming(path, "written" if temporary else "removed"):
+            with _naming(path):
                 try:
                     os.link(path, kept[path])
                 except OSError:  # a file system without links
                     shutil.copy2(path, kept[path])
         for temporary, path in files:
-            with _naming(path, "written" if temporary else "removed"):
-                os.replace(temporary, path) if temporary else path.unlink(missing_ok=True)
+            with _naming(path):
+                os.replace(temporary, path)
             done.append(path)
     except BaseException:
         for path in done:

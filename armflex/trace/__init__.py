@@ -9,17 +9,19 @@ import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
-from armflex.errors import ArmflexError, ConventionError, InputError
+from armflex.errors import InputError
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
 from armflex.measured.table import Tabular
 from armflex.plan import MOST_ASKED
 
 if TYPE_CHECKING:
-    from armflex.laws.effects.effect import Effect
     from armflex.progress import Doing
     from armflex.trace.findings import Trace
     from armflex.trace.search import Standing
+
+MOST_MINUTES = 10.0
+"""Tolerance: CPU time of a search [min]: three campaigns of 24 effects traced together take half of it."""
 
 
 @checked_kinds
@@ -29,16 +31,18 @@ def trace(
     rows: np.ndarray | None = None,
     report: Callable[[str], None] | None = None,
     keep: bool = False,
-    account: Callable[[Trace], None] | None = None,
     progress: Callable[[Doing], None] | None = None,
     anyway: bool = False,
     ask: int = 0,
     covariates: Mapping[str, Sequence[float]] | None = None,
-    accepted: Sequence[Effect] = (),
+    minutes: float = MOST_MINUTES,
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
     Effects with which the arm predicts held-out poses worse than the calibrated one, beyond chance, are withdrawn.
+    A search ends where nothing is more probable, after `armflex.trace.search.MOST_STATES` states, or after `minutes`;
+    then `ended` says which, and what there is is weighed, which may take as long again. Once the arm is calibrated
+    Ctrl-C (KeyboardInterrupt), or weighing that takes longer, ends it at once with what was accepted, `unfinished`.
 
     Args:
         arm: The arm as declared; its prior says what calibration may move.
@@ -48,14 +52,12 @@ def trace(
         report: Called with what is being done, in words, once for every stage.
         keep: Keep what an earlier campaign was fitted to: only the instrument's and the sessions' frames are fitted;
             see `calibrate`.
-        account: Called after every state that the search accepts with the account so far, marked `unfinished`, and at
-            the end with the finished one.
         progress: Called with how far the search has come within a stage, thousands of times.
         anyway: Take the campaign as it is, also where it is plausible only in another convention.
         ask: How many rows are wanted that decide what is in question, in `asked` of what is returned; see
             `armflex.plan.drive.write_plan`.
         covariates: For those rows, values that can be set of recorded columns by name; others stay as they were last.
-        accepted: Effects that an earlier search of the same campaign had accepted: this one begins with them.
+        minutes: CPU time that the search may take once the arm is calibrated [min].
 
     Raises:
         ConventionError: The campaign is implausible for this arm, and plausible in another convention; or readings
@@ -65,44 +67,52 @@ def trace(
     """
     from armflex.estimate.calibrate import calibrate
     from armflex.estimate.misread import check_scatter
-    from armflex.progress import Reporter
+    from armflex.progress import OutOfTimeError, Reporter
     from armflex.trace.account import conclude, so_far
-    from armflex.trace.search import led, linear, resumed, search, standing
+    from armflex.trace.search import MOST_STATES, is_bounded, led, linear, search, standing
     from armflex.trace.state import begin
 
     if not 0 <= ask <= MOST_ASKED:
         raise InputError(f"ask is {ask}, expected 0 to {MOST_ASKED}")
+    if not minutes > 0.0:
+        raise InputError(f"minutes is {minutes:g}, expected more than 0")
     reporter = Reporter(report, progress)
     reporter.stage("calibrating")
     campaign = as_campaign(measurements, arm)
     calibration = calibrate(arm, campaign, rows, reporter.steps, keep=keep, as_stated=True, anyway=anyway)
 
-    def leading(here: Standing) -> None:
+    begun, ended = begin(calibration, reporter), ""
+    places, latest = linear(begun).places, begun
+
+    def passing(here: Standing) -> None:
+        nonlocal latest
+        if len(here.state.asked) == len(begun.asked):  # not of some poses, which lead
+            latest = here.state
         effects = tuple(one.title for one in here.state.fitted)
         reporter.say(effects=effects, rms=here.state.fit.rms, unit=here.state.fit.view.readings.unit)
 
-    begun = begin(calibration, reporter)
-    places = linear(begun).places
-
-    def passing(here: Standing) -> None:
-        leading(here)
-        if account is None:
-            return
+    try:
+        reporter.limit(60.0 * minutes)
         try:
-            if not anyway:
-                check_scatter(here.state.fit)  # more effects may explain it
-            account(so_far(here, places))
-        except ConventionError:
-            return
-        except ArmflexError as error:  # a search is not ended because there is no account yet
-            reporter.stage(f"no account so far: {error}")
-
-    here = resumed(standing(begun), accepted) if accepted else standing(led(begun, leading))
-    if here.state.known:
-        passing(here)
-    traced = conclude(search(here, passing), places, ask, covariates)
-    if not anyway:
-        check_scatter(traced.state.fit)
-    if account is not None:
-        account(traced)
-    return traced
+            here = standing(led(begun, passing))
+            passing(here)
+            here = search(here, passing)
+            if is_bounded(here):
+                ended = f"after {MOST_STATES} states, as many as a search enters"
+        except OutOfTimeError:
+            ended = f"after {minutes:g} min of CPU time, as many as it was given"
+            reporter.limit(60.0 * minutes)
+            here = standing(latest)  # it was in the midst of something
+        reporter.limit(60.0 * minutes)
+        traced = conclude(here, places, ask, covariates, ended)
+    except OutOfTimeError:
+        ended = ended or f"after {minutes:g} min of CPU time for weighing what was found, as many as it was given"
+    except KeyboardInterrupt:
+        ended = "by an interrupt"
+    else:
+        if not anyway:
+            check_scatter(traced.state.fit)
+        return traced
+    reporter.limit(float("inf"))
+    reporter.stage("ending with what was accepted so far")
+    return so_far(latest, places, ended)

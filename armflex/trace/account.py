@@ -33,7 +33,7 @@ from armflex.trace.findings import (
 )
 from armflex.trace.probabilities import CREDIBLE, Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
-from armflex.trace.search import Standing, exchanged, is_full, refitted, spots, standing
+from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
@@ -126,10 +126,11 @@ def conclude(
     places: tuple[RandomTwist, ...],
     ask: int = 0,
     settable: Mapping[str, Sequence[float]] | None = None,
+    ended: str = "",
 ) -> Trace:
     """Return the account of a search that has come to its end; `ask` and `settable` as in `armflex.trace`.
 
-    `places` are where a random twist would have explained what was left at first.
+    `places` are where a random twist would have explained what was left at first; `ended` is as in `Trace`.
     """
     here.state.reporter.stage("fitting to the end")
     known, withdrawn = weighed(settled_exactly(here))
@@ -163,13 +164,14 @@ def conclude(
         compared=None if seen is None else seen.compared,
         withdrawn=withdrawn,
         nothing=0.0 if state.known or left is not None else known.credible[-1].nothing,
+        ended=ended,
     )
 
 
-def so_far(here: Standing, places: tuple[RandomTwist, ...]) -> Trace:
-    """Return the account of a search that goes on: what was accepted, without comparing it."""
-    left = unexplained(here.state, here.scattered)
-    return Trace(**_errors(here.state), found=(), unexplained=left, places=places, unfinished=True)
+def so_far(state: State, places: tuple[RandomTwist, ...], ended: str) -> Trace:
+    """Return the account of a search that was ended at a state: what was accepted, without comparing it."""
+    left = unexplained(state, linear(state).scattered)
+    return Trace(**_errors(state), found=(), unexplained=left, places=places, unfinished=True, ended=ended)
 
 
 def _errors(state: State, seen: Validated | None = None) -> dict:

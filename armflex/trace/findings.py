@@ -36,6 +36,9 @@ from armflex.trace.hypotheses import Hypothesis, at_every_drive
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
 
+MOST_SAID = 5
+"""Tolerance: effects that a line names."""
+
 VARIANCE_RATIO = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""
 
@@ -288,13 +291,14 @@ class Trace(Result):
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
         families: Laws that all drives have.
         undecided: What is left where these rows do not determine whether anything is missing, None where they can.
-        unfinished: Whether the search was still going on: what else would do, what is not identifiable and what to
-            measure next is not worked out yet.
-        nothing: Probability that no effect is missing at all; None while a search goes on.
+        unfinished: Whether it was ended at once: what was accepted is in `arm` and `accepted` alone, and what else
+            would do, what is not identifiable and what to measure next is not worked out.
+        nothing: Probability that no effect is missing at all; None where it is unfinished.
+        ended: What ended the search before nothing more was to be tried, in words, '' where nothing did.
     """
 
     FIELDS = (
-        *("unfinished", "declared_rms", "calibrated_rms", "rms", "noise_rms", "held_out"),
+        *("unfinished", "ended", "declared_rms", "calibrated_rms", "rms", "noise_rms", "held_out"),
         *("effects", "common", "unexplained", "not_identifiable", "next_measurement"),
     )
     ROWS = "effects"
@@ -317,6 +321,24 @@ class Trace(Result):
     undecided: Undecided | None = None
     unfinished: bool = False
     nothing: float | None = None
+    ended: str = ""
+
+    def __repr__(self) -> str:
+        """One line: what was found, and the error before and after it."""
+        unit = self.state.measurements.readings.unit
+        names = ", ".join([*(one.title for one, _ in self.accepted), *self.common][:MOST_SAID]) or "nothing found"
+        more = len(self.accepted) + len(self.common) - MOST_SAID
+        after, held_out = (said_of(one, unit) for one in (self.rms, self.held_out[1]))
+        names += f" and {more} more" if more > 0 else ""
+        errors = f"RMS {said_of(self.calibrated_rms, unit)} calibrated, {after} with it, {held_out} held out"
+        return f"<Trace: {names}; {errors}{f'; ended {self.ended}' if self.ended else ''}>"
+
+    @property
+    def accepted(self) -> list[tuple[Effect, Mapping[str, float]]]:
+        """Effects with their standard uncertainties by name: those found, or of an unfinished search all it has."""
+        if self.unfinished:
+            return list(zip(self.state.fitted, map(self.state.std_of, self.state.effects), strict=True))
+        return [(one.effect, one.std) for one in self.found]
 
     @property
     def calibration(self) -> Calibration:
@@ -343,8 +365,8 @@ class Trace(Result):
     def effects(self) -> list[dict[str, Any]]:
         """What was found: title, values and their standard uncertainties, in the order added."""
         return [
-            {"effect": one.effect.title, **one.effect.named} | {f"std {name}": std for name, std in one.std.items()}
-            for one in self.found
+            {"effect": one.title, **one.named} | {f"std {name}": value for name, value in std.items()}
+            for one, std in self.accepted
         ]
 
     @property
@@ -483,7 +505,7 @@ def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
     """Write the declared arm.toml with its comments, [calibration], and an [[effect]] for everything that was found.
 
     What effects change in the model or the instrument is in their tables alone, so nothing is applied twice. What a
-    search has found that still goes on is marked `unfinished` in [calibration].
+    search had accepted that was ended at once is marked `unfinished` in [calibration].
 
     Args:
         declared: The arm.toml that was traced.

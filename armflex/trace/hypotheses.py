@@ -18,7 +18,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.backlash import BACKLASH
-from armflex.laws.effects.candidate import Candidate, candidates_of, grid
+from armflex.laws.effects.candidate import Candidate, candidates_of, grid, places_of
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.context import Context
@@ -45,7 +45,8 @@ PLAINER = 0.01
 """Prior: a law is less likely than the one before it in the catalogue by this share, and a link by it than a joint."""
 
 RARE_VALUE = 0.05
-"""Prior: share of machines on which a value inside a law is not the usual one: parts are made to fit at 20 degC."""
+"""Prior: share of machines on which a value inside a law is not the usual one: parts are made to fit at 20 degC, and
+what follows a temperature follows it at once, as far as readings show: a lag has to be earned."""
 
 ODD_PLACE = 0.3
 """Prior: how much rarer an effect is at an odd place: lost motion in translation across a drive, as bearings are
@@ -60,6 +61,9 @@ FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR
 LEAST_SHARE = 0.1
 """Tolerance: share of the largest shape of a law at any drive below which another's does not show, since no load shows
 no compliance: a drive of which none shows is no member of a family, and one that does not show is as there."""
+
+NO_LOAD = 1e-4
+"""Tolerance: share of the largest load in an arm, forces and moments alike, below which a drive bears none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +176,7 @@ def _of_law(law: EffectLaw) -> float:
 
 def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> Iterator[Hypothesis]:
     """Yield a shape at some places, with every value inside it, as probable as if it had been tried at all."""
-    places = len(list(law.places(context.records)))
+    places = len(places_of(law, context))
     for location in locations:
         inners, acting = list(grid(law, location, context)), replace(location, terms=tuple(range(len(law.amplitudes))))
         for inner in inners:
@@ -188,7 +192,7 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
     joints = {joint.name: joint for joint in context.robot.moving}
     grouped: dict[tuple, list[tuple[Candidate, Array]]] = {}
     for law in FAMILIES:
-        places = [one for one in law.places(context.records) if one.site in joints]
+        places = [one for one in places_of(law, context) if one.site in joints]
         places = [one for one in places if one.axis == drive_axis(joints[one.site])]
         # Of the orders of gears those of the drive that goes farthest, the finest: poses may not show others' aliases.
         inners = [(one, values) for one in places if (values := list(grid(law, one, context)))]
@@ -199,11 +203,17 @@ def families(view: Solved, context: Context) -> list[Hypothesis]:
                 size = np.sqrt((twists**2).sum(axis=2).mean(axis=0))
                 kind = (law.name, location.turns, location.terms, inner)
                 grouped.setdefault(kind, []).append((Candidate(law, location, inner), size))
-    kinds = Counter(kind[0] for kind in grouped)
-    found = []
+    least = NO_LOAD * max(float(np.abs(one).max(initial=0.0)) for one in context.wrenches.values())
+    shown_by = dict[tuple, Array]()  # of each kind the largest shape of each term at any drive
     for kind, members in grouped.items():
-        most = np.max([size for _, size in members], axis=0)
-        shown = [(one, size, size > LEAST_SHARE * most) for one, size in members]
+        first, most = members[0][0], np.max([size for _, size in members], axis=0)
+        of_load = ["{w}" in first.law.amplitudes[i].unit for i in first.location.terms]
+        # What grows with the load is nothing where no drive bears any: a unit of it would be infinite.
+        if np.all(most > least * np.array(of_load)):
+            shown_by[kind] = most
+    kinds, found = Counter(kind[0] for kind in shown_by), []
+    for kind, most in shown_by.items():
+        shown = [(one, size, size > LEAST_SHARE * most) for one, size in grouped[kind]]
         kept = [(one, np.where(some, size, most)) for one, size, some in shown if some.any()]
         if len(kept) > 1:
             prior = log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]])

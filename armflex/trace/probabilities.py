@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from armflex.laws.effects.candidate import places_of
 from armflex.parameters import DOUBT
 from armflex.trace.hypotheses import Hypothesis, oddness
 from armflex.trace.refine import refine
@@ -77,7 +78,7 @@ def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     known, found = {one.hypothesis.members for one in screen.groups}, list[Hypothesis]()
     for shape in (screen.groups[one.number].hypothesis for one in model):
         law, covariates = shape.one.law, shape.one.location.covariates
-        for place in law.places(screen.context.records) if law.sought else ():
+        for place in places_of(law, screen.context) if law.sought else ():
             one = replace(shape.one, location=place)
             if place.covariates == covariates and (one,) not in known:
                 found.append(replace(shape, members=(one,), prior=shape.prior + oddness(one) - oddness(shape.one)))

@@ -42,6 +42,7 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
     """Add refined ones of some hypotheses of a screen beside a model; beside the same others none is refined twice."""
     screen = beside.evidence
     assert isinstance(screen, Screen)
+    screen.bank.reporter.step(f"refining beside {len(beside.model)} laws", 0, 0)
     others = frozenset(screen.groups[one.number].hypothesis.spot for one in beside.model)
     found, odds = list[Hypothesis](), beside.odds.max(axis=1)
 

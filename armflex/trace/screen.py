@@ -124,9 +124,9 @@ class Screen(Evidence):
         for piece in self._in_pieces(more):
             self.hold(piece)
 
-    def hold(self, more: Iterable[tuple[Hypothesis, Array]]) -> range:
-        """Add hypotheses with their (n, k) columns, and return the numbers of those that move what is read."""
-        groups, columns = self._moving(more)
+    def hold(self, more: Iterable[tuple[Hypothesis, Array]], idle: bool = False) -> range:
+        """Add hypotheses with their (n, k) columns, `idle` ones that move nothing, too, and return their numbers."""
+        groups, columns = self._moving(more, idle)
         if not groups:
             return range(0)
         first = len(self._held.scale) + len(self.blocks[1].scores)
@@ -154,11 +154,11 @@ class Screen(Evidence):
         while piece := list(islice(rest, SOUGHT_AT_ONCE)):
             yield [(one, self.made(one.members)) for one in piece]
 
-    def _moving(self, some: Iterable[tuple[Hypothesis, Array]]) -> tuple[list[Group], Array]:
-        """Return those of some hypotheses that move what is read, and their (K, n) columns, scaled."""
+    def _moving(self, some: Iterable[tuple[Hypothesis, Array]], idle: bool = False) -> tuple[list[Group], Array]:
+        """Return those of some hypotheses that move what is read, or all, and their (K, n) columns, scaled."""
         groups, columns, first = list[Group](), list[Array](), 0
         for one, own in some:
-            if np.isfinite(own).all() and own.any():
+            if np.isfinite(own).all() and (idle or own.any()):
                 groups.append(Group(one, first, self.scale_of(own, one.unit)))
                 columns.append((own * groups[-1].scale).T)
                 first += own.shape[1]

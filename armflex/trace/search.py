@@ -2,7 +2,8 @@
 
 A climb finds the model that no addition, deletion, exchange or pair improves. The arm is then fitted exactly with all
 of it, and the linear problem is made anew there, with the effects taken out. A state is worth the log posterior of its
-own hypotheses in its own linear problem, and only a state that is worth more replaces one: so the search ends.
+own hypotheses in its own linear problem. A state that is worth more replaces one, or one of other rows, whose worth is
+no measure: no state is entered twice, nor more of them than `MOST_STATES`, so the search ends.
 """
 
 from __future__ import annotations
@@ -21,8 +22,7 @@ from armflex.estimate.block import EffectBlock, amplitude_prior
 from armflex.estimate.fit import moved
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.robust import ROWS_AT_ONCE
-from armflex.laws.effects.candidate import Candidate
-from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.candidate import places_of
 from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUCT
@@ -49,6 +49,9 @@ from armflex.trace.selection import (
 from armflex.trace.state import State, of_poses, refit, sorted_out, with_all_of, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
+MOST_STATES = 40
+"""Tolerance: states that a search enters at most."""
+
 MOST_SHAPED = 10
 """Tolerance: places of free shapes at which waves and bumps are sought."""
 
@@ -62,12 +65,14 @@ class Standing:
         screen: All hypotheses at its fit, its own effects taken out.
         model: Its own hypotheses there.
         rejected: Laws and places of models that the arm was fitted with from here, and that came out worth no more.
+        visited: What identifies the states that the search has entered, see `State.identity`.
     """
 
     state: State
     screen: Screen
     model: Model
     rejected: list[Counter] = field(default_factory=list)
+    visited: set[tuple] = field(default_factory=set)
 
     @property
     def value(self) -> float:
@@ -113,7 +118,20 @@ def standing(state: State, last: Standing | None = None) -> Standing:
         last.screen.forget()
     state.reporter.stage(f"screening what {len(state.rows)} rows still show")
     # Grids of loads follow the fit.
-    return linear(state, hypotheses(state.context), families(state.fit.view, state.context))
+    found = linear(state, hypotheses(state.context), families(state.fit.view, state.context))
+    visited = set() if last is None else last.visited
+    visited.add(state.identity)
+    return replace(found, visited=visited)
+
+
+def entered(state: State, last: Standing) -> Standing | None:
+    """Return a state with its linear problem, None where it was entered before, or as many were as may be."""
+    return None if state.identity in last.visited or is_bounded(last) else standing(state, last)
+
+
+def is_bounded(here: Standing) -> bool:
+    """Return whether a search has entered as many states as it may."""
+    return len(here.visited) >= MOST_STATES
 
 
 def led(state: State, passing: Callable[[Standing], None]) -> State:
@@ -139,10 +157,11 @@ def linear(state: State, known: Sequence[Hypothesis] = (), common: Sequence[Hypo
 
 
 def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
-    """Return hypotheses as a model of a screen, each at the scale that is most probable beside the others."""
-    first = len(screen.groups)
-    screen.extend(known)
-    model = tuple(Chosen(number, 2) for number in range(first, len(screen.groups)))
+    """Return hypotheses as a model of a screen, each at the scale that is most probable beside the others.
+
+    All of them, also where values inside a law have come to where no reading shows it: that may be nothing.
+    """
+    model = tuple(Chosen(number, 2) for number in screen.hold([(one, screen.made(one.members)) for one in known], True))
     for i, one in enumerate(model):
         odds = screen.beside(without(model, i)).odds_at(one.number)
         model = (*model[:i], replace(one, scale=int(odds.argmax())), *model[i + 1 :])
@@ -167,7 +186,7 @@ def search(begun: Standing, passing: Callable[[Standing], None] = lambda here: N
     taken, `passing` is called with it, and all are asked again.
     """
     here, proposals = begun, (_random_first, *PROPOSALS)
-    for _ in range(MOST_ROUNDS**2):
+    while not is_bounded(here):
         after = next((one for propose in proposals if (one := propose(here)) is not None), None)
         if after is None:
             break
@@ -293,8 +312,8 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
         if state is None:
             return None
         trial = linear(state)
-        if trial.value > here.value + BETTER or len(state.rows) != count:
-            return standing(state, here)
+        if (trial.value > here.value + BETTER or len(state.rows) != count) and (after := entered(state, here)):
+            return after
         places = [here.screen.groups[one.number].hypothesis.spot for one in model]
         new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
         if len(new) == 1 and places[new[0]] not in known:
@@ -357,7 +376,7 @@ def _with_products(here: Standing) -> Standing | None:
     screen, context = here.screen, here.state.context
     here.state.reporter.stage("searching products of columns")
     for law in (PRODUCT, WAVE_PRODUCT):
-        every = [((one.site, one.axis), one) for one in law.places(context.records)]
+        every = [((one.site, one.axis), one) for one in places_of(law, context)]
         free = {place for place, _ in every}
         likely = [place for one in here.scattered if (place := (one.site, one.axis)) in free][:MOST_TRIED]
         locations = [one for place in likely for own, one in every if own == place]
@@ -374,7 +393,7 @@ def _set_aside(here: Standing) -> Standing | None:
     groups = state.context.column(POSE).astype(int)
     with suppress(ArmflexError):  # an arm that does not come to rest with it
         twist = PoseBlock(place.site, place.axis, place.std, groups, as_likely(here.places))
-        return standing(with_random(state, twist), here)
+        return entered(with_random(state, twist), here)
     return None
 
 
@@ -383,10 +402,10 @@ def _withdrawn(here: Standing) -> Standing | None:
     if here.state.random is None:
         return None
     with suppress(ArmflexError):
-        bare = standing(with_random(here.state, None), here)
-        if bare.unrecorded is None:
+        bare = with_random(here.state, None)
+        if linear(bare).unrecorded is None:
             here.state.reporter.stage("withdrawing the random twist that was set aside")
-            return bare
+            return entered(bare, here)
     return None
 
 
@@ -395,32 +414,8 @@ def _without_far_off(here: Standing) -> Standing | None:
     if not here.state.heed or here.state.random is not None or here.unrecorded is not None:
         return None
     left = sorted_out(replace(here.state, heed=False))
-    return None if np.array_equal(left.rows, here.state.rows) else standing(left, here)
+    return None if np.array_equal(left.rows, here.state.rows) else entered(left, here)
 
 
 PROPOSALS = (_more_probable, _anchored_anew, _with_shapes, _with_products, _set_aside, _withdrawn, _without_far_off)
 """What may replace a state, in the order in which it is asked for."""
-
-
-def resumed(begun: Standing, accepted: Sequence[Effect]) -> Standing:
-    """Return the state with effects that an earlier search of this campaign had accepted, if it can have them."""
-    screen, left, known = begun.screen, list(accepted), list[Hypothesis]()
-    every = [group.hypothesis for group in screen.groups]
-    for family in (one for one in every if one.family):
-        own = [one for one in left if any(_is(one, member) for member in family.members)]
-        if len(own) == len(family.members) and all(one.inner == own[0].inner for one in own):
-            known.append(family)
-            left = [one for one in left if one not in own]
-    for one in left:
-        candidate = Candidate(one.law, one.location, one.inner)
-        like = [each for each in every if not each.family and _is(one, each.one)]
-        like += sought(one.law, [one.location], begun.state.context) if one.law.sought else []
-        known += [replace(each, members=(candidate,)) for each in like[:1]]
-    after = refitted(begun, own_model(screen, known))
-    return begun if after is None else standing(after, begun)
-
-
-def _is(effect: Effect, candidate: Candidate) -> bool:
-    """Return whether an effect is a candidate's law at its place, with the same terms."""
-    there, own = (replace(one.location, covariates=()) for one in (effect, candidate))
-    return effect.law is candidate.law and there == own

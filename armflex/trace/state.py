@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -140,6 +141,16 @@ class State:
         inners = iter([effect.inner for effect in self.fitted])
         own = ([replace(each, inner=next(inners)) for each in one.members] for one in self.known)
         return tuple(replace(one, members=tuple(some)) for one, some in zip(self.known, own, strict=True))
+
+    @property
+    def identity(self) -> tuple:
+        """What distinguishes it from other states: laws and places, rows and readings in use, where a twist is random.
+
+        A state that differs in values alone is the same one.
+        """
+        twist = None if self.random is None else (self.random.site, self.random.axis)
+        spots = frozenset(Counter(one.spot for one in self.known).items())
+        return spots, self.rows.tobytes(), self.lost.tobytes(), twist
 
     @property
     def quiet(self) -> float:

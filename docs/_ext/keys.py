@@ -292,7 +292,7 @@ KEYS: dict[str, dict[str, Key]] = {
     "effect.parameters": {"NAME": Key("value of the parameter", "as listed in the catalogue")},
     "effect.std": {"NAME": Key("one standard uncertainty", "as the parameter's")},
     "calibration": {
-        "unfinished": Key("written while `trace` was still searching"),
+        "unfinished": Key("written when `trace` was interrupted"),
         "measurements_sha256": Key("digest of the campaign"),
         "rows": Key("rows that the fit used"),
         "rms_m": Key("RMS of the 3-D position error over these", "m"),

@@ -154,7 +154,7 @@ def test_the_impulses_in_c_are_those_of_the_path(tmp_path) -> None:
     found, wanted = export(arm, tmp_path / "path.csv"), calm(arm, path)
     (tmp_path / "shaper.c").write_text(found.text)
     strict = [COMPILER, "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
-    subprocess.run([*strict, "shaper.c", "-o", "shaper.so"], cwd=tmp_path, check=True, timeout=60)
+    subprocess.run([*strict, "shaper.c", "-o", "shaper.so"], cwd=tmp_path, check=True, timeout=600)
     library = ctypes.CDLL(str(tmp_path / "shaper.so"))
     library.shaper_shaped.restype = ctypes.c_double
     way = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(

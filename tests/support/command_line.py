@@ -7,6 +7,7 @@ import io
 import json
 import subprocess
 import sys
+import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -45,9 +46,18 @@ def run_here(folder: Path, *arguments: object) -> subprocess.CompletedProcess[st
 
 def run_apart(folder: Path, *arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     """Run the command line in a process of its own, inside a folder, as a shell does."""
-    command = [sys.executable, "-c", "from armflex.cli.main import main; main()", *map(str, arguments)]
+    quiet = "from armflex.cli import terminal; terminal.EVERY = float('inf')"  # however slow the machine is
+    command = [sys.executable, "-c", f"{quiet}; from armflex.cli.main import main; main()", *map(str, arguments)]
     env = {"PATH": "/usr/bin:/bin", "HOME": str(folder), "PYTHONPATH": str(ROBOTS.parent), **environment}
-    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=120)
+    return subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=600)
+
+
+def wait_for(happened: Callable[[], object], seconds: float = 600.0) -> None:
+    """Wait until something has happened, on however busy a machine."""
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end, "nothing happened"
+        time.sleep(0.01)
 
 
 def strict_json(path: Path) -> dict:

@@ -30,7 +30,7 @@ def picture(page: Path, virtual_ms: int, asked: str = "") -> np.ndarray:
     command = [BROWSER, *(f"--{flag}" for flag in QUIET), "--window-size=1280,800"]
     command += [f"--user-data-dir={page.parent / f'profile {virtual_ms}'}", f"--screenshot={target}"]
     command += [f"--virtual-time-budget={virtual_ms}", page.as_uri() + asked]
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, check=True, capture_output=True, timeout=600)
     return np.asarray(image.open(target).convert("RGB"), dtype=float)[:, 300:]
 
 
@@ -40,7 +40,7 @@ def sheets(page: str, folder: Path) -> int:
     (folder / "page.html").write_text(page)
     flags = [*QUIET, f"user-data-dir={folder / 'profile'}", f"print-to-pdf={folder / 'page.pdf'}"]
     command = [BROWSER, *(f"--{flag}" for flag in flags), (folder / "page.html").as_uri()]
-    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    subprocess.run(command, check=True, capture_output=True, timeout=600)
     return len(re.findall(rb"/Type\s*/Page[^s]", (folder / "page.pdf").read_bytes()))
 
 

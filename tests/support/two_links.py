@@ -129,10 +129,10 @@ def codes(loaded: object) -> list[str]:
 
 def assert_refused(path, words: tuple[str, ...], line: int | None = None, **options: object) -> None:
     """Assert a `UrdfError` that names the file, the line where there is one, and all the words."""
-    started = time.monotonic()
+    started = time.process_time()
     with pytest.raises(UrdfError) as caught:
         load_robot(path, **options)
-    assert time.monotonic() - started < 5.0
+    assert time.process_time() - started < 5.0
     message = str(caught.value)
     assert message.startswith(f"{path}:{line}: " if line else f"{path}"), message
     assert not line or caught.value.place.line == line

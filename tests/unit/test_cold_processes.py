@@ -11,7 +11,7 @@ from support.cold import COLD, cold_processes
 def test_no_cold_process_stands_still(tmp_path: Path) -> None:
     """Before the engine was one thread's to import, two of three predictions did; `tests/studies/cold.py` runs more."""
     names = ["predict", *COLD]
-    assert list(cold_processes(names, tmp_path, together=3, seconds=120)) == [(name, "") for name in names]
+    assert list(cold_processes(names, tmp_path, together=3, seconds=600)) == [(name, "") for name in names]
 
 
 def test_every_process_that_is_waited_for_has_a_limit() -> None:

@@ -155,7 +155,7 @@ armflex.save_law(learn.TrainedLaw(ring, "bayesian", {}), folder / "A4_ring.safet
 print(json.dumps([*compose.main(folder)]))
 """
     command = [sys.executable, "-c", text, str(EXAMPLES), str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     apart = np.array(json.loads(done.stdout.splitlines()[-1]))
     assert np.linalg.norm(apart[:3]) < 4.5e-3 and np.linalg.norm(apart[3:]) < 0.13
 

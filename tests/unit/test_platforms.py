@@ -77,7 +77,7 @@ def test_a_console_and_a_locale_without_utf_8_read_the_same_files(console: str, 
         (folder / name).write_bytes(text.replace("\n", "\r\n").encode())
     env = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": console}
     command = [sys.executable, "-m", "armflex", "check", "arm.toml", "trajectory.csv", "--tolerance", "1m"]
-    ended = subprocess.run(command, cwd=folder, env=env, capture_output=True, timeout=120)
+    ended = subprocess.run(command, cwd=folder, env=env, capture_output=True, timeout=600)
     said = ended.stdout.decode(console)
     assert ended.returncode == 0, ended.stderr
     assert "within tolerance" in said and "ber der" in said

@@ -3,7 +3,7 @@
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
-from armflex.laws.effects.shapes import LAGGED, WARM, singly_and_together, warm, with_temperature
+from armflex.laws.effects.shapes import LAGGED, WARM, shows_lag, singly_and_together, warm, with_temperature
 from armflex.laws.terms import UNITS, Term
 
 BASE_THERMAL = TwistLaw(
@@ -18,4 +18,5 @@ BASE_THERMAL = TwistLaw(
     terms=lambda here, inner: [[Term(unit, factors=warm(here, *inner))] for unit in UNITS],
     inner=WARM,
     memory=LAGGED,
+    possible=shows_lag,
 )

@@ -54,6 +54,11 @@ class Candidate:
         return Effect(self.law, self.location, full(amplitudes, self.location, len(self.law.amplitudes)) + self.inner)
 
 
+def places_of(law: EffectLaw, context: Context) -> list[Location]:
+    """Return where a law may act in a campaign: every place whose columns the campaign has."""
+    return [one for one in law.places(context.records) if all(map(context.row.has, one.covariates))]
+
+
 def grid(law: EffectLaw, location: Location, context: Context) -> Iterator[Values]:
     """Yield starting values of a law's inner parameters."""
     yield from product(*(tuple(float(v) for v in inner.grid(location, context)) for inner in law.inner))
@@ -62,6 +67,6 @@ def grid(law: EffectLaw, location: Location, context: Context) -> Iterator[Value
 def candidates_of(laws: Iterable[EffectLaw], context: Context) -> Iterator[Candidate]:
     """Yield every candidate of some laws in a campaign."""
     for law in laws:
-        for location in law.places(context.records):
+        for location in places_of(law, context):
             for inner in grid(law, location, context) if law.inner else ((),):
                 yield Candidate(law, location, inner)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from armflex.conventions import Array
+from armflex.conventions import RESOLUTION, Array
 from armflex.laws import Row
 from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, path_to, resolve, site_names
 from armflex.robot import Robot
@@ -37,6 +37,7 @@ class Records:
     Attributes:
         robot: The robot.
         recorded: Numeric columns that vary, which are candidates.
+        moved: Joints whose position varies, None where no campaign says which.
         timed: Whether it is known when the rows were taken.
         levels: Candidates that are entries of a text column: 1 where the column has it, else 0.
         payloads: Those that weigh.
@@ -46,6 +47,7 @@ class Records:
 
     robot: Robot
     recorded: tuple[str, ...] = ()
+    moved: tuple[str, ...] | None = None
     timed: bool = False
     levels: tuple[str, ...] = ()
     payloads: tuple[str, ...] = ()
@@ -61,6 +63,11 @@ class Records:
     def joints(self) -> tuple[str, ...]:
         """Joints with a drive, and cylinders."""
         return self.robot.joint_names
+
+    @property
+    def positions(self) -> tuple[str, ...]:
+        """Columns of joints' positions that are candidates: one that never moves is none."""
+        return tuple(f"q_{joint}" for joint in (self.joints if self.moved is None else self.moved))
 
     def axes(self, joint: str) -> tuple[str, ...]:
         """Return along and about what something may give at a joint: a cylinder along itself alone."""
@@ -109,11 +116,12 @@ class Context:
     def records(self) -> Records:
         """What decides where effects make sense."""
         known = self.row.covariates
-        levels = tuple(name for name, values in known.items() if LEVEL_OF in name and np.ptp(values) > 0.0)
+        levels = tuple(name for name, values in known.items() if LEVEL_OF in name and varies(values))
         mass = known.get(MASS, np.zeros(len(self.payloads)))
         payloads = sorted({name for name, kilograms in zip(self.payloads, mass, strict=True) if kilograms > 0.0})
         sessions = tuple(dict.fromkeys(self.sessions))
-        return Records(self.robot, self.recorded, self.timed, levels, tuple(payloads), sessions, self.springs)
+        moved = tuple(joint for joint in self.joints if varies(self.row.position(joint)))
+        return Records(self.robot, self.recorded, moved, self.timed, levels, tuple(payloads), sessions, self.springs)
 
     @property
     def timed(self) -> bool:
@@ -182,6 +190,11 @@ class Context:
         return wrench
 
 
+def varies(values: Array) -> bool:
+    """Return whether (N,) values differ by more than rounding: a shape over their range is none where they do not."""
+    return bool(np.ptp(values) > RESOLUTION * max(float(np.abs(values).max()), 1e-9))
+
+
 def survey(
     rows: Rows, arm: Manipulator, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array
 ) -> Context:
@@ -196,7 +209,7 @@ def survey(
     """
     hidden = {POSE, *(f"approach_{joint}" for joint in rows.joint_names)}
     candidates = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
-    recorded = tuple(name for name in candidates if np.ptp(known[name]) > 0.0)
+    recorded = tuple(name for name in candidates if varies(known[name]))
     places = points.reshape(-1, 3)
     box = np.array([places.min(axis=0), places.max(axis=0)])
     index = {name: i for i, name in enumerate(rows.joint_names)}

@@ -10,7 +10,7 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records
-from armflex.laws.effects.effect import Inner, Memory, Values
+from armflex.laws.effects.effect import Effect, Inner, Manipulator, Memory, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 from armflex.laws.terms import UNITS, Factor, Term, powers, straight
 
@@ -124,6 +124,12 @@ def lag_grid(location: Location, context: Context) -> Iterable[float]:
     return (0.0, *(lag for lag in LAGS if lag < span))
 
 
+def shows_lag(effect: Effect, context: Context, arm: Manipulator) -> bool:
+    """Return whether a campaign is longer than a lag: one as long follows the sum of the temperatures, by any lag."""
+    lag = effect.named[LAG]
+    return lag <= 0.0 or (context.timed and lag < float(np.ptp(context.column("time"))))
+
+
 LEVELS, SLICES, SEEN = 8, 4, 2.0
 """Distinct values, to a hundredth of their range, that a wave of three numbers beside a mean needs to be distinguished
 from other shapes; slices of a period, and how many of them must be seen for every period within the range."""
@@ -147,7 +153,7 @@ _MEANS = of_column(lambda kelvin: (REFERENCE, float(kelvin.mean())))
 ABOVE = Inner("reference", "degC", _MEANS, positive=False, polished=False, usual=REFERENCE, default=REFERENCE)
 """The temperature above which a law counts: that of manufacture, or the campaign's mean."""
 
-WARM = (ABOVE, Inner(LAG, "s", lag_grid, default=0.0))
+WARM = (ABOVE, Inner(LAG, "s", lag_grid, usual=0.0, default=0.0))
 
 
 def at_drives(records: Records, *covariates: str) -> list[Location]:

@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.laws.effects.context import AXES_TURN, Context
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import LINK, Here, Location, joint_named, path_to
-from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, shows_lag, twists, warm
 
 PARALLEL = 1.0 - 1e-9
 """Tolerance: cosine above which two axes are one."""
@@ -53,4 +53,5 @@ THERMAL_BENDING = TwistLaw(
         *WARM,
     ),
     memory=LAGGED,
+    possible=shows_lag,
 )

@@ -2,7 +2,7 @@
 
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, twists, warm
+from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, shows_lag, twists, warm
 
 THERMAL_GROWTH = TwistLaw(
     name="thermal_growth",
@@ -15,4 +15,5 @@ THERMAL_GROWTH = TwistLaw(
     direction=lambda here, inner: here.stretch,
     inner=WARM,
     memory=LAGGED,
+    possible=shows_lag,
 )

@@ -9,7 +9,7 @@ from armflex.laws import Row
 from armflex.laws.effects.context import Records
 from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location
-from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, warm, with_temperature
+from armflex.laws.effects.shapes import LAGGED, WARM, at_joints, shows_lag, warm, with_temperature
 from armflex.laws.terms import Terms, weight_of
 
 MOST = 0.1
@@ -46,4 +46,5 @@ THERMAL_SOFTENING = TwistLaw(
     inner=WARM,
     loaded=True,
     memory=LAGGED,
+    possible=shows_lag,
 )

@@ -84,7 +84,7 @@ def _at_all(records: Records, columns: Iterable[tuple[str, ...]]) -> list[Locati
 
 def everywhere(records: Records, columns: int = 1) -> list[Location]:
     """Return every place with each candidate column, or as many different ones in order."""
-    return _at_all(records, permutations((*records.recorded, *(f"q_{joint}" for joint in records.joints)), columns))
+    return _at_all(records, permutations((*records.recorded, *records.positions), columns))
 
 
 def _with_all(count: int, columns: int = 1) -> Callable[[Records], list[Location]]:

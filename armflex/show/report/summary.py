@@ -18,6 +18,9 @@ MOST_NAMED = 2
 
 def headline(trace: Trace) -> str:
     """Return what was found, in one sentence."""
+    if trace.unfinished:
+        names = [called(effect) for effect, _ in trace.accepted] or ["nothing"]
+        return f"Accepted so far, not compared: {joined(names)}."
     if len(trace.found) > MOST_NAMED:
         several = joined([called(one.effect, one.number) for one in trace.found[:MOST_NAMED]])
         return f"{len(trace.found)} effects identified, first of all {several}."
@@ -54,7 +57,7 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 
 def further(trace: Trace) -> list[str]:
     """Return what has to be said beside the result: what is not distinguished, what is left, what would have shown."""
-    said = []
+    said = [f"The search was ended {trace.ended}: more effects may be missing."] if trace.ended else []
     for one in trace.found:
         own = called(one.effect)
         others = [other for other in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if other != own]

@@ -76,6 +76,7 @@ def account(trace: Trace) -> SimpleNamespace:
         flags=[flag.text for flag in (*trace.arm.flags, *trace.state.measurements.flags)],
         next_measurement=trace.next_measurement,
         unfinished=trace.unfinished,
+        ended=trace.ended,
         version=__version__,
     )
 

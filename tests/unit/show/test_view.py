@@ -190,7 +190,7 @@ def test_command_leaves_no_process_behind(tmp_path: Path) -> None:
     code = "from armflex.cli.main import main; main()"
     arguments = [sys.executable, "-c", code, "view", ROBOTS / "heavy_six" / "arm.toml", "-o", tmp_path / "v.html"]
     child = subprocess.Popen(arguments, cwd=ROBOTS.parent, start_new_session=True, stdout=subprocess.DEVNULL)
-    assert child.wait(timeout=60) == 0
+    assert child.wait(timeout=600) == 0
     with pytest.raises(ProcessLookupError):
         os.killpg(child.pid, 0)
 

@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -23,6 +22,7 @@ from safetensors import safe_open
 from safetensors.numpy import load_file, save_file
 from scipy.optimize import brentq
 from scipy.stats import qmc
+from support.command_line import wait_for
 from support.effect_arms import arm_with
 from support.small_arms import ROBOTS, arm_of, central_difference, joint, link, one_joint, three_joints
 
@@ -572,9 +572,9 @@ def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: 
         text=True,
         start_new_session=True,
     )
-    _wait_for(lambda: len(list(tmp_path.glob("store/chunk-*"))) >= 3)
+    wait_for(lambda: len(list(tmp_path.glob("store/chunk-*"))) >= 3)
     os.killpg(running.pid, signal.SIGINT)
-    _, said = running.communicate(timeout=60)
+    _, said = running.communicate(timeout=600)
     assert running.returncode == 130 and "kept in store" in said and "error: interrupted" in said, said
     assert "Traceback" not in said
     done = {path: path.stat().st_mtime_ns for path in tmp_path.glob("store/chunk-*")}
@@ -610,10 +610,3 @@ main()
     )
     assert ended.returncode == 130 and "kept in store" in ended.stderr, ended.stderr
     assert "error: interrupted" in ended.stderr and "Traceback" not in ended.stderr
-
-
-def _wait_for(condition: Callable[[], bool], seconds: float = 60.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "nothing happened"
-        time.sleep(0.01)

@@ -1,28 +1,23 @@
-"""A search says what it does, has an account of what it has accepted so far, and never makes an arm worse."""
+"""A search says what it does, and never makes an arm worse."""
 
 from __future__ import annotations
 
 import dataclasses
 import errno
 import os
-import re
-import signal
-import subprocess
 import sys
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from support.campaigns import Drawn, Truth, draw
 from support.command_line import strict_json
 from support.scoring import Score, judge
 
 from armflex import calibrate, load_arm, predict, read_measurements, trace
 from armflex.cli.calibrate_command import as_json as calibrated_json
-from armflex.cli.trace_command import Outputs, as_json, command, print_trace
+from armflex.cli.trace_command import Outputs, as_json, print_trace
 from armflex.errors import FileError
 from armflex.measured.measurements import Measurements
 from armflex.progress import Doing
@@ -48,7 +43,6 @@ class Whole:
     rows: Measurements
     used: np.ndarray
     finished: Trace
-    accounts: list[Trace]
     heard: list[Doing]
 
 
@@ -59,9 +53,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Whole:
     truth = drawn.write(tmp_path_factory.mktemp("whole"))
     arm = load_arm(truth.arm)
     rows = read_measurements(truth.train, arm)
-    used, accounts, heard = np.flatnonzero(rows.measured), [], []
-    finished = trace(arm, rows, used, account=accounts.append, progress=heard.append)
-    return Whole(drawn, truth, rows, used, finished, accounts, heard)
+    used, heard = np.flatnonzero(rows.measured), []
+    return Whole(drawn, truth, rows, used, trace(arm, rows, used, progress=heard.append), heard)
 
 
 def test_what_was_hidden_is_named_where_it_is(whole: Whole) -> None:
@@ -69,13 +62,6 @@ def test_what_was_hidden_is_named_where_it_is(whole: Whole) -> None:
     judge(found, whole.drawn, whole.truth, whole.finished)
     assert found.verdict == "exact", found
     assert found.after < 1.08 * found.floor and found.after < found.before
-
-
-def test_after_every_accepted_state_there_is_an_account(whole: Whole) -> None:
-    *passing, last = whole.accounts
-    assert len(passing) >= 1 and last is whole.finished
-    assert all(one.unfinished for one in passing) and not last.unfinished
-    assert passing[-1].arm.effects and passing[-1].rms == pytest.approx(last.rms, rel=0.05)
 
 
 def test_a_search_that_some_poses_lead_ends_where_one_of_all_does(
@@ -93,89 +79,6 @@ def test_a_search_that_some_poses_lead_ends_where_one_of_all_does(
     assert np.array_equal(led.rows, whole.finished.rows)
 
 
-def test_what_is_unfinished_says_so_wherever_it_is_read(whole: Whole, tmp_path: Path) -> None:
-    """In the arm, the page and the JSON; and the mark is gone with the finished one."""
-    outputs = Outputs(whole.truth.arm, tmp_path / "t.toml", tmp_path / "t.html", tmp_path / "t.json")
-    for found, marked in ((whole.accounts[0], True), (whole.finished, False)):
-        outputs.write(found)
-        with warnings.catch_warnings(record=True) as flags:
-            warnings.simplefilter("always")
-            arm = load_arm(outputs.arm)
-        said = [str(doubt.message) for doubt in flags]
-        assert any(re.search(r"t\.toml:\d+: written while `armflex trace` was", one) for one in said) is marked
-        assert ("unfinished" in [flag.code for flag in arm.flags]) is marked
-        assert [effect.name for effect in arm.effects] == [effect.name for effect in found.state.fitted]
-        assert np.isfinite(predict(arm, whole.rows).position[whole.used]).all()
-        assert strict_json(outputs.json).get("unfinished", False) is marked
-        page = outputs.report.read_text()
-        assert ("Unfinished: written while" in page) is marked
-        assert ("Not computed yet." in page) is marked
-
-
-def test_the_page_is_drawn_once_at_the_end_or_where_a_search_is_interrupted(
-    whole: Whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said, asked = list[bool](), [str(whole.truth.arm), str(whole.truth.train), "-o", str(tmp_path / "t.toml")]
-
-    def searched(*given: object) -> None:
-        account = next(one for one in given if getattr(one, "__name__", "") == "account")
-        account(whole.accounts[0])
-        said.append((tmp_path / "t.toml").exists() and not (tmp_path / "t.html").exists())
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("armflex.cli.trace_command.trace", searched)
-    assert CliRunner().invoke(command, [*asked, "--report", str(tmp_path / "t.html")]).exit_code == 1
-    assert said == [True] and "Unfinished: written while" in (tmp_path / "t.html").read_text()
-
-
-KILLED = """
-import importlib, os, signal, sys
-import armflex.cli.trace_command
-signal.signal(signal.SIGINT, signal.default_int_handler)
-module = importlib.import_module("armflex.trace.account")
-how = getattr(signal, sys.argv.pop())
-module.conclude = lambda *given: os.kill(os.getpid(), how)
-sys.argv[1:] = ["trace", *sys.argv[1:]]
-from armflex.cli.main import main
-main()
-"""
-
-
-@pytest.mark.skipif(os.name != "posix", reason="sends signals")
-def test_what_was_accepted_is_in_the_outputs_when_the_command_is_killed(tmp_path: Path) -> None:
-    truth = draw("backlash", 1, "six").write(tmp_path)
-    files = {"-o": "t.toml", "--json": "t.json"}
-    asked = [str(truth.arm), str(truth.train), *(x for o, name in files.items() for x in (o, str(tmp_path / name)))]
-    ended = subprocess.run([sys.executable, "-c", KILLED, *asked, "SIGKILL"], capture_output=True, timeout=600)
-    assert ended.returncode == -signal.SIGKILL
-    with pytest.warns(UserWarning, match="written while `armflex trace` was"):
-        arm = load_arm(tmp_path / "t.toml")
-    assert "backlash" in [effect.law.name for effect in arm.effects]
-    assert strict_json(tmp_path / "t.json")["unfinished"]
-
-    def resumed(arm: Path, rows: Path) -> Result:
-        return CliRunner().invoke(command, [str(arm), str(rows), "-o", str(tmp_path / "t.toml"), "--resume"])
-
-    header, *lines = truth.train.read_text().splitlines()
-    for name, text, said in (
-        ("other.csv", "\n".join([header, *lines[1:]]), "is of a trace of another campaign"),
-        (
-            "other.toml",
-            truth.arm.read_text().replace("joint_offset = 1e-3", "joint_offset = 2e-3"),
-            "of another arm than",
-        ),
-    ):
-        (tmp_path / name).write_text(text)
-        arm_file, rows = (tmp_path / name, truth.train) if name.endswith("toml") else (truth.arm, tmp_path / name)
-        refused = resumed(arm_file, rows)
-        assert isinstance(refused.exception, FileError) and said in str(refused.exception)
-    assert resumed(truth.arm, truth.train).exit_code == 0
-    (hidden,) = truth.effects  # which is all that a search finds that nobody killed, see `test_trace_cli.py`
-    assert [one.name for one in load_arm(tmp_path / "t.toml").effects] == [f"backlash {hidden.site} {hidden.axis}"]
-    again = resumed(truth.arm, truth.train)
-    assert isinstance(again.exception, FileError) and "there is nothing to resume" in str(again.exception)
-
-
 @pytest.fixture
 def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
     """A disk that takes no more bytes once the list holds something."""
@@ -191,19 +94,11 @@ def full_disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
     yield full
 
 
-def test_a_full_disk_ends_no_search_and_spoils_no_file(
-    whole: Whole, tmp_path: Path, full_disk: list[int], capsys: pytest.CaptureFixture
-) -> None:
+def test_a_full_disk_spoils_no_file(whole: Whole, tmp_path: Path, full_disk: list[int]) -> None:
     outputs = Outputs(whole.truth.arm, tmp_path / "t.toml", None, tmp_path / "t.json")
-    outputs.write(whole.accounts[0])
+    outputs.write(whole.finished)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     full_disk.append(1)
-    outputs.write(whole.accounts[0])
-    said = capsys.readouterr().err
-    assert f"{outputs.arm}: cannot be written: No space left on device; the search goes on" in said
-    outputs.write(whole.accounts[0], ended=True)
-    said = capsys.readouterr().err
-    assert "No space left on device; the files stay as they were before" in said and "goes on" not in said
     with pytest.raises(FileError, match=r"t\.toml: cannot be written: No space left on device"):
         outputs.write(whole.finished)
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -1,0 +1,258 @@
+"""Every trace ends with a result: states that lead to one another, what shows nothing, bounds, Ctrl-C."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support import three_joint_plant
+from support.command_line import fine, run_here, strict_json
+from support.plant import Array, Push, State
+from support.small_arms import joint, link, robot
+
+from armflex import Arm, Measurements, calibrate, load_arm, read_measurements, trace
+from armflex.errors import InputError
+from armflex.estimate.pose_block import PoseBlock
+from armflex.laws.effects import Effect, Location, TwistLaw
+from armflex.laws.effects.catalogue import CATALOGUE, EVERY
+from armflex.laws.effects.effect import Amplitude, Words
+from armflex.laws.effects.shapes import on_axis, twists
+from armflex.laws.effects.thermal_growth import THERMAL_GROWTH
+from armflex.laws.effects.unnamed import WAVE
+from armflex.laws.terms import powers
+from armflex.rows.rows import POSE
+from armflex.trace import search as searching
+from armflex.trace import state as states
+from armflex.trace.account import conclude, so_far
+from armflex.trace.hypotheses import families, hypotheses, sought
+from armflex.trace.search import entered, linear, refitted, search, standing
+from armflex.trace.selection import Chosen
+from armflex.trace.state import begin, with_random
+
+GAP, POSES = 8e-4, 30
+
+
+def written(folder: Path, still: int | None = None, **more: Array) -> Path:
+    """Write a campaign of three joints of which the second has play, and one may never move, and further columns."""
+    plant, rng = three_joint_plant.declared(folder), np.random.default_rng(0)
+    q, sides = rng.uniform(-1.0, 1.0, (POSES, 3)), rng.choice([-1.0, 1.0], (POSES, 3))
+    if still is not None:
+        q[:, still] = 0.4
+
+    def play(state: State, push: Push) -> None:
+        push.motion[:, 1] += 0.5 * GAP * state.rows.approach[:, 1, None] * plant.joints[1].drive
+
+    read = three_joint_plant.seen(plant, q, play, sides) + rng.normal(0.0, three_joint_plant.SIGMA, (POSES, 3))
+    approach: dict[str, Array] = {f"approach_J{i + 1}": sides[:, i] for i in range(3)}
+    three_joint_plant.write_campaign(folder / "rows.csv", q, read, **approach, **more)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("play"))
+
+
+@pytest.fixture(scope="module")
+def campaign(folder: Path) -> tuple[Arm, Measurements]:
+    arm = load_arm(folder / "arm.toml")
+    return arm, read_measurements(folder / "rows.csv", arm)
+
+
+@pytest.fixture(scope="module")
+def begun(campaign: tuple[Arm, Measurements]) -> states.State:
+    return begin(calibrate(*campaign, as_stated=True))
+
+
+# States that no search leaves.
+
+
+def test_no_state_is_entered_twice(begun: states.State) -> None:
+    first = standing(begun)
+    fewer = replace(begun, rows=begun.rows[1:])
+    assert entered(begun, first) is None
+    second = entered(fewer, first)
+    assert second is not None and entered(begun, second) is None and entered(fewer, second) is None
+
+
+def test_rows_that_come_and_go_do_not_keep_a_search_going(begun: states.State, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One row is far off with an effect and in place without, so that each state leads to the other."""
+    entries, real = list[tuple](), states.lost_of
+
+    def lost(state: states.State, heed: bool) -> tuple[np.ndarray, np.ndarray]:
+        found, gone = real(state, heed)
+        found[3], gone[3] = (bool(state.known),) * 2
+        return found, gone
+
+    monkeypatch.setattr(states, "lost_of", lost)
+    monkeypatch.setattr(searching, "_modelled", lambda here, more: () if here.model else _play(here))
+    monkeypatch.setattr(searching, "PROPOSALS", (searching._more_probable,))
+    here = search(standing(begun), lambda one: entries.append(one.state.identity))
+    assert entries == [here.state.identity] and len(here.state.rows) == POSES - 1
+
+
+def _play(here: searching.Standing) -> tuple:
+    names = [group.hypothesis.one.name for group in here.screen.groups]
+    return (Chosen(names.index("backlash J2 ry"), 3),)
+
+
+def test_a_search_has_a_bound_and_says_where_it_met_it(
+    campaign: tuple[Arm, Measurements], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert trace(*campaign).ended == ""
+    monkeypatch.setattr(searching, "MOST_STATES", 1)
+    found = trace(*campaign)
+    assert found.ended == "after 1 states, as many as a search enters" and not found.unfinished
+    assert found.found == () and found.nothing is not None
+
+
+def test_time_is_a_bound_too(campaign: tuple[Arm, Measurements]) -> None:
+    found = trace(*campaign, minutes=1e-6)
+    assert found.unfinished and found.ended.startswith("after 1e-06 min of CPU time")
+    assert found.rms == pytest.approx(found.calibrated_rms) and np.isfinite(found.held_out).all()
+    with pytest.raises(InputError, match="minutes is 0, expected more"):
+        trace(*campaign, minutes=0.0)
+
+
+# Ctrl-C and its like.
+
+INTERRUPTED = """
+import importlib, os, signal, sys
+import armflex
+account = importlib.import_module("armflex.trace.account")
+how, now = (getattr(signal, sys.argv.pop()) for _ in range(2))
+account.weighed = lambda *given: os.kill(os.getpid(), how)
+sys.argv[1:] = ["trace", *sys.argv[1:]]
+signal.signal(signal.SIGINT, now)
+from armflex.cli.main import main
+main()
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="sends signals")
+@pytest.mark.parametrize("how", ["SIGINT", "SIGTERM"])
+def test_an_interrupt_ends_a_trace_with_what_it_has(folder: Path, tmp_path: Path, how: str) -> None:
+    """In a script's background, too, where a shell has SIGINT ignored."""
+    files = ["-o", "t.toml", "--json", "t.json", "--report", "t.html"]
+    asked = [str(folder / "arm.toml"), str(folder / "rows.csv"), *files, "SIG_IGN", how]
+    ended = subprocess.run([sys.executable, "-c", INTERRUPTED, *asked], cwd=tmp_path, capture_output=True, text=True)
+    assert ended.returncode == 1, ended.stderr
+    assert "Accepted so far, not compared: backlash at J2 (ry)." in ended.stdout
+    assert "The search was ended by an interrupt: more effects may be missing." in ended.stdout
+    with pytest.warns(UserWarning, match=r"t\.toml:\d+: written when `armflex trace` was interrupted"):
+        arm = load_arm(tmp_path / "t.toml")
+    (effect,) = arm.effects
+    assert effect.name == "backlash J2 ry" and effect.values[0] == pytest.approx(GAP, rel=0.1)
+    said = strict_json(tmp_path / "t.json")
+    assert said["unfinished"] and said["ended"] == "by an interrupt"
+    assert [(one["effect"], one["site"]) for one in said["effects"]] == [("backlash", "J2")]
+    assert said["effects"][0]["parameters"]["gap"]["std"] < 0.1 * GAP
+    assert "Unfinished: the search was ended by an interrupt" in (tmp_path / "t.html").read_text()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["t.html", "t.json", "t.toml"]
+
+
+def test_resume_is_refused_with_what_to_write(folder: Path, tmp_path: Path) -> None:
+    given = folder / "arm.toml", folder / "rows.csv", "-o", "t.toml", "--resume"
+    assert "--resume is no more: leave it out; --minutes N" in fine(run_here(tmp_path, "trace", *given), 2).stderr
+
+
+# What shows nothing.
+
+
+def test_a_joint_that_never_moves_is_no_column_of_a_shape(tmp_path: Path) -> None:
+    arm = load_arm(written(tmp_path, still=2) / "arm.toml")
+    state = begin(calibrate(arm, read_measurements(tmp_path / "rows.csv", arm), as_stated=True))
+    shapes = [one.one for one in hypotheses(state.context) if not one.one.law.physical]
+    over = {name for one in shapes for name in one.location.covariates}
+    assert {"q_J1", "q_J2"} <= over and "q_J3" not in over
+    places = list(WAVE.places(state.context.records))
+    assert places and list(sought(WAVE, places, state.context))
+
+
+def test_a_term_that_no_load_shows_makes_no_family(tmp_path: Path) -> None:
+    """Joints about the vertical bear no moment about themselves: there is no friction that grows with it."""
+    parts = [link("base")]
+    for i, (before, after) in enumerate((("base", "one"), ("one", "two"), ("two", "three"))):
+        parts += [joint(f"J{i + 1}", before, after, (0.5, 0, 0.1), axis=(0, 0, 1)), link(after, 9.0, (0.3, 0, 0))]
+    parts += [joint("flange", "three", "tip", (0.5, 0, 0), kind="fixed"), link("tip")]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(three_joint_plant, "URDF", robot(*parts))
+        written(tmp_path)
+    arm = load_arm(tmp_path / "arm.toml")
+    state = begin(calibrate(arm, read_measurements(tmp_path / "rows.csv", arm), as_stated=True))
+    every = families(state.fit.view, state.context)
+    assert "backlash" in {one.one.law.name for one in every}
+    assert not {"friction_windup", "compliance"} & {one.one.law.name for one in every}
+    assert all(np.isfinite(one.unit).all() for one in every if one.unit is not None)
+
+
+def test_a_random_twist_that_is_set_aside_leaves_an_account(folder: Path, tmp_path: Path) -> None:
+    """Of an arm that was traced before: how certain its effects are is asked at the arm with the twist in it."""
+    fine(run_here(folder, "trace", "arm.toml", "rows.csv", "-o", tmp_path / "first.toml"))
+    arm = load_arm(tmp_path / "first.toml")
+    state = begin(calibrate(arm, read_measurements(folder / "rows.csv", arm), keep=True, as_stated=True))
+    groups = state.context.column(POSE).astype(int)
+    aside = with_random(state, PoseBlock("J3", "ry", 1e-4, groups))
+    found = so_far(aside, linear(aside).places, "by hand")
+    assert found.unexplained is not None and found.unexplained.site == "J3"
+    assert conclude(standing(aside), found.places).arm.certainty is not None
+
+
+def test_an_effect_that_shows_nothing_at_the_values_of_a_fit_is_no_finding(begun: states.State) -> None:
+    here = standing(begun)
+    idle = next(i for i, one in enumerate(here.screen.groups) if not one.scale.any())
+    state = refitted(here, (Chosen(idle, 3),))
+    assert state is not None and len(state.known) == 1
+    after = standing(state)
+    found = conclude(after, here.places)
+    assert len(after.model) == 1 and [one.name for one in found.arm.effects] == ["backlash J2 ry"]
+
+
+SPEED = TwistLaw(
+    name="speed_lag",
+    words=Words("speed lag", "the joint lags behind its command", "T v"),
+    places=lambda records: [Location(one.name, "ry", (f"speed_{one.name}",)) for one in records.robot.moving],
+    amplitudes=(Amplitude("T", "s"),),
+    direction=on_axis,
+    terms=lambda here, inner: twists(here.direction, powers(f"speed_{here.location.place}", 1)),
+)
+
+
+def test_an_effect_whose_column_a_campaign_lacks_is_not_tried(
+    campaign: tuple[Arm, Measurements], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for catalogue in (CATALOGUE, EVERY):
+        monkeypatch.setitem(catalogue, SPEED.name, SPEED)
+    found = trace(*campaign)
+    assert [one.effect.name for one in found.found] == ["backlash J2 ry"]
+
+
+def test_a_lag_has_to_be_earned_and_is_shorter_than_the_campaign(tmp_path: Path) -> None:
+    """What follows a temperature at once is as likely as all that lags, and no later command needs a time for it."""
+    time = np.linspace(0.0, 6000.0, POSES)
+    arm = load_arm(written(tmp_path, time=time, temperature=20.0 + 3.0 * np.sin(time / 900.0)) / "arm.toml")
+    state = begin(calibrate(arm, read_measurements(tmp_path / "rows.csv", arm), as_stated=True))
+    growth = [one for one in hypotheses(state.context) if one.one.law is THERMAL_GROWTH]
+    place = growth[0].one.location
+    priors = {one.one.inner: one.prior for one in growth if one.one.location == place}
+    assert priors[20.0, 0.0] > max(priors[20.0, lag] for lag in (600.0, 1800.0, 5400.0)) + 2.9
+    for lag, shown in ((0.0, True), (5400.0, True), (6600.0, False)):
+        effect = Effect(THERMAL_GROWTH, place, (1e-5, 20.0, lag))
+        assert THERMAL_GROWTH.possible(effect, state.context, arm) is shown
+
+
+# How it is said.
+
+
+def test_a_trace_names_what_it_found(campaign: tuple[Arm, Measurements]) -> None:
+    said = repr(trace(*campaign))
+    assert said.startswith("<Trace: backlash at J2 (ry); RMS 0.") and "held out" in said and "\n" not in said
+
+
+def test_kinds_of_readings_show_no_numbers(campaign: tuple[Arm, Measurements]) -> None:
+    assert len(repr(calibrate(*campaign).by_kind)) < 200
