@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -135,7 +136,7 @@ def families_of(fit: Fit, context: Context, poses: np.ndarray) -> Families:
     Raises:
         ConvergenceError: What families do is not finite.
     """
-    parts = list(_parts(fit, context, len(np.unique(poses))))
+    parts = [part for part in _parts(fit, context, len(np.unique(poses))) if part.shapes.any()]
     return _Problem(fit, parts, pose_folds(poses)).families
 
 
@@ -145,9 +146,10 @@ class _Problem:
     def __init__(self, fit: Fit, parts: Sequence[Part], folds: np.ndarray) -> None:
         self.fit, self.parts, self.folds = fit, parts, folds
         scale = fit.scale[:, :, None]
-        self.columns = np.hstack([(part.shapes * scale).reshape(fit.view.residual.size, -1) for part in parts])
+        none = np.empty((fit.view.residual.size, 0))
+        self.columns = np.hstack([none, *((part.shapes * scale).reshape(len(none), -1) for part in parts)])
         ends = np.cumsum([0, *(part.shapes.shape[2] for part in parts)]).tolist()
-        self.slices = [slice(a, b) for a, b in zip(ends, ends[1:], strict=False)]
+        self.slices = [slice(first, last) for first, last in pairwise(ends)]
         # A component for each length of each family, over all its places.
         names = [(part.family, length) for part in parts for length in range(len(part.variances))]
         self.components = list(dict.fromkeys(names))
@@ -238,6 +240,7 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
     positions = {joint.name: context.row.position(joint.name)[view.rows] for joint in context.robot.moving}
     driven = {name: values for name, values in positions.items() if np.ptp(values) > 0.0}
     along = {name: (values - values.mean()) / np.ptp(values) for name, values in driven.items()}
+    slides = [joint.name for joint in context.robot.moving if TWIST_NAMES.index(drive_axis(joint)) not in TURNS]
     for joint in context.robot.moving:
         twist, drive = view.to_twist(joint.name), TWIST_NAMES.index(drive_axis(joint))
 
@@ -262,17 +265,19 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
         if f"{APPROACH}{joint.name}" in context.row.covariates:
             yield part("play by approach", drive, context.column(f"{APPROACH}{joint.name}")[view.rows])
         load = view.load_at(joint.name)
+        places = [along[name] for name in dict.fromkeys((joint.name, *slides)) if name in along]
         for axis in TURNS:
             moment = load[:, axis]
             largest = np.abs(moment).max()
             yield part("compliance", axis, load[:, 3:])
             if not largest > ROUNDING * np.abs(load).max():
                 continue
-            yield part("compliance by position", axis,
-                       *(moment * place**power for place in along.values() for power in (1, 2)))  # fmt: skip
             side = np.tanh(moment / (TURN_OF_LOAD * largest))
             yield part("play by load", axis, side)
-            yield part("play by load and position", axis, *(side * place for place in along.values()))
+            if places:
+                powers = [place**power for place in places for power in (1, 2)]
+                yield part("compliance by position", axis, *(moment * power for power in powers))
+                yield part("play by load and position", axis, *(side * place for place in places))
     yield from _wandering(fit, context)
 
 

@@ -1,4 +1,4 @@
-"""Sizes of components by the evidence: the likelihood is that of a normal distribution, and what was drawn comes back."""
+"""Sizes of components by the evidence: the likelihood is that of a normal distribution, what was drawn comes back."""
 
 from __future__ import annotations
 
