@@ -240,6 +240,8 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
     positions = {joint.name: context.row.position(joint.name)[view.rows] for joint in context.robot.moving}
     driven = {name: values for name, values in positions.items() if np.ptp(values) > 0.0}
     along = {name: (values - values.mean()) / np.ptp(values) for name, values in driven.items()}
+    recorded = {name: context.column(name)[view.rows] for name in context.recorded if name != "time"}
+    recorded = {name: (x - x.mean()) / np.ptp(x) for name, x in recorded.items() if np.ptp(x) > 0.0}
     slides = [joint.name for joint in context.robot.moving if TWIST_NAMES.index(drive_axis(joint)) not in TURNS]
     for joint in context.robot.moving:
         twist, drive = view.to_twist(joint.name), TWIST_NAMES.index(drive_axis(joint))
@@ -264,6 +266,9 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
                     yield part("curve about other axes", axis, shapes, variances=spectra)
         if f"{APPROACH}{joint.name}" in context.row.covariates:
             yield part("play by approach", drive, context.column(f"{APPROACH}{joint.name}")[view.rows])
+        for name, share in recorded.items():
+            for axis in range(6):
+                yield part(f"by {name}", axis, share)
         load = view.load_at(joint.name)
         places = [along[name] for name in dict.fromkeys((joint.name, *slides)) if name in along]
         for axis in TURNS:
@@ -274,10 +279,20 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
                 continue
             side = np.tanh(moment / (TURN_OF_LOAD * largest))
             yield part("play by load", axis, side)
+            for name, share in recorded.items():
+                yield part(f"compliance by {name}", axis, moment * share)
             if places:
                 powers = [place**power for place in places for power in (1, 2)]
                 yield part("compliance by position", axis, *(moment * power for power in powers))
                 yield part("play by load and position", axis, *(side * place for place in places))
+    twist, load = view.to_twist(BASE), view.load_at(BASE)
+    for axis in TURNS:
+        shapes = twist[:, :, [axis]] * load[:, None, 3:]
+        yield Part("compliance", BASE, TWIST_NAMES[axis], shapes, np.ones((1, 3)))
+    for name, share in recorded.items():
+        for axis in range(6):
+            shapes = twist[:, :, [axis]] * share[:, None, None]
+            yield Part(f"by {name}", BASE, TWIST_NAMES[axis], shapes, np.ones((1, 1)))
     yield from _wandering(fit, context)
 
 
@@ -292,17 +307,22 @@ def _curve(values: Array, lengths: Array, most: int) -> tuple[Array, Array]:
 
 
 def _wandering(fit: Fit, context: Context) -> Iterator[Part]:
-    """Yield random walks of the instrument's frame in time, within every session."""
+    """Yield random walks in time: of the instrument's frame, anew in every session, and of every drive."""
     view = fit.view
     time = context.column("time")[view.rows] if context.timed else np.arange(len(view.rows), dtype=float)
     rates = np.pi * (np.arange(1, WALKS + 1) - 0.5)
-    sessions = np.array(view.sessions)
-    for session in dict.fromkeys(view.sessions):
-        own = sessions == session
-        start, span = time[own].min(), np.ptp(time[own])
-        if not span > 0.0:
-            continue
-        walk = np.sqrt(2.0) * np.sin(rates * (time[:, None] - start) / span) / rates * own[:, None]
+
+    def walk(rows: np.ndarray) -> Array:
+        share = (time - time[rows].min()) / (np.ptp(time[rows]) or 1.0)
+        return np.sqrt(2.0) * np.sin(rates * share[:, None]) / rates * rows[:, None]
+
+    sessions, every = np.array(view.sessions), np.ones(len(view.rows), dtype=bool)
+    spans = {walked.tobytes(): walked for name in dict.fromkeys(view.sessions) if (walked := sessions == name).any()}
+    for rows in (spans | {every.tobytes(): every}).values():
         for axis in range(3):
-            shapes = view.by_frame[:, :, [axis]] * walk[:, None, :]
+            shapes = view.by_frame[:, :, [axis]] * walk(rows)[:, None, :]
             yield Part("wandering of the instrument", BASE, TWIST_NAMES[axis], shapes, np.ones((1, WALKS)))
+    for joint in context.robot.moving:
+        drive = drive_axis(joint)
+        shapes = view.to_twist(joint.name)[:, :, [TWIST_NAMES.index(drive)]] * walk(every)[:, None, :]
+        yield Part("wandering of the drives", joint.name, drive, shapes, np.ones((1, WALKS)))
