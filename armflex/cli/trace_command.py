@@ -32,10 +32,14 @@ from armflex.show.report import write_report
 from armflex.show.report.summary import further, headline
 from armflex.storage.whole_file import together
 from armflex.trace import trace
+from armflex.trace.families import Families, FamilyFound
 from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, write_traced
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
+
+MOST_PLACES = 3
+"""Of a kind of effect."""
 
 MOST_ADVICE = 3
 """Of what to measure next."""
@@ -168,6 +172,9 @@ def print_trace(found: Trace) -> None:
     title = f"RMS of the {readings.error_title} over {len(found.rows)} rows"
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
     print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
+    if found.families is not None and found.families.found:
+        columns = ["kind", f"RMS {unit}", "evidence", f"held out {unit}", "most at"]
+        print_table("Kinds of effect that the calibrated arm lacks", columns, _kinds(found.families, factor))
     if found.found:
         columns = [
             "added",
@@ -179,7 +186,7 @@ def print_trace(found: Trace) -> None:
             "in folds",
         ]
         print_table("Effects identified", columns, [row for one in found.found for row in _lines(one, factor)])
-    if found.families:
+    if found.at_every_drive:
         columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
         rows = [
             [
@@ -188,10 +195,25 @@ def print_trace(found: Trace) -> None:
                 f"{one.evidence:.0f}",
                 f"{number(one.proof.before * factor, 3)} -> {number(one.proof.after * factor, 3)}",
             ]
-            for one in found.families
+            for one in found.at_every_drive
         ]
         print_table("Families: small errors at every drive", columns, rows)
     say(*_remarks(found))
+
+
+def _kinds(families: Families, factor: float) -> list[list[str]]:
+    """Return one line for each family; `factor` is that of errors in the unit that they are shown in."""
+    after = number(families.held_out[1] * factor, 3)
+    return [
+        [
+            family.name,
+            number(family.rms * factor, 3),
+            f"{family.evidence:.0f}",
+            f"{number(family.held_out_without * factor, 3)} -> {after}",
+            ", ".join(f"{place.site} {place.axis}" for place in family.places[:MOST_PLACES]),
+        ]
+        for family in families.found
+    ]
 
 
 def _lines(found: Found, factor: float) -> Iterator[list[str]]:
@@ -216,7 +238,7 @@ def _remarks(found: Trace) -> Iterator[str]:
     yield headline(found)
     if found.compared is not None:
         yield "In folds: the share of folds that select the effect."
-    for one in (*found.found, *found.families):
+    for one in (*found.found, *found.at_every_drive):
         title = one.title if one.family else f"{one.title}{numbered(one.number)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
         yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
@@ -242,11 +264,13 @@ def as_json(found: Trace) -> dict[str, Any]:
     Where no length was read, what is called mm is thousandths of the unit that was, and beside it stands what is in it.
     """
     left, unit, undecided = found.unexplained, found.state.measurements.readings.unit, found.undecided
+    kinds = found.families
     stages = ("calibrated", "after")
     errors = {
         "noise_rms": found.noise_rms,
         "rms": dict(zip(("declared", *stages), (found.declared_rms, found.calibrated_rms, found.rms), strict=True)),
-        "held_out_rms": dict(zip(stages, found.held_out, strict=True)),
+        "held_out_rms": dict(zip(stages, found.held_out, strict=True))
+        | ({} if kinds is None else {"families": kinds.held_out[1]}),
     }
     said = {
         "format": "armflex-trace-1",
@@ -274,7 +298,8 @@ def as_json(found: Trace) -> dict[str, Any]:
         "flags": found.flags,
         "held_out_chosen_again_rms_mm": found.compared and _before_after(found.compared, stages),
         "held_out_is_of": HELD_OUT_IS_OF if found.compared is not None else "nothing was chosen",
-        "families": [
+        "families": [] if kinds is None else [_family_json(family, kinds) for family in kinds.found],
+        "at_every_drive": [
             {
                 "effect": names_of(one.members[0][0].law)[0],
                 **record(one, "title unit evidence probability", std="size", family="number"),
@@ -285,7 +310,7 @@ def as_json(found: Trace) -> dict[str, Any]:
                     for effect, std in one.members
                 ],
             }
-            for one in found.families
+            for one in found.at_every_drive
         ],
         "undecided": undecided
         and record(undecided, "poses evidence chance")
@@ -301,6 +326,15 @@ def as_json(found: Trace) -> dict[str, Any]:
         ],
     }
     return plain(said)
+
+
+def _family_json(family: FamilyFound, kinds: Families) -> dict[str, Any]:
+    return {
+        "family": family.name,
+        **record(family, "evidence", rms_m="rms"),
+        "held_out_rms_mm": scaled({"before": family.held_out_without, "after": kinds.held_out[1]}, 1e3),
+        "places": [record(place, "site axis", rms_m="rms") for place in family.places],
+    }
 
 
 def _effect_json(found: Found) -> dict[str, Any]:

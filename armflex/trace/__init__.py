@@ -67,6 +67,7 @@ def trace(
     from armflex.estimate.misread import check_scatter
     from armflex.progress import OutOfTimeError, Reporter
     from armflex.trace.account import conclude, so_far
+    from armflex.trace.families import families_of
     from armflex.trace.search import is_bounded, led, linear, search, standing
     from armflex.trace.state import begin
 
@@ -80,6 +81,8 @@ def trace(
     calibration = calibrate(arm, campaign, rows, reporter.steps, keep=keep, as_stated=True, anyway=anyway)
 
     begun, ended = begin(calibration, reporter), ""
+    reporter.stage("weighing which kinds of effect are missing")
+    families = families_of(begun.fit, begun.context, begun.groups)
     places, latest = linear(begun).places, begun
 
     def passing(here: Standing) -> None:
@@ -102,7 +105,7 @@ def trace(
             reporter.limit(60.0 * minutes)
             here = standing(latest)  # it was in the midst of something
         reporter.limit(60.0 * minutes)
-        traced = conclude(here, places, ask, covariates, ended)
+        traced = conclude(here, places, ask, covariates, ended, families)
     except OutOfTimeError:
         ended = ended or f"after {minutes:g} min of CPU time in which what was found was weighed, see `minutes`"
     except KeyboardInterrupt:
@@ -113,4 +116,4 @@ def trace(
         return traced
     reporter.limit(float("inf"))
     reporter.stage("ending with what was accepted so far")
-    return so_far(latest, places, ended)
+    return so_far(latest, places, ended, families)

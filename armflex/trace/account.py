@@ -20,6 +20,7 @@ from armflex.parameters import ArmParameter, Certainty
 from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
 from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement
+from armflex.trace.families import Families
 from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
@@ -127,16 +128,18 @@ def conclude(
     ask: int = 0,
     settable: Mapping[str, Sequence[float]] | None = None,
     ended: str = "",
+    families: Families | None = None,
 ) -> Trace:
     """Return the account of a search that has come to its end; `ask` and `settable` as in `armflex.trace`.
 
-    `places` are where a random twist would have explained what was left at first; `ended` is as in `Trace`.
+    `places` are where a random twist would have explained what was left at first; `ended` and `families` are as in
+    `Trace`.
     """
     here.state.reporter.stage("fitting to the end")
     known, withdrawn = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
     every = [_found(known, number) for number in range(len(state.known))]
-    found, families = (tuple(one for one in every if one.family is family) for family in (False, True))
+    found, common = (tuple(one for one in every if one.family is family) for family in (False, True))
     left = unexplained(state, here.scattered)
     together = np.setdiff1d(state.asked[~(lost_of(state, heed=True)[1] | state.undirected)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
@@ -153,6 +156,7 @@ def conclude(
     return Trace(
         **errors,
         found=found,
+        at_every_drive=common,
         families=families,
         unexplained=left,
         places=places,
@@ -168,10 +172,11 @@ def conclude(
     )
 
 
-def so_far(state: State, places: tuple[RandomTwist, ...], ended: str) -> Trace:
+def so_far(state: State, places: tuple[RandomTwist, ...], ended: str, families: Families | None) -> Trace:
     """Return the account of a search that was ended at a state: what was accepted, without comparing it."""
     left = unexplained(state, linear(state).scattered)
-    return Trace(**_errors(state), found=(), unexplained=left, places=places, unfinished=True, ended=ended)
+    errors = _errors(state)
+    return Trace(**errors, found=(), unexplained=left, places=places, families=families, unfinished=True, ended=ended)
 
 
 def _errors(state: State, seen: Validated | None = None) -> dict:

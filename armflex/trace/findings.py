@@ -32,6 +32,7 @@ from armflex.measured.repeats import repeats
 from armflex.parameters import DOUBT, ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
+from armflex.trace.families import Families
 from armflex.trace.hypotheses import Hypothesis, at_every_drive
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
@@ -286,7 +287,8 @@ class Trace(Result):
         asked: The rows that decide what is in question, where they were wanted.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
-        families: Laws that all drives have.
+        at_every_drive: Laws that all drives have.
+        families: Which kinds of effect the calibrated arm lacks, before anything is named.
         undecided: What is left where these rows do not determine whether anything is missing, None where they can.
         unfinished: Whether it was ended at once: what was accepted is in `arm` and `accepted` alone, and what else
             would do, what is not identifiable and what to measure next is not worked out.
@@ -314,7 +316,8 @@ class Trace(Result):
     asked: Asked | None = None
     compared: Compared | None = None
     withdrawn: tuple[Withdrawn, ...] = ()
-    families: tuple[Found, ...] = ()
+    at_every_drive: tuple[Found, ...] = ()
+    families: Families | None = None
     undecided: Undecided | None = None
     unfinished: bool = False
     nothing: float | None = None
@@ -367,7 +370,7 @@ class Trace(Result):
     @property
     def common(self) -> list[str]:
         """Laws that all drives have, in words."""
-        return [family.title for family in self.families]
+        return [family.title for family in self.at_every_drive]
 
     @cached_property
     def judged_rows(self) -> np.ndarray:

@@ -53,7 +53,7 @@ print(f"{len(used)} poses used, {len(held_out)} held out: {told(before)}")
 # %%
 # ``trace`` asks what is left.
 traced = armflex.trace(arm, rows, rows=used)
-for family in traced.families:  # small everywhere: no drive shows it alone, all of them together do
+for family in traced.at_every_drive:  # small everywhere: no drive shows it alone, all of them together do
     print(family.title)
 for one in traced.found:
     values = ", ".join(f"{name} = {value:.3g}" for name, value in one.effect.named.items())
@@ -85,7 +85,7 @@ traced = armflex.trace(arm, rows, rows=used)
 after = error(traced.arm, rows, held_out)
 print(f"held-out poses, calibrated: {told(before)}")
 print(f"held-out poses, traced: {told(after)}; as declared {1e3 * traced.declared_rms:.1f} mm RMS")
-for title in (*(family.title for family in traced.families), *(one.effect.title for one in traced.found)):
+for title in (*(family.title for family in traced.at_every_drive), *(one.effect.title for one in traced.found)):
     print(title)
 
 # %%

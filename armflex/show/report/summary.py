@@ -24,8 +24,8 @@ def headline(trace: Trace) -> str:
     if len(trace.found) > MOST_NAMED:
         several = joined([called(one.effect, one.number) for one in trace.found[:MOST_NAMED]])
         return f"{len(trace.found)} effects identified, first of all {several}."
-    if not trace.found and trace.families:
-        return f"The drives have in common: {joined([one.title for one in trace.families[:MOST_NAMED]])}."
+    if not trace.found and trace.at_every_drive:
+        return f"The drives have in common: {joined([one.title for one in trace.at_every_drive[:MOST_NAMED]])}."
     if trace.undecided is not None:
         return "These data cannot decide what is missing."
     if not trace.found and trace.withdrawn:
@@ -66,7 +66,7 @@ def further(trace: Trace) -> list[str]:
             said.append(f"These data do not distinguish {called(one.effect, one.number)} from {joined(shown)}.")
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
-    for family in trace.families:
+    for family in trace.at_every_drive:
         size = measure(family.size, None, family.unit)
         said.append(
             f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family with a "

@@ -21,6 +21,9 @@ from armflex.trace.projection import project
 from armflex.trace.unrecorded import localise
 from armflex.version import __version__
 
+FAMILY_PLACES = 3
+"""Places of a kind of effect that are listed."""
+
 SHOWN = 20
 """Rows of a list of outliers or parameters."""
 
@@ -52,6 +55,7 @@ def account(trace: Trace) -> SimpleNamespace:
         further=summary.further(trace),
         cards=_cards(trace, accurate),
         campaign=cover.facts(trace.arm, trace.state.measurements, used),
+        families=_families(trace),
         numbers=_numbers(trace, accurate),
         size=_errors_of(trace)[1],
         workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
@@ -138,7 +142,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     unit = placed.readings.unit
     rows = [cover.spread(f"as declared, the {trace.calibration.placing}", declared, unit)]
     rows.append(cover.spread("calibrated, poses held out", accurate.before, unit))
-    if trace.found or trace.families:
+    if trace.found or trace.at_every_drive:
         rows.append(cover.spread("with the effects identified, poses held out", accurate.after, unit))
     return (*rows, ("noise as stated", millimetres(accurate.stated, unit=unit), "", ""))
 
@@ -171,6 +175,21 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
         rows.append(("Scatter of repeats", "", millimetres(*scatter_rms(accurate.again))))
     kept = [row for row in rows if row[1:] != ("–", "–")]
     return tuple(kept) if found else tuple((row[0], row[2] or row[1]) for row in kept)
+
+
+def _families(trace: Trace) -> Table:
+    """Return kind, size, evidence, error on held-out poses without it and with all, and where it does most."""
+    kinds, said = trace.families, _errors_of(trace)[0]
+    return tuple(
+        (
+            family.name,
+            said(family.rms),
+            f"{family.evidence:.0f}",
+            f"{said(family.held_out_without)} → {said(kinds.held_out[1])}",
+            ", ".join(f"{place.site} {place.axis} {said(place.rms)}" for place in family.places[:FAMILY_PLACES]),
+        )
+        for family in (kinds.found if kinds else ())
+    )
 
 
 def _effect(trace: Trace, index: int) -> SimpleNamespace:

@@ -45,20 +45,20 @@ def _records(joint, arm):
 @pytest.mark.slow
 def test_a_little_at_every_drive_is_a_family(ur5) -> None:
     found = measured(ur5, dict.fromkeys(ur5[0].joint_names, 2e-3))
-    assert [family.members[0][0].law for family in found.families] == [ENCODER_ECCENTRICITY]
-    assert len(found.families[0].members) == 6
-    proof = found.families[0].proof
+    assert [family.members[0][0].law for family in found.at_every_drive] == [ENCODER_ECCENTRICITY]
+    assert len(found.at_every_drive[0].members) == 6
+    proof = found.at_every_drive[0].proof
     assert proof.after < 0.9 * proof.before and proof.after == pytest.approx(np.sqrt(3.0) * SIGMA, rel=0.05)
 
 
 @pytest.mark.slow
 def test_noise_is_no_family(ur5) -> None:
-    assert not measured(ur5, {}).families
+    assert not measured(ur5, {}).at_every_drive
 
 
 @pytest.mark.slow
 def test_much_at_one_drive_is_no_family(ur5) -> None:
     """The effect by itself is worth more than the same at every drive: it is named."""
     found = measured(ur5, {"shoulder_lift_joint": 4e-3})
-    assert not found.families
+    assert not found.at_every_drive
     assert "encoder eccentricity at shoulder_lift_joint (ry)" in [one.effect.title for one in found.found]

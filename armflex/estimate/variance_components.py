@@ -1,0 +1,227 @@
+"""Variance components: how large each of several kinds of unknown is, by the evidence (restricted maximum likelihood).
+
+Readings y, whitened, are what is fitted anyway, plus columns X (n, K) times unknown amplitudes, plus noise of one size:
+
+    y = A x + X b + e,        b_k ~ N(0, v d_k),        e ~ N(0, v),        d_k = sum_c r_c V_ck
+
+Component c (compliance at every joint, say) gives column k the variance r_c V_ck by the noise's, so that components
+may share columns: a smooth curve is one basis, with a spectrum for each length. What is fitted anyway is projected out
+with its priors, M = 1 - A N^-1 A' of n degrees of freedom, and G = X'MX, g = X'My and J0 = y'My are made once. Then
+
+    log p(y | r) = -1/2 log|Q| - n/2 log J,    Q = 1 + D^1/2 G D^1/2,    Q z = D^1/2 g,    J = J0 - g'D^1/2 z
+
+is the likelihood of mixed models (Patterson and Thompson 1971, Biometrika 58, 545-554; Harville 1977, JASA 72, 320-338)
+at the noise v = J / n that fits best. The amplitudes are b = D^1/2 z, with covariance v D^1/2 Q^-1 D^1/2. Columns of no
+variance drop out, so a component that is not there has size zero.
+
+Sizes climb by their logarithms: Newton's steps with the average information (Gilmour, Thompson and Cullis 1995,
+Biometrics 51, 1440-1450), damped as Levenberg and Marquardt do. The slope by log r_c is that of the columns, z_k^2 / 2v
+- (1 - [Q^-1]_kk) / 2 each, by the share of its variance that is the component's; the average information of two
+components is m_b'(G - G D^1/2 Q^-1 D^1/2 G) m_c / 2v with m_c = r_c V_c D^-1/2 z.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+
+from armflex.conventions import Array
+from armflex.errors import ConvergenceError
+
+ENOUGH = 0.01
+"""Tolerance: rise of the log likelihood, in nats, that is no longer sought."""
+
+STEPS = 60
+"""Tolerance: steps of a climb at most."""
+
+SMALL_STEP = 4.0
+"""Tolerance: change of the logarithm of a variance in one step at most."""
+
+NOTHING = 1e-9
+"""Tolerance: information by the noise's times variance below which a column says nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class MixedModel:
+    """Columns with unknown amplitudes beside what is fitted anyway; see the head of this module.
+
+    Attributes:
+        gram: (K, K) G, products of the columns beside what is fitted anyway.
+        score: (K,) g, their products with the readings.
+        objective: J0, the readings' square without any column.
+        freedom: n.
+        variances: (C, K) V, variance of each column's amplitude per unit of a component's.
+    """
+
+    gram: Array
+    score: Array
+    objective: float
+    freedom: float
+    variances: Array
+
+    @cached_property
+    def unit(self) -> Array:
+        """(C,) of each component the variance by the noise's that a unit of its own makes of a reading, on average."""
+        return self.variances @ np.diag(self.gram) / self.freedom
+
+    def at(self, ratios: Array) -> Components:
+        """Return the model with (C,) variances of the components by the noise's."""
+        return Components(self, np.asarray(ratios, dtype=float))
+
+    def fitted(self, start: Array | None = None, steps: int = STEPS) -> Components:
+        """Return the model with the variances that maximise the likelihood; what gains nothing is zero.
+
+        Args:
+            start: (C,) variances to begin with; zero ones stay zero. When not given all are a tenth of the noise's at
+                the readings.
+            steps: At most.
+
+        Raises:
+            ConvergenceError: The columns are not finite.
+        """
+        if start is None:
+            start = 0.1 / np.where(self.unit > 0.0, self.unit, np.inf)
+        here, damping = self.at(start), 1e-3
+        for _ in range(steps):
+            here = here.without_idle()
+            free = here.ratios > 0.0
+            if not free.any():
+                return here
+            slope, curvature, promised = here.slope, here.average_information, 0.0
+            while damping < 1e9:
+                held = curvature[np.ix_(free, free)] + damping * np.eye(free.sum())
+                step = np.zeros(len(free))
+                step[free] = np.clip(np.linalg.solve(held, slope[free]), -SMALL_STEP, SMALL_STEP)
+                promised = float(slope @ step)
+                there = self.at(here.ratios * np.exp(step))
+                if there.log_likelihood > here.log_likelihood:
+                    break
+                damping *= 10.0
+            else:
+                break
+            gain = there.log_likelihood - here.log_likelihood
+            here, damping = there, max(0.1 * damping, 1e-6)
+            if max(gain, promised) < ENOUGH:
+                break
+        return here.without_idle()
+
+
+@dataclass(frozen=True, eq=False)
+class Components:
+    """A mixed model with sizes of its components.
+
+    Attributes:
+        model: The model.
+        ratios: (C,) r, variances by the noise's, 0 where a component is not there.
+    """
+
+    model: MixedModel
+    ratios: Array
+
+    @cached_property
+    def spread(self) -> Array:
+        """(K,) D^1/2, standard deviation of each amplitude by the noise."""
+        variance = self.ratios @ self.model.variances
+        return np.sqrt(np.where(variance * np.diag(self.model.gram) > NOTHING, variance, 0.0))
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """(k,) those that are there."""
+        return np.flatnonzero(self.spread)
+
+    @cached_property
+    def _factor(self) -> Array:
+        """(k, k) Cholesky factor of Q."""
+        at = self.columns
+        whole = self.model.gram[np.ix_(at, at)] * (self.spread[at] * self.spread[at, None])
+        whole[np.diag_indices(len(at))] += 1.0
+        if not len(at):
+            return whole
+        factor, failed = dpotrf(whole, lower=1, clean=0, overwrite_a=1)
+        if failed:
+            raise ConvergenceError("the columns of families are not finite", ())
+        return factor
+
+    def _solve(self, right: Array) -> Array:
+        """Return Q^-1 times (k,) or (k, m)."""
+        return dpotrs(self._factor, right, lower=1)[0] if len(right) else right
+
+    @cached_property
+    def scaled(self) -> Array:
+        """(k,) z, amplitudes by their standard deviations before anything was read."""
+        return self._solve(self.spread[self.columns] * self.model.score[self.columns])
+
+    @cached_property
+    def left(self) -> float:
+        """J, the readings' square beside what the columns explain."""
+        at = self.columns
+        explained = float((self.spread[at] * self.model.score[at]) @ self.scaled)
+        return max(self.model.objective - explained, 1e-12 * self.model.objective)
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the readings over that by which they were whitened."""
+        return float(np.sqrt(self.left / self.model.freedom))
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Logarithm of the restricted likelihood at the noise that fits best, but for a constant."""
+        volume = 2.0 * float(np.log(np.diag(self._factor)).sum())
+        return -0.5 * volume - 0.5 * self.model.freedom * float(np.log(self.left / self.model.freedom))
+
+    @cached_property
+    def _shares(self) -> Array:
+        """(C, k) share of each component in the variance of a column."""
+        at = self.columns
+        return self.ratios[:, None] * self.model.variances[:, at] / self.spread[at] ** 2
+
+    @cached_property
+    def slope(self) -> Array:
+        """(C,) change of the log likelihood per logarithm of a ratio."""
+        inverse = np.diag(dpotri(self._factor, lower=1)[0]) if len(self.columns) else np.zeros(0)
+        return self._shares @ (0.5 * self.scaled**2 / self.noise**2 - 0.5 * (1.0 - inverse))
+
+    @cached_property
+    def average_information(self) -> Array:
+        """(C, C) average of the observed and the expected information on the logarithms of the ratios.
+
+        The noise is free as well: its part is eliminated.
+        """
+        at, variance = self.columns, self.noise**2
+        inner = (self.spread[at] * self.scaled)[:, None] * self._shares.T  # (k, C): K_c P y = X times these
+        product = self.model.gram[np.ix_(at, at)] @ inner
+        inside = inner.T @ product - product.T @ (self.spread[at, None] * self._solve(self.spread[at, None] * product))
+        # P y times what noise would be: its cross products with the others are those with the residual.
+        by_noise = inner.T @ (self.scaled / self.spread[at])
+        own = 0.5 * inside / variance
+        cross = 0.5 * by_noise / variance
+        return own - np.outer(cross, cross) / (0.5 * self.model.freedom)
+
+    def without_idle(self) -> Components:
+        """Return the same without components on whose way to zero nothing is lost, one after the other."""
+        here = self
+        falling = np.flatnonzero((self.ratios > 0.0) & (self.slope < 0.0))
+        for c in falling[np.argsort(self.slope[falling])].tolist():
+            if (less := here.without(c)).log_likelihood > here.log_likelihood - ENOUGH:
+                here = less
+        return here
+
+    def without(self, *gone: int) -> Components:
+        """Return the same without some components, the others as they are."""
+        ratios = self.ratios.copy()
+        ratios[list(gone)] = 0.0
+        return self.model.at(ratios)
+
+    def lost_without(self, *gone: int) -> float:
+        """Return the nats that are lost where some components are left out, and the others keep their sizes."""
+        return self.log_likelihood - self.without(*gone).log_likelihood
+
+    @cached_property
+    def amplitudes(self) -> Array:
+        """(K,) most probable amplitudes."""
+        found = np.zeros(len(self.spread))
+        found[self.columns] = self.spread[self.columns] * self.scaled
+        return found
