@@ -254,7 +254,7 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
 
     def steps(travel: float, least: float, most: float) -> Array:
         number = int(np.log(most / least) / np.log(STEP))
-        return least * STEP ** np.arange(number + 1) / max(travel, RESOLUTION)
+        return np.asarray(least * STEP ** np.arange(number + 1) / max(travel, RESOLUTION), dtype=float)
 
     def common(zero: Array) -> Map:
         def made(numbers: Array) -> tuple[Array, Array]:

@@ -71,6 +71,9 @@ NO_NUMBERS = ("nan", "inf", "infinity")
 """What programs write, but for its sign, for a number that they could not compute: an error in a covariate of numbers,
 in which another word for nothing is a gap."""
 
+FEW_ROWS = 0.25
+"""Tolerance: share of a column's rows below which those far beyond its limits are written otherwise than the others."""
+
 TEXTS = ("pose", "session", "payload", *FORCE_TEXTS)
 
 
@@ -264,7 +267,9 @@ def read_measurements(
     sha256, frame = table.sha256, ""
     found = replace(found, covariates=covariates)
     units = {name: column.unit for name, column in table.columns.items() if column.unit}
-    if inputs_only or not found.positioned.any():  # else readings decide what unit it is, when the arm is fitted
+    odd = float(in_other_units(found.q, arm).mean(axis=0).max(initial=0.0))
+    # Of a whole column readings decide what unit it is in, when the arm is fitted.
+    if inputs_only or not found.positioned.any() or odd < FEW_ROWS:
         check_joint_units(found.q, arm, found.places, units=units)
     for kind in found.readings.kinds:
         if kind.unit == "m":

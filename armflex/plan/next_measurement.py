@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from armflex.errors import ArmflexError, listing
-from armflex.laws.effects.context import Context
+from armflex.laws.effects.context import TEMPERATURE, Context
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.link_mass import LINK_MASS
 from armflex.laws.effects.location import link_of
@@ -144,6 +144,19 @@ def misplaced_centres(effects: Sequence[Effect], robot: Robot) -> tuple[str, ...
     return (
         f"{text}: check the declared centres of mass of these links and their neighbours, which load joints alike.",
     )
+
+
+def warming(effects: Sequence[Effect], recorded: Sequence[str]) -> tuple[str, ...]:
+    """Return in words that links which grow with time may do so with a temperature that no column has."""
+    growing = dict.fromkeys(
+        one.location.site
+        for one in effects
+        if "time" in one.location.covariates and not one.location.turns and one.location.site not in ("base", "tool")
+    )
+    if len(growing) < 2 or any(TEMPERATURE.search(name) for name in recorded):
+        return ()
+    text = f"Lengths at {listing(growing)} change with time, as links do that warm up: record a column `temperature`"
+    return (f"{text}, with which they grow alike (steel by 12, aluminium by 23 millionths per K).",)
 
 
 def lacking(measurements: Measurements, context: Context) -> tuple[str, ...]:

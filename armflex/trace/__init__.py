@@ -80,9 +80,7 @@ def trace(
     campaign = as_campaign(measurements, arm)
     calibration = calibrate(arm, campaign, rows, reporter.steps, keep=keep, as_stated=True, anyway=anyway)
 
-    begun, ended = begin(calibration, reporter), ""
-    reporter.stage("weighing which kinds of effect are missing")
-    families = families_of(begun.fit, begun.context, begun.groups)
+    begun, ended, families = begin(calibration, reporter), "", None
     places, latest = linear(begun).places, begun
 
     def passing(here: Standing) -> None:
@@ -94,6 +92,8 @@ def trace(
 
     try:
         reporter.limit(60.0 * minutes)
+        reporter.stage("weighing which kinds of effect are missing")
+        families = families_of(begun.fit, begun.context, begun.groups)
         try:
             here = standing(led(begun, passing))
             passing(here)

@@ -19,7 +19,7 @@ from armflex.laws.effects.effect import Effect
 from armflex.parameters import ArmParameter, Certainty
 from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
-from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement
+from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement, warming
 from armflex.trace.families import Families
 from armflex.trace.findings import (
     VARIANCE_RATIO,
@@ -153,6 +153,7 @@ def conclude(
         before = _before(state, errors["arm"].certainty)
         texts, asked = next_measurement(before, open_places, ask, settable or {})
     wrong = misplaced_centres(state.fitted, state.fit.setup.arm.robot)
+    wrong += warming(state.fitted, tuple(state.measurements.covariates))
     return Trace(
         **errors,
         found=found,

@@ -1,4 +1,4 @@
-"""Which kinds of effect a calibrated arm lacks, on machines of the plant: the hidden kind at its joint, and none elsewhere."""
+"""Which kinds of effect a calibrated arm lacks, on machines of the plant: the hidden kind at its joint, no other."""
 
 from __future__ import annotations
 
