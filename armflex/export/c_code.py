@@ -17,6 +17,7 @@ from armflex.arm import Arm, Flexure
 from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import ArmflexError, InputError, UnsupportedError, listing
 from armflex.export import Exported
+from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
@@ -84,6 +85,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE)]
     if outside:
         notes.append(f"of the instrument, and so not in it: {', '.join(outside)}")
+    notes += said_points(measured_points(arm), carried=False)
     numbers = {
         "name": name,
         "joint_names": list(arm.joint_names),

@@ -1,6 +1,6 @@
 """Calibrate campaigns with two rows exchanged and one reading far off, and count which give a result.
 
-    python tests/studies/lost.py --draws 100
+python tests/studies/lost.py --draws 100
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from support.lost_campaign import write_arm, write_campaign
+
 from armflex import calibrate, load_arm, read_measurements
 from armflex.errors import ArmflexError
-from support.lost_campaign import write_arm, write_campaign
 
 
 def main() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from support.lost_campaign import FAR, SIGMA, write_arm, write_campaign
 
 from armflex import calibrate, load_arm, read_measurements
-from support.lost_campaign import FAR, SIGMA, write_arm, write_campaign
 
 
 @pytest.mark.parametrize("seed", [57, 5])

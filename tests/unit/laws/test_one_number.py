@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.small_arms import joint, link, robot, write
 
 import armflex
 from armflex.arm import Setup
@@ -14,7 +15,6 @@ from armflex.estimate.block import factor_block
 from armflex.estimate.draw import drawn_frequencies
 from armflex.laws.law import NOWHERE
 from armflex.readings.instrument import Instrument
-from support.small_arms import joint, link, robot, write
 
 STIFFNESS, REACH, MASS, SHARE = 1e6, 2.0, 100.0, 0.1
 SAG = MASS * 9.81 * 1.0 * REACH / STIFFNESS

@@ -14,12 +14,12 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi
+from support.lost_campaign import write_arm, write_campaign
 
 import armflex
 from armflex.cli.main import armflex as program
 from armflex.show.report import render_report
 from armflex.tasks.iso9283 import instrument_repeatability, pose_accuracy, pose_repeatability
-from support.lost_campaign import write_arm, write_campaign
 
 ROBOTS = Path(__file__).parents[3] / "robots"
 EXACT = {"rel": 1e-12, "abs": 1e-12}
