@@ -151,9 +151,8 @@ def print_plan(found: Plan) -> None:
     gaining = [one for one in _parameters(found) if one["name"] not in others and not found.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
     words, rows = in_dh_words(found.reach.arm.robot), []
-    factors = {one.label for one in found.model.parameters if one.group.kind is ParameterKind.COMPLIANCE}
-    for one in gaining:
-        unit, times = ("%", 100.0) if one["name"] in factors else (one["unit"], 1.0)
+    for one in gaining:  # those of unit 1 are logarithms of factors, or shares
+        unit, times = ("%", 100.0) if one["unit"] == "1" else (one["unit"], 1.0)
         stds = (number(times * one[when], 3, 0.0) for when in ("before", "after"))
         rows.append([words.get(one["name"], (one["name"],))[0], *stds, unit])
     if rows:

@@ -308,7 +308,8 @@ def fitted_to(
         *far_from_declared(found, found.parameters, calibrated),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
-        *(() if about or judgement or scattered else _worse(errors, found.view.readings.unit)),
+        # Nor is an arm worse than declared of which only the instrument was placed.
+        *(() if about or judgement or scattered or keep else _worse(errors, found.view.readings.unit)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors, scattered)

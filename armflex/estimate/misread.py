@@ -54,6 +54,10 @@ from armflex.rows.rows import levels
 NAMED = -float(np.log(BY_CHANCE))
 """Logarithm of the odds at which a hypothesis is named."""
 
+ROUGHLY = 1.5
+"""Prior: standard deviation of the logarithm of a declared compliance at least, before conventions are thought of: it
+is often a guess, and what it would explain is no other convention. A thousand times too small is still one."""
+
 LOOKS = 20.0
 """Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
 
@@ -199,7 +203,8 @@ def misfit(
     kinds = SEEN if placing else FRAMES
     blocks = [one for one in declared_blocks(setup, campaign) if not (case.keep or placing) or one.kind in kinds]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
-    precision = np.concatenate([np.zeros(0), *(block.prior**-2.0 for block in blocks)])
+    stds = [np.maximum(block.prior, ROUGHLY) if block.logarithmic else block.prior for block in blocks]
+    precision = np.concatenate([np.zeros(0), *stds]) ** -2.0
     rounds, first, found = rounds or (1 if campaign.positioned[rows].any() else ROUNDS), None, None
     for _ in range(rounds):
         now = realise(setup, blocks, values)

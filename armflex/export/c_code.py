@@ -18,6 +18,7 @@ from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import ArmflexError, InputError, UnsupportedError, listing
 from armflex.export import Exported
 from armflex.export.quoting import c_comment, c_string
+from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
@@ -85,6 +86,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
     outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE)]
     if outside:
         notes.append(f"of the instrument, and so not in it: {', '.join(outside)}")
+    notes += said_points(measured_points(arm), carried=False)
     numbers = {
         "name": name,
         "joint_names": list(arm.joint_names),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,6 +21,7 @@ from armflex.laws.effects.location import resolve, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.mechanism import Mechanism
+from armflex.readings.sensor import POINT
 from armflex.robot.urdf import MOVING, drive_of
 from armflex.rows.wrench import Wrench, wrenches_in
 
@@ -159,11 +160,42 @@ class Lost:
     effects: float
 
 
-def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict[str, Any]]:
+def measured_points(arm: Arm) -> dict[str, tuple[str, Array]]:
+    """Return the link and the place in its frame, (3,) [m], of every point of the arm that a campaign found.
+
+    They are what was measured: the target of the tip, and the balls and targets of instruments beside it. The tip is
+    where it was declared, whatever was found of them.
+    """
+    found: dict[str, tuple[str, Array]] = {}
+    if arm.instrument is not None and np.any(arm.instrument.target):
+        found["target"] = arm.robot.tip, arm.instrument.target
+    for name, sensor in arm.sensors.items():
+        place = sensor.of(POINT.name, [""])[0]
+        if len(place) and sensor.found and np.any(place):
+            found[f"{name}_{POINT.name}"] = sensor.link, place
+    return found
+
+
+def said_points(points: Mapping[str, tuple[str, Array]], carried: bool) -> tuple[str, ...]:
+    """Return what a file says of points that were measured, a line where there are any."""
+    sizes = listing(
+        f"{name} {1e3 * float(np.linalg.norm(place)):.3g} mm from the origin of {link!r}"
+        for name, (link, place) in points.items()
+    )
+    if not points:
+        return ()
+    if carried:
+        return (f"What was measured are links of the file: {sizes}; the tip is as declared.",)
+    text = "Poses are of the tip as declared; the points that were measured are not in this file"
+    return (f"{text}: {sizes}. A tool there has to be given to what reads it.",)
+
+
+def left_out(arm: Arm, over: Measurements | None, points: bool = False) -> tuple[tuple[str, ...], dict[str, Any]]:
     """Return what a file with an arm's calibrated geometry leaves out, in words and for programs.
 
     Args:
         arm: As `with_constants` returns it.
+        points: Whether the file has the points that were measured.
         over: Rows to judge it by, with their payloads and columns; configurations within the limits, each with every
             payload, when None. Effects that need columns have no part then, which is said.
 
@@ -176,9 +208,11 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
         unknown = (f"The arm lacks something that moved the tip by {size} when it was measured: see `trace`.",)
     drawn = configurations(arm) if over is None else over.q
     loops, opened = _loops_left_out(arm, drawn)
-    unknown = (*loops, *unknown)
+    measured = measured_points(arm)
+    unknown = (*loops, *said_points(measured, points), *unknown)
+    opened |= {"points": {name: {"link": link, "xyz_m": place} for name, (link, place) in measured.items()}}
     if not arm.flexures and not arm.effects:
-        notes = ("No flexure and no effect is declared: this file leaves out nothing.", *unknown)
+        notes = ("No flexure and no effect is declared: no deflection is left out.", *unknown)
         return notes, {"left_out": [], "without": [], **opened}
     aside: list[Effect] = []
     if over is None:
@@ -212,7 +246,7 @@ def left_out(arm: Arm, over: Measurements | None) -> tuple[tuple[str, ...], dict
     return (*lines, *unknown), numbers
 
 
-def _loops_left_out(arm: Arm, q: Array) -> tuple[tuple[str, ...], dict[str, float]]:
+def _loops_left_out(arm: Arm, q: Array) -> tuple[tuple[str, ...], dict[str, Any]]:
     """Return what a tree says of a mechanism over (N, nq) positions of its drives, in words and [m]."""
     linkage, ties = arm.robot.linkage, [*arm.robot.linkage.closures, *(spring.name for spring in arm.springs)]
     gone = (f"Loops, cylinders and springs are left out: {listing(ties)}.",) if ties else ()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import UnsupportedError
 from armflex.export import Exported
-from armflex.export.rigid import left_out, with_constants
+from armflex.export.rigid import left_out, measured_points, with_constants
 from armflex.measured.measurements import read_measurements
 from armflex.robot.urdf import MOVING, Urdf, parse_xml
 
@@ -22,7 +23,8 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
     """Return the arm's URDF as calibrated; what is not corrected, comments too, stays as it was written.
 
     Corrections are put into the origins of joints, so that every position goes on meaning what the controller reports
-    and limits hold as they are. The tip of the file at any positions is that of the rigid, calibrated arm.
+    and limits hold as they are. The tip of the file at any positions is that of the rigid, calibrated arm; the target,
+    and every other point of the arm that was measured, is a link of its own.
 
     Args:
         arm: The arm.
@@ -69,7 +71,14 @@ def export(arm: Arm, over: Path | None = None) -> Exported:
             own.attrib.update({key: repr(factor * float(value)) for key, value in own.attrib.items()})
         if new:
             own.attrib.update(dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0"))
-    notes, numbers = left_out(whole, rows)
+    for name, (link, place) in measured_points(whole).items():
+        name = _unused(name, links, joints)
+        links[name] = etree.SubElement(root, "link", {"name": name})
+        joints[name] = etree.SubElement(root, "joint", {"name": f"{name}_joint", "type": "fixed"})
+        etree.SubElement(joints[name], "origin", {"xyz": _spaced(place), "rpy": "0.0 0.0 0.0"})
+        for end, joined in (("parent", link), ("child", name)):
+            etree.SubElement(joints[name], end, {"link": joined})
+    notes, numbers = left_out(whole, rows, points=True)
     if whole.robot.tool_joint is not None:
         notes += (
             f"The tool is a link of the file, {whole.robot.tip!r}: an arm.toml of it names that tip, and no tool.",
@@ -115,6 +124,13 @@ def _as_xml(urdf: Urdf) -> etree._Element:
             attributes = zip(("joint", "multiplier", "offset"), joint.mimic, strict=True)
             etree.SubElement(element, "mimic", {key: str(value) for key, value in attributes})
     return root
+
+
+def _unused(name: str, *names: Container[str]) -> str:
+    """Return a name that nothing has, and no joint's by which it hangs."""
+    while any(one in some for some in names for one in (name, f"{name}_joint")):
+        name += "_"
+    return name
 
 
 def _child(element: etree._Element, tag: str) -> etree._Element:

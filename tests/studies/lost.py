@@ -1,6 +1,6 @@
 """Calibrate campaigns with two rows exchanged and one reading far off, and count which give a result.
 
-    python tests/studies/lost.py --draws 100
+python tests/studies/lost.py --draws 100
 """
 
 from __future__ import annotations

@@ -62,6 +62,15 @@ def test_the_page_draws_the_mesh_of_a_link(tmp_path: Path) -> None:
     assert drawn(arm, "flexed/boom") == b""  # a rod stands for it
 
 
+def test_the_flexure_of_a_link_stands_along_the_chain(tmp_path: Path) -> None:
+    part(tmp_path, "C3D20")
+    (tmp_path / "r.urdf").write_text(URDF)
+    head = '[robot]\nurdf = "r.urdf"\ntip = "hook"\ngravity = [0.0, 0.0, -9.81]\n'
+    own = '[flexure.foot]\njoint = "luff"\ncompliance = [1e-9, 1e-9, 1e-9, 1e-8, 1e-8, 1e-8]\n'
+    (tmp_path / "arm.toml").write_text(f'{head}[link.boom]\nfile = "bar.toml"\n{own}')
+    assert armflex.load_arm(tmp_path / "arm.toml").flexure_names == ("foot", "boom")
+
+
 def drawn(arm: armflex.Arm, name: str) -> bytes:
     from armflex.show.view.arm_scene import Motion, arm_scene
 
