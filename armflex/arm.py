@@ -74,7 +74,12 @@ ManyRows = Sequence[Sequence[float]] | np.ndarray[tuple[int, int], np.dtype[Any]
 
 
 class DeflectionOptions(TypedDict, total=False):
-    """What `Arm.deflection` is asked beside positions and payload."""
+    """What `Arm.deflection` is asked beside positions and payload, which says what the others are.
+
+    Attributes:
+        v, a: (nq,) or (N, nq) velocities and accelerations [rad/s or m/s, rad/s^2 or m/s^2].
+        covariates: Numbers or (N,) by name, in SI units.
+    """
 
     v: ArrayLike | None
     a: ArrayLike | None
