@@ -37,7 +37,7 @@ EVERY, REDRAWN = 2.0, 0.5
 of the live line in a terminal."""
 
 BETWEEN = 3
-"""Columns between those of a table."""
+"""Columns between those of a table; its edges take one each, too."""
 
 MOST_ALIKE = 3
 """Flags of one code that are printed, where there are more."""
@@ -137,7 +137,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     least = [max(map(cell_len, " ".join(own).split()), default=0) for own in cells]
     parts: list[list[int]] = [[0]]
     for i in range(1, len(columns)):
-        width = sum(least[j] + BETWEEN for j in (*parts[-1], i)) - BETWEEN
+        width = sum(least[j] + BETWEEN for j in (*parts[-1], i)) - 1
         if width > out.width and len(parts[-1]) > 1:
             parts.append([0])
         parts[-1].append(i)

@@ -202,7 +202,10 @@ def _read_mjcf(path: Path, root: etree._Element, declares: bool) -> Urdf:
 
 def _check_named(path: Path, root: etree._Element) -> None:
     """Raise where a file that an MJCF names is there and none: MuJoCo would wait for a named pipe."""
-    folders = {"", *(value for one in root.iter("compiler") for key, value in one.items() if key.endswith("dir"))}
+    folders = {
+        "",
+        *(str(value) for one in root.iter("compiler") for key, value in one.items() if str(key).endswith("dir")),
+    }
     for element in root.iter("*"):
         for place in (path.parent / folder / (element.get("file") or "") for folder in folders if element.get("file")):
             try:

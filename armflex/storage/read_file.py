@@ -14,6 +14,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 OWN_STREAM = re.compile(r"/dev/stdin|(/dev/fd|/proc/(self|\d+)/fd)/\d+")
 
@@ -38,7 +39,7 @@ def check_file(path: Path, most: int) -> None:
 
 
 @contextmanager
-def reading(path: Path, most: int) -> Iterator[io.BufferedReader]:
+def reading(path: Path, most: int) -> Iterator[io.BufferedReader[Any]]:
     """Yield a file's bytes as a stream.
 
     Args:
