@@ -95,6 +95,9 @@ LOGGED_ANGLES = {
 }
 """Units that joint positions are logged in, each in rad. What is none of them counts so many steps a turn."""
 
+ROUND = 0.01
+"""Part by which a number that readings gave may be off the one that people use, and a zero [rad]: an arm has errors."""
+
 LOGGED_LENGTHS = {
     "m": 1.0,
     "mm": 1e-3,

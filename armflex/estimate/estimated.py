@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm
-from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, RESOLUTION, UNITS, Array
+from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, RESOLUTION, ROUND, UNITS, Array
 from armflex.errors import FEW, listing
 from armflex.estimate.misreadings import Misreading, joints_as
 from armflex.estimate.robust import TAILS
@@ -27,37 +27,6 @@ from armflex.readings.instrument import Instrument, rigid_fit
 
 HEADERS = {"degrees": "deg", "mrad": "mrad", "mm": "mm", "cm": "cm", "um": "um"}
 """Units that a header can state."""
-
-ALIKE = 0.01
-"""Tolerance: part by which a number may be off the one that people use, as an arm's own errors make it."""
-
-ROUGHLY = 0.1
-"""Tolerance: the same while something else is wrong, too."""
-
-RATIOS = (1.0, -1.0, 0.5, -0.5, 2.0, -2.0)
-"""Shares of one joint's position that another one is counted with."""
-
-ZERO_OFF = np.radians(0.4)
-"""Tolerance: the same of a zero [rad]."""
-
-FINEST, COARSEST = 0.1, 7.0
-"""Prior: what the most travelled joint of a campaign travels, at least and at most [rad], and `STEP` the ratio at which
-units between are looked at: a unit so far off leaves a joint where its neighbourhood shows it."""
-
-STEP = 1.12
-
-LESS = 1.0
-"""Tolerance: gain of `Seen.cost` from which a hypothesis is worth being refined, and a mistake being
-thought of: a third of the distance less being left."""
-
-ROWS_PLACED = 60
-"""Tolerance: rows by which a family is looked at; one or two numbers need no more."""
-
-TOGETHER = 3
-"""Prior: conventions with numbers that one campaign is wrong in at once, at most: a wrist couples three joints."""
-
-PLACINGS = 3
-"""Tolerance: rounds in which the instrument, the target and the weights of lost beams are found of one hypothesis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +67,7 @@ class Seen:
             turn = rigid_fit(here - across @ here, self.at - across @ self.at)[0]
         seen = self.at if unknown else self.at - fixed.pose.translation
         weights, target, left, shifts = np.ones(count), np.zeros(3), seen, np.zeros((through, 3))
-        for _ in range(PLACINGS):
+        for _ in range(FEW):
             there = (here + axes @ target) @ turn.T
             jacobian = [rigid_motion(there)[:, :, 3:]] if unknown else []
             jacobian += [columns[:, None, [i]] * np.eye(3) for i in range(through)]
@@ -177,7 +146,7 @@ def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misre
     own = np.array(every.session)[rows]
     first = max(dict.fromkeys(own.tolist()), key=lambda name: int((own == name).sum()))
     rows = rows[own == first]
-    some = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), ROWS_PLACED)).astype(int))]
+    some = rows[np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 20 * FEW)).astype(int))]
     seen = Seen(arm, every.q[some], every.position[some], some)
     if len(some) < 3 * FEW or arm.robot.linkage:
         return
@@ -192,7 +161,7 @@ def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
     units = {joint.name: every.units.get(f"q_{joint.name}", "") for joint in seen.arm.robot.moving}
     found = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
     yield from (one for _, one, _ in found)
-    for _ in range(TOGETHER - 1):
+    for _ in range(FEW - 1):
         if not found:
             return
         cost, one, after = found[0]
@@ -220,7 +189,7 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple
     ]
     likely, found = dict[int, int](), list[tuple[float, Misreading, Seen]]()
     for cost, number, place in sorted(looked):
-        if cost < before - LESS and len(likely) < 2 * FEW:
+        if cost < before - 1.0 and len(likely) < 2 * FEW:
             likely.setdefault(number, place)
     for number, place in likely.items():
         family, start = families[number], families[number].starts[place]
@@ -231,16 +200,16 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple
 
         refined = size * least_squares(errors, start / size, loss="soft_l1", diff_step=1e-5, max_nfev=20).x
         least = seen.cost(left(family, refined))
-        for alike in (ROUGHLY, ALIKE):  # what else is wrong in the campaign bends the numbers
+        for alike in (10.0 * ROUND, ROUND):  # what else is wrong in the campaign bends the numbers
             if (called := family.named(refined, alike)) is None:
                 continue
             numbers, name, remedy, mistakes = called
             by, shift = family.map(numbers)
-            if (cost := seen.cost(left(family, numbers))) < least + LESS or alike == ALIKE:
+            if (cost := seen.cost(left(family, numbers))) < least + 1.0 or alike == ROUND:
                 hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
                 found.append((cost, hypothesis, replace(seen, q=seen.q @ by + shift)))
                 break
-    return sorted(found, key=lambda one: one[0] + LESS * one[1].mistakes)[:FEW]
+    return sorted(found, key=lambda one: one[0] + one[1].mistakes)[:FEW]
 
 
 def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
@@ -252,9 +221,10 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
     middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
     spread = np.ptp(seen.q, axis=0)
 
+    least_turn, most_turn = 0.1, 7.0  # rad that the most travelled joint of a campaign travels
+
     def steps(travel: float, least: float, most: float) -> Array:
-        number = int(np.log(most / least) / np.log(STEP))
-        return np.asarray(least * STEP ** np.arange(number + 1) / max(travel, RESOLUTION), dtype=float)
+        return np.geomspace(least, most, 40) / max(travel, RESOLUTION)  # a ninth apart: refining goes on from there
 
     def common(zero: Array) -> Map:
         def made(numbers: Array) -> tuple[Array, Array]:
@@ -276,14 +246,14 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
     head = next((units[name] for name, one in zip(names, turns, strict=True) if one), "")
     written = UNITS["angle"].get(head, 1.0)
     if turns.sum() > 1 and spread[turns].max() > RESOLUTION:
-        all_steps = [np.array([one]) for one in steps(float(spread[turns].max()), FINEST, COARSEST)]
+        all_steps = [np.array([one]) for one in steps(float(spread[turns].max()), least_turn, most_turn)]
 
         def of_unit(zero: Array, words: str, more: str) -> Family:
             def named(numbers: Array, alike: float) -> Called:
                 value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
                 value /= written
                 remedy = _header(unit, "q_...", head) or f"convert them: q = {value:.9g} q {head or 'rad'}"
-                wrong = [f"in {unit}"] if abs(value - 1.0) > ALIKE else []
+                wrong = [f"in {unit}"] if abs(value - 1.0) > ROUND else []
                 remedy = "; ".join(part for part in (remedy if wrong else "", more) if part)
                 wrong += [words] if words else []
                 return np.array([value]), f"{every} {', '.join(wrong)}", remedy, max(len(wrong), 1)
@@ -293,9 +263,9 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
         yield of_unit(np.zeros(count), "", "")
         if limited[turns].all():
             added = listing(
-                f"{one:+.4g} to q_{name}" for name, one in zip(names, middle, strict=True) if abs(one) > ZERO_OFF
+                f"{one:+.4g} to q_{name}" for name, one in zip(names, middle, strict=True) if abs(one) > ROUND
             )
-            if (np.abs(middle[turns]) > ZERO_OFF).any():
+            if (np.abs(middle[turns]) > ROUND).any():
                 yield of_unit(middle, "counted from the middle of their limits", f"add {added} [rad]")
             added = listing(f"{one:+.4g} to q_{name}" for name, one in zip(names, lower, strict=True))
             yield of_unit(lower, "counted from their lower limits", f"add {added} [rad]")
@@ -305,7 +275,7 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
                 def named(numbers: Array, alike: float, low: float = low, start: Array = start) -> Called | None:
                     most = (2.0 if low == 0.0 else 1.0) / numbers[0]
                     round_ = 10.0 ** round(np.log10(abs(most)))
-                    if abs(round_ / most - 1.0) > ALIKE:
+                    if abs(round_ / most - 1.0) > ROUND:
                         return None
                     text = f"{every} parts of their limits, {low * round_:g} to {round_:g}"
                     remedy = (
@@ -315,7 +285,7 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
 
                 yield Family(of_limits(start), share, named)
         centre = float(np.median(seen.q[:, turns]))
-        if abs(centre) > ALIKE * spread[turns].max():
+        if abs(centre) > ROUND * spread[turns].max():
 
             def counted(numbers: Array, alike: float) -> Called:
                 value, unit = _unit(numbers[0] * written, LOGGED_ANGLES, alike)
@@ -330,8 +300,8 @@ def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
             continue
         known = LOGGED_ANGLES if turns[i] else LOGGED_LENGTHS
         unit = UNITS["angle" if turns[i] else "length"].get(units[name], 1.0)
-        most = COARSEST if turns[i] else 3.0 * max(upper[i] - lower[i], LARGEST_MOTION)
-        least = FINEST if turns[i] else most / 100.0
+        most = most_turn if turns[i] else 3.0 * max(upper[i] - lower[i], LARGEST_MOTION)
+        least = least_turn if turns[i] else most / 100.0
 
         def alone(numbers: Array, i: int = i) -> tuple[Array, Array]:
             return np.diag(np.where(np.arange(count) == i, numbers[0], 1.0)), np.zeros(count)
@@ -365,7 +335,9 @@ def _couplings(seen: Seen) -> Iterator[Family]:
             numbers: Array, alike: float, one: str = one, other: str = other, beside: bool = turning[1:3] == [i, j]
         ) -> Called:
             share = float(numbers[0])
-            share = next((ratio for ratio in RATIOS if abs(share / ratio - 1.0) < alike), share)
+            share = next(
+                (ratio for ratio in (1.0, -1.0, 0.5, -0.5, 2.0, -2.0) if abs(share / ratio - 1.0) < alike), share
+            )
             part = "" if abs(share) == 1.0 else f"{abs(share):.4g} "
             how = "taken off" if share > 0.0 else "added"
             sum_ = f"{other} = q_{other} {'+' if share > 0.0 else '-'} {part}q_{one}"
@@ -390,7 +362,7 @@ def _homes(seen: Seen) -> Iterator[Family]:
         def named(numbers: Array, alike: float, name: str = joint.name) -> Called:
             degrees = (float(np.degrees(numbers[0])) + 180.0) % 360.0 - 180.0
             near = 5.0 * round(degrees / 5.0)
-            degrees = near if abs(degrees - near) < np.degrees(ZERO_OFF) and near else round(degrees, 1)
+            degrees = near if abs(degrees - near) < np.degrees(ROUND) and near else round(degrees, 1)
             text = f"the home position of {name} is {degrees:+g} degrees from the URDF's"
             remedy = f"add {degrees:+g} degrees to q_{name}, or turn the joint's origin in the URDF"
             return np.array([np.radians(degrees)]), text, remedy, 2
@@ -408,14 +380,14 @@ def _unit(value: float, known: dict[str, float], alike: float) -> tuple[float, s
     count = 2.0 * np.pi / value
     power, digits = 2.0 ** round(np.log2(abs(count))), float(f"{abs(count):.2g}")
     near = min((power, digits), key=lambda one: abs(np.log(one / abs(count))))
-    near = near if abs(near / abs(count) - 1.0) < ALIKE else round(abs(count))
+    near = near if abs(near / abs(count) - 1.0) < ROUND else round(abs(count))
     return 2.0 * np.pi / near, f"ticks, {near:g} a turn"
 
 
 def _round_zero(zero: float, count: float) -> float:
     """Return the share of a turn's `count` that a zero is at, if it is one, else the zero as it is."""
     share = round(8.0 * zero / count) / 8.0
-    return share * count if abs(zero - share * count) < ZERO_OFF / (2.0 * np.pi) * count else zero
+    return share * count if abs(zero - share * count) < ROUND / (2.0 * np.pi) * count else zero
 
 
 def _header(unit: str, column: str, written: str) -> str:
@@ -447,7 +419,7 @@ def _rails(seen: Seen, every: Measurements) -> Iterator[Misreading]:
     said, steps = [], []
     for name, step in zip(chosen, placed.beside, strict=True):
         size = float(np.linalg.norm(step))
-        value, unit = _unit(max(size, 1e-300), LOGGED_LENGTHS, ALIKE)
+        value, unit = _unit(max(size, 1e-300), LOGGED_LENGTHS, ROUND)
         travel = size * float(np.ptp(numbers[name][seen.rows]))
         if unit not in LOGGED_LENGTHS or travel < LARGEST_MOTION * seen.arm.robot.reach:
             return

@@ -64,10 +64,6 @@ LOOKS = 20.0
 FINE_SHARE = 3e-5
 """Prior: part of the reach, of a radian and of g that an arm may be off by before conventions are thought of."""
 
-EXPLAINED = 0.25
-"""Tolerance: part of what all that is free leaves, below which a convention with a number of its own has to be: numbers
-that readings gave make anything a little better."""
-
 ROWS_LOOKED_AT = 120
 """Tolerance: rows looked at; no convention hides in more. By a quarter of them, of each instrument, hypotheses are
 ranked, and the likeliest judged."""
@@ -427,7 +423,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
             # An arm that slips as far explains as much.
             gain = min(gain, 0.5 * (hypothesis.slip / USUAL_PRIOR.geometry) ** 2)
         gain, name = gain - charge, f"{hypothesis.name}{words}"
-        if hypothesis.whole and found is not None and then.off(then.left) > EXPLAINED * found.off(found.left):
+        if hypothesis.whole and found is not None and then.off(then.left) > np.sqrt(DOUBT) * found.off(found.left):
             continue
         if (found is None or gain > NAMED) and (name not in named or named[name].gain < gain):
             named[name] = Named(hypothesis, name, gain, then.said(hypothesis.of))

@@ -43,13 +43,13 @@ TURNS = 4.0 * np.pi
 """How far beyond its limits [rad] a joint position is in degrees rather than out of its range."""
 
 
-BEYOND = 0.3
+TURN_OFF = 0.3
 """Tolerance: how far outside its limits [rad] some value of a column is before it is asked whether it is a turn off."""
 
 SEAM = 1e-3
 """Tolerance: rounding at the ends of one turn [rad]."""
 
-BY_CHANCE = 1e-3
+GAP_BY_CHANCE = 1e-3
 """Confidence: probability below which a gap in a column is no chance of where poses were."""
 
 
@@ -146,7 +146,7 @@ def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:
         if upper - lower < full:
             back = np.round((0.5 * (lower + upper) - q[:, index]) / full)  # the branch nearest to the limits
             there = q[:, index] + full * back
-            if max(high - upper, lower - low) > BEYOND > max(there.max() - upper, lower - there.min()):
+            if max(high - upper, lower - low) > TURN_OFF > max(there.max() - upper, lower - there.min()):
                 turns[:, index] = back
             continue
         at = np.unique(np.round(q[:, index], 3))
@@ -155,7 +155,7 @@ def turned_back(q: Array, arm: Arm) -> tuple[Array, Flag | None]:
             cut, seam = int(gaps.argmax()), full - float(at[-1] - at[0])
             by_chance = len(at) * (1.0 - float(gaps[cut]) / full) ** (len(at) - 1)
             if seam < 0.25 * gaps[cut]:
-                open_.append((index, start, float(at[cut]) + 0.5 * float(gaps[cut]), by_chance < BY_CHANCE))
+                open_.append((index, start, float(at[cut]) + 0.5 * float(gaps[cut]), by_chance < GAP_BY_CHANCE))
     counted = bool(turns.any()) or any(sure for *_, sure in open_)
     for index, start, cut, sure in open_:
         if counted and (start == 0.0 or sure):

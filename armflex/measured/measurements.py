@@ -72,7 +72,7 @@ NO_NUMBERS = ("nan", "inf", "infinity")
 in which another word for nothing is a gap."""
 
 FEW_ROWS = 0.25
-"""Tolerance: share of a column's rows below which those far beyond its limits are written otherwise than the others."""
+"""Tolerance: share of a column's rows below which those far beyond its limits are in another unit than the others."""
 
 TEXTS = ("pose", "session", "payload", *FORCE_TEXTS)
 

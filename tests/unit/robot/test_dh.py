@@ -340,3 +340,33 @@ def test_where_an_arm_stands_is_no_matter_of_its_links(tmp_path: Path) -> None:
     )
     assert "geometry J1 dx" in base and "d of J1" in base and "joint_offset J1" in base
     assert "J1" not in links.replace("of J1", "") and "level" not in links
+
+
+NEARLY_PARALLEL = """[robot]
+dh = "standard"
+allow_massless = true
+[robot.joint]
+J1 = { d = 0.0893, a = 0.0003, alpha = 1.5709 }
+J2 = { theta = -0.774, d = 232.67, a = -0.3039, alpha = -0.001276817, mass = 2.0, com = [0.1, 0.0, -232.6] }
+J3 = { theta = 0.728, d = -229.36, a = -0.3917, alpha = -0.005461927 }
+J4 = { theta = 0.046, d = -3.197, a = 0.0001, alpha = 1.5699 }
+"""
+
+
+def test_rows_of_nearly_parallel_axes_are_an_arm_of_its_reach(tmp_path: Path) -> None:
+    """Calibrated tables have d of hundreds of metres that cancel: the arm and where it weighs are those of the rows."""
+    arm, q = read(tmp_path, NEARLY_PARALLEL), np.array([0.3, -0.7, 0.4, 1.1])
+    assert 0.5 < arm.robot.reach < 1.5 and any(flag.code == "slid" for flag in arm.flags)
+    rows = [(0.0, 0.0893, 0.0003, 1.5709), (-0.774, 232.67, -0.3039, -0.001276817)]
+    rows += [(0.728, -229.36, -0.3917, -0.005461927), (0.046, -3.197, 0.0001, 1.5699)]
+    expected, carried = pin.SE3.Identity(), pin.SE3.Identity()
+    for number, (row, at) in enumerate(zip(rows, q, strict=True)):
+        along, across = step(row[0] + at, *row[1:])
+        carried = expected * along if number == 1 else carried
+        expected = expected * along * across
+    np.testing.assert_allclose(arm.rigid_pose(q).homogeneous, expected.homogeneous, atol=1e-9)
+    body = arm.robot.urdf.links[arm.robot.urdf.joints["J2"].child].inertial
+    assert body is not None and abs(body.origin[2]) < 1.0
+    lever = (carried.act(np.array([0.1, 0.0, -232.6])))[:2]
+    moment = arm.deflection(q).joint_loads[0, 3:]  # about the first joint, whose axis is vertical
+    assert np.linalg.norm(moment[:2]) == pytest.approx(2.0 * 9.81 * np.linalg.norm(lever), rel=1e-2)
