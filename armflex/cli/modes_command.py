@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,9 @@ def command(
         check_ending(drawing)
     found = arm.modes(q, payload, covariates=covariates, wrenches=wrenches, count=count)
     drawn = drawn_frequencies(arm, q, payload, covariates=covariates, wrenches=wrenches, count=count)
-    std = None if drawn is None or drawn.shape[1] < len(found.frequencies) else drawn.std(axis=0, ddof=1)
+    std = None
+    if drawn is not None:  # a drawn arm may have fewer modes, where one is hardly slower than what counts as rigid
+        std = [*drawn.std(axis=0, ddof=1).tolist(), *(None,) * len(found.frequencies)][: len(found.frequencies)]
 
     named = {"joint_names": "names.joints", "flexures": "names.flexures", "frequencies_hz": "frequencies"}
     named |= {"modal_masses": "masses", "flexure_shapes": "twists", "stiffness_sensitivities": "sensitivities"}
@@ -93,8 +96,11 @@ def _along(arm: Arm, path: Path, payload: str, covariates: dict[str, float], cou
     print_table(f"Modes of vibration, drives holding (base {arm.robot.base}, tip {arm.robot.tip})", head, rows)
 
 
-def print_modes(found: Modes, std: Array | None) -> None:
-    """Print a line for every mode: how fast, which way the tip goes, and which flexures to stiffen."""
+def print_modes(found: Modes, std: Sequence[float | None] | None) -> None:
+    """Print a line for every mode: how fast, which way the tip goes, and which flexures to stiffen.
+
+    `std` is that of each frequency [Hz], None of one that not every drawn arm has; all None where none was drawn.
+    """
     names, rows = found.names, []
 
     def share(part: float) -> str:
@@ -104,7 +110,8 @@ def print_modes(found: Modes, std: Array | None) -> None:
         order = np.argsort(-found.sensitivities[i])[:3]
         stiffer = ", ".join(f"{names.flexures[j]} {share(found.sensitivities[i, j])}" for j in order)
         shape = [f"{round(part, 2) + 0.0:.2f}" for part in found.shapes[i, :3]]
-        spread = "-" if std is None else number(float(std[i]), 2)
+        size = None if std is None else std[i]
+        spread = "-" if size is None else number(size, 2)
         decay = number(float(found.decays[i]), 2)
         rows.append([str(i + 1), number(float(frequency), 4), spread, decay, *shape, stiffer])
     print_table(
@@ -118,3 +125,5 @@ def print_modes(found: Modes, std: Array | None) -> None:
     )
     if std is None:
         say("± is not known: the arm states no relative_std of its compliances, and has no calibration.")
+    elif None in std:
+        say(f"± is not known of {std.count(None)} modes: not every arm as likely as this one has them.")

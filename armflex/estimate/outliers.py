@@ -93,7 +93,7 @@ def without_lost(measurements: Measurements, rows: np.ndarray, lost: np.ndarray)
     for own, place in zip(lost.T, measurements.readings.groups, strict=True):
         kept[rows[own], place] = False
     left = measurements if kept.all() else replace(measurements, readings=measurements.readings.where(kept))
-    return left, np.isfinite(left.readings.sigma[rows]).any(axis=1)
+    return left, np.asarray(np.isfinite(left.readings.sigma[rows]).any(axis=1))
 
 
 SETTLING = 8

@@ -26,7 +26,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.linalg import cho_solve
+from scipy.linalg.lapack import dpotrf, dpotri
 
 from armflex.conventions import Array
 from armflex.errors import ConvergenceError
@@ -147,7 +148,7 @@ class Components:
 
     def _solve(self, right: Array) -> Array:
         """Return Q^-1 times (k,) or (k, m)."""
-        return dpotrs(self._factor, right, lower=1)[0] if len(right) else right
+        return cho_solve((self._factor, True), right, check_finite=False) if len(right) else right
 
     @cached_property
     def scaled(self) -> Array:

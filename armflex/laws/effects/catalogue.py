@@ -28,6 +28,7 @@ NAMED = (
     "base_compliance",
     "base_thermal",
     "base_drift",
+    "instrument_moved",
     "gravity_tilt",
     "tracker_scale",
     "session_frame",

@@ -23,7 +23,8 @@ def moments(time: Array) -> Array:
     return (0.5 * (time[1:] + time[:-1]))[1:-1]
 
 
-def _times(location: Location, context: Context) -> Iterable[float]:
+def times(location: Location, context: Context) -> Iterable[float]:
+    """Return the times at which a search for a step begins."""
     between = moments(context.column("time"))
     return between[np.linspace(0, len(between) - 1, STEPS).astype(int)] if len(between) else ()
 
@@ -37,6 +38,6 @@ SLIP_STEP = TwistLaw(
     amplitudes=(Amplitude("size", "{m}"),),
     terms=lambda here, inner: twists(here.direction, (Factor(Of.STEP, "time", (inner[0],)),)),
     direction=on_axis,
-    inner=(Inner("at", "s", _times, positive=False, smooth=False),),
+    inner=(Inner("at", "s", times, positive=False, smooth=False),),
     timed=True,
 )

@@ -180,6 +180,8 @@ def _numbers(trace: Trace, accurate: Accuracy) -> Table:
 def _families(trace: Trace) -> Table:
     """Return kind, size, evidence, error on held-out poses without it and with all, and where it does most."""
     kinds, said = trace.families, _errors_of(trace)[0]
+    if kinds is None:
+        return ()
     return tuple(
         (
             family.name,
@@ -188,7 +190,7 @@ def _families(trace: Trace) -> Table:
             f"{said(family.held_out_without)} → {said(kinds.held_out[1])}",
             ", ".join(f"{place.site} {place.axis} {said(place.rms)}" for place in family.places[:FAMILY_PLACES]),
         )
-        for family in (kinds.found if kinds else ())
+        for family in kinds.found
     )
 
 
