@@ -7,14 +7,13 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armflex.conventions import LARGEST, NUMBER, UNITS, Array
+from armflex.conventions import LARGEST, LARGEST_POSITION, NUMBER, UNITS, Array
 from armflex.errors import (
     FEW,
     InputError,
@@ -27,12 +26,15 @@ from armflex.errors import (
     listing,
 )
 from armflex.files.arm_file import ROBOTS
+from armflex.intake.bags import together
+from armflex.intake.clock import counted, times
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
+from armflex.intake.lost import NO_READING, without_lost
 from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
 from armflex.intake.picture_files import camera, joined_by_number
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import Cells, Source, numbers, said
-from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
+from armflex.intake.streams import STANDS, dwells, is_dense, is_sampled, offset, paired, reduced, spread
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import Column, Table, csv_text
 from armflex.robot.robot import Robot, load_robot
@@ -42,11 +44,11 @@ TARGET = re.compile(
 )
 """How the name of a point ends that is of one target among several; not that of `Punkt_1`."""
 
-CLOCK = re.compile(
-    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)?))?\s*([ap]m)?\D*",
-    re.IGNORECASE,
-)
-"""A clock's time, after a day or without one."""
+MOST_TURNS = 10.0
+"""No joint of an arm is turned further from its zero, nor is a place further than `LARGEST_POSITION` [m]."""
+
+SAMPLES = 100
+"""So many rows that stand and move are samples, whatever their clock is."""
 
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
@@ -101,6 +103,7 @@ def intake(
     on_arm: bool = False,
     beside: Path | None = None,
     tip: str | None = None,
+    joints: Sequence[str] = (),
 ) -> Intake:
     """Return the campaign that a controller's log and a tracker's export are together, or one file with both.
 
@@ -121,6 +124,7 @@ def intake(
         on_arm: Whether the board is on the arm, and not the camera.
         beside: Folder of the campaign, that of the log when not given: what is named in it is relative to this.
         tip: Last link of a URDF among the files, its only leaf when not given.
+        joints: Which topics of a recording have the joints, where several have the same ones.
 
     Raises:
         ManyErrors: With everything that is wrong or open in the files, each with what to do.
@@ -150,6 +154,8 @@ def intake(
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
     ]
     understood = [meanings(source, known) for source in sources]
+    sources, understood, about = _one_log(sources, understood, known, joints, ask)
+    wrong += about
     logs = [i for i, own in enumerate(understood) if any(one.kind == "joint" for one in own)]
     points = [i for i, own in enumerate(understood) if any(one.kind == "coordinate" for one in own)]
     points, about = _chosen(sources, points, targets, ask)
@@ -167,8 +173,14 @@ def intake(
     pictures = [i for i, own in enumerate(understood) if i not in logs and any(one.kind == "picture" for one in own)]
     for i, source in enumerate(sources):
         if i in (*logs, *points, *pictures):
-            understood[i], about = _settled(source, understood[i], ask)
+            try:
+                sources[i] = without_lost(source, understood[i]) if i in points else source
+            except TableError as error:
+                wrong.append(str(error))
+            understood[i], about = _settled(sources[i], understood[i], ask)
             wrong += about
+            if not about and i not in pictures:
+                understood[i] = counted(sources[i], understood[i], *_moved(sources[i], understood[i]))
         elif not source.part:
             named = listing(source.header)
             wrong.append(f"{source.path}: neither joints nor x y z among its columns ({named}): --take COLUMN=q_J1_deg")
@@ -198,7 +210,8 @@ def intake(
         understood[i] = tuple(replace(one, kind="unused") if one.kind == "covariate" else one for one in understood[i])
     understood[log] = _named_alike(sources, understood, log, exports)
     sources, notes = _standing(sources, understood, log, exports)
-    found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes])
+    about = list(dict.fromkeys(note for i in (log, *points) for note in sources[i].notes))
+    found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes, *about])
     found = replace(found, declare="\n\n".join(filter(None, (found.declare, declared))))
     if robot is not None:
         urdf = Path(os.path.relpath(robots[0], beside)).as_posix()
@@ -285,6 +298,53 @@ def _chosen(
     return whole + [parts[name] for name in stamped], []
 
 
+def _one_log(
+    sources: Sequence[Source],
+    understood: Sequence[tuple[Meaning, ...]],
+    taken: Mapping[str, str],
+    topics: Sequence[str],
+    ask: Ask | None,
+) -> tuple[list[Source], list[tuple[Meaning, ...]], list[str]]:
+    """Return sources, what their columns are, and what is wrong, with the joints of a recording's topics as one log.
+
+    Joints with different names are joined over time; where two topics have the same joint, one of them is chosen.
+    """
+    logs = [i for i, own in enumerate(understood) if sources[i].part and any(one.kind == "joint" for one in own)]
+    parts = {sources[i].part: i for i in logs}
+    if unknown := [name for name in topics if name not in parts]:
+        hint = did_you_mean(unknown[0], parts)
+        text = f"--joints {unknown[0]}: no recording has joints there{hint} (they are in: {listing(parts)})"
+        return list(sources), list(understood), [text]
+    of_topic = {part: {one.name for one in understood[i] if one.kind == "joint"} for part, i in parts.items()}
+    chosen = list(topics) or list(parts)
+    for part in chosen:
+        rivals = [other for other in chosen if of_topic[other] & of_topic[part]]
+        if len(rivals) > 1 and ask is not None and not topics:
+            answer = ask("Which of these topics has the joints?", rivals)
+            chosen = [other for other in chosen if other not in rivals or other == answer]
+        elif len(rivals) > 1:
+            both = listing(sorted(of_topic[rivals[0]] & of_topic[rivals[1]]))
+            text = f"{listing(rivals)} have the same joints ({both}): --joints {rivals[0]}, or the other"
+            return list(sources), list(understood), [f"{sources[parts[part]].path}: {text}"]
+    own = [parts[part] for part in parts if part in chosen]
+    kept = [i for i in range(len(sources)) if i not in logs or i in own]
+    if len(own) > 1 and len({sources[i].path for i in own}) == 1:
+        first, merged = own[0], together([sources[i] for i in own])
+        kept = [i for i in kept if i == first or i not in own]
+        return (
+            [merged if i == first else sources[i] for i in kept],
+            [meanings(merged, taken) if i == first else understood[i] for i in kept],
+            [],
+        )
+    return [sources[i] for i in kept], [understood[i] for i in kept], []
+
+
+def _moved(source: Source, own: Sequence[Meaning]) -> tuple[Array, str]:
+    """Return (N, d) joint positions [rad] of a log, else (N, 3) places [m], and that unit."""
+    kind, unit = ("joint", "rad") if any(one.kind == "joint" for one in own) else ("coordinate", "m")
+    return np.column_stack([*_numbers(source, own, (kind,)).values()]), unit
+
+
 def _standing(
     sources: list[Source], understood: list[tuple[Meaning, ...]], log: int, exports: Sequence[int]
 ) -> tuple[list[Source], list[str]]:
@@ -293,26 +353,35 @@ def _standing(
     Raises:
         InputError: The arm never stands, or two recordings do not match.
     """
-    clocks = {i: _time(sources[i], understood[i]) for i in (log, *exports)}
-    clocks = {i: time for i, time in clocks.items() if time is not None and is_dense(time)}
+    clocks, notes, shifts = dict[int, Array](), list[str](), dict[Path, float]()
+    moved = {i: _moved(sources[i], understood[i]) for i in (log, *exports)}
+    for i, (values, unit) in moved.items():
+        if (time := times(sources[i], understood[i])) is not None and is_dense(even := spread(time), values, unit):
+            clocks[i] = even
+            if not np.array_equal(time, even):
+                stamps = f"{len(np.unique(time))} stamps for {len(time)} rows"
+                notes.append(f"the clock of {sources[i].title} repeats itself ({stamps}): rows are spread between them")
+        elif is_sampled(0.02 * np.arange(len(values)), values, unit) and len(values) >= SAMPLES:
+            text = f"has {len(values)} rows of what stands and moves, samples of a recording, and no clock of one: "
+            text += "--take COLUMN=time_s says which column it is" if time is None else f"its rows are {_step(time)}"
+            raise InputError(f"{sources[i].title}: {text}")
     if not clocks:
         return sources, []
-    moved = {
-        i: np.column_stack([*_numbers(sources[i], understood[i], ("joint" if i == log else "coordinate",)).values()])
-        for i in clocks
-    }
     first = log if log in clocks else exports[0]
-    spans = dwells(clocks[first], moved[first], "rad" if first == log else "m")
+    values, unit = moved[first]
+    spans = dwells(clocks[first], values, unit)
+    within = [(clocks[first] >= start) & (clocks[first] <= end) for start, end in spans]
+    spans = spans[[bool(np.isfinite(values[rows]).any(axis=0).all()) for rows in within]] if within else spans
     if not len(spans):
         text = f"nothing stands still for {STANDS:g} s in it: a campaign stops for a second at each pose"
         raise InputError(f"{sources[first].path}: {text}")
-    notes, shifts = [f"the arm stands {len(spans)} times in {sources[first].title}"], dict[Path, float]()
+    notes.insert(0, f"the arm stands {len(spans)} times in {sources[first].title}")
     for i in clocks:
         shift = 0.0
         if i != first and first == log:
             path = sources[i].path
             if path not in shifts:
-                shifts[path] = offset(clocks[log], moved[log], clocks[i], moved[i])
+                shifts[path] = offset(clocks[log], moved[log][0], clocks[i], moved[i][0])
                 notes.append(f"the clock of {sources[i].title} is {shifts[path]:+.3f} s off, as the motions say")
             shift = shifts[path]
         sources[i] = reduced(sources[i], clocks[i], spans, shift)
@@ -323,6 +392,10 @@ def _standing(
             for one in understood[i]
         )
     return sources, notes
+
+
+def _step(time: Array) -> str:
+    return f"{float(np.median(np.diff(np.sort(time)))):.3g} s apart"
 
 
 def _campaign(
@@ -358,7 +431,7 @@ def _campaign(
     for one in of_log:
         if one.kind == "kept":
             columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
-    if (seconds := _time(log, of_log)) is not None:
+    if (seconds := times(log, of_log)) is not None:
         columns["time"] = (seconds - seconds.min()).tolist()
     elif path:
         columns["time"] = np.arange(len(names), dtype=float).tolist()
@@ -453,12 +526,34 @@ def _settled(source: Source, own: Sequence[Meaning], ask: Ask | None) -> tuple[t
             values = numbers(cells)
             bad = np.abs(values) > LARGEST
             if one.kind != "time" and not isinstance(cells, np.ndarray):
-                bad |= [not (NUMBER.fullmatch(cell) or (one.kind == "coordinate" and not cell)) for cell in cells]
+                empty = NO_READING if one.kind == "coordinate" else re.compile("")
+                bad |= [not (NUMBER.fullmatch(cell) or empty.fullmatch(cell)) for cell in cells]
+            if one.kind == "joint":
+                bad = bad | np.isnan(values) if not source.part else bad
             if bad.any():
                 at = int(bad.argmax())
                 place = Place(source.path, source.lines[at])
                 wrong.append(f"{place}: {one.column!r} is {said(str(cells[at]))}, expected a number")
+            elif one.kind != "time" and one.unit:
+                wrong += _implausible(source, one, values)
+        if one.kind == "joint" and one.column in source.doubts:
+            wrong.append(f"{source.path}: {source.doubts[one.column]}")
     return tuple(found), wrong
+
+
+def _implausible(source: Source, one: Meaning, values: Array) -> list[str]:
+    """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
+    turns = one.kind == "joint" and one.unit in UNITS["angle"]
+    size = np.abs(values) * (LENGTHS | UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
+    beyond = size > (2.0 * np.pi * MOST_TURNS if turns else LARGEST_POSITION)
+    if not beyond.any():
+        return []
+    at, base = int(beyond.argmax()), f"q_{one.name}" if one.kind == "joint" else one.name
+    what = f"{size[at] / (2.0 * np.pi):.4g} turns" if turns else f"{1e-3 * size[at]:.4g} km"
+    more = f", and {np.count_nonzero(beyond) - 1} rows more" if np.count_nonzero(beyond) > 1 else ""
+    other = " or ".join(unit for unit in (("deg", "rad") if turns else ("mm", "m", "um")) if unit != one.unit)
+    text = f"{one.column!r} is {values[at]:.10g} {one.unit}, {what}{more}: no arm is there"
+    return [f"{Place(source.path, source.lines[at])}: {text}; empty it, or --take '{one.column}={base}_UNIT' ({other})"]
 
 
 def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
@@ -484,49 +579,6 @@ def _turns(source: Source, own: Sequence[Meaning]) -> Array | None:
 def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
     every = dict(zip(source.header, source.columns, strict=True))
     return next((every[one.column] for one in own if one.kind == kind and one.name != "date"), None)
-
-
-def _time(source: Source, own: Sequence[Meaning]) -> Array | None:
-    """Return times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
-    every = dict(zip(source.header, source.columns, strict=True))
-    cells = _cells(source, own, "time")
-    if cells is None:
-        return None
-    unit = next(one.unit for one in own if one.kind == "time" and one.name == "time")
-    if np.isfinite(values := numbers(cells)).any():
-        return values * {"us": 1e-6, "ns": 1e-9, "": 1.0, **UNITS["time"]}[unit or ""]
-    days = next((every[one.column] for one in own if one.name == "date"), [""] * len(cells))
-    found = [_seconds(f"{day} {cell}".strip()) for day, cell in zip(days, cells, strict=True)]
-    if None in found:
-        return None
-    times = np.array(found, dtype=float)
-    if times.max() < 86400.0:  # a clock without a day, past midnight
-        times += 86400.0 * np.cumsum(np.diff(times, prepend=times[:1]) < -43200.0)
-    return times
-
-
-def _seconds(text: str) -> float | None:
-    """Return the time that a text says [s]; of a clock without a day since midnight."""
-    try:
-        return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
-    except ValueError:
-        match = CLOCK.fullmatch(text)
-    if match is None:
-        return None
-    first, mark, second, third, hours, minutes, seconds, half = match.groups()
-    day = 0.0
-    if first:
-        year, month, date = int(third), int(second), int(first)
-        if len(first) == 4:
-            year, date = int(first), int(third)
-        elif mark == "/" and (half or month > 12):  # as in America
-            month, date = date, month
-        try:
-            day = datetime(year + 2000 * (year < 100), month, date, tzinfo=UTC).timestamp()
-        except ValueError:
-            return None
-    hour = int(hours) % 12 + 12 * (half.lower() == "pm") if half else int(hours)
-    return day + 3600.0 * hour + 60.0 * int(minutes) + float((seconds or "0").replace(",", "."))
 
 
 def _joined(
@@ -576,19 +628,19 @@ def _joined(
         empty = sum(not line for line in export.lines)
         notes = [f"{empty} of them have no reading of {export.title}"] if empty else []
         return {"": np.arange(count)}, names, "by time", notes
-    at, of = _time(log, of_log), _time(export, of_export)
+    at, of = times(log, of_log), times(export, of_export)
     timed = at is not None and of is not None and not (np.isnan(at).any() or np.isnan(of).any())
     equal = all(len(own) == count for own in rows_of.values())
     recorded = log.spans is not None or export.spans is not None
     if timed and at is not None and of is not None and (recorded or not equal):
         found, shifts, apart = {}, [], []
         for target, own in rows_of.items():
-            base, times = (log.spans, of[own]) if export.spans is None else (export.spans, at)
+            base, seconds = (log.spans, of[own]) if export.spans is None else (export.spans, at)
             if base is None:
                 step = [float(np.median(np.diff(np.sort(one)))) if len(one) > 1 else 1.0 for one in (at, of[own])]
                 base = np.sort(at)[:, None] + 0.5 * min(step) * np.array([-1.0, 1.0])
             order = np.arange(count) if log.spans is not None or export.spans is not None else np.argsort(at)
-            spans, shift = paired(base, times)
+            spans, shift = paired(base, seconds)
             shifts.append(shift)
             if export.spans is not None:
                 found[target] = spans
