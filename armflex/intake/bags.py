@@ -349,17 +349,35 @@ def _is_cdr(path: Path, topic: str, form: str) -> bool:
     return True
 
 
+def _opened(path: Path) -> tuple[sqlite3.Connection, bool]:
+    """Return a file of SQLite, of one that was cut its whole pages, and whether it was cut (sqlite.org, "File Format").
+
+    Nothing is written, but beside a log that was never taken in, which only then is read.
+    """
+    with path.open("rb") as file:
+        head = file.read(100)
+    size, pages = struct.unpack(">H", head[16:18])[0] if len(head) == 100 else 0, int.from_bytes(head[28:32], "big")
+    size = 65536 if size == 1 else size
+    if head.startswith(b"SQLite format 3") and size and path.stat().st_size < size * pages:
+        data = bytearray(path.read_bytes())
+        whole = len(data) // size
+        data[28:32] = whole.to_bytes(4, "big")
+        base = sqlite3.connect(":memory:")
+        base.deserialize(bytes(data[: whole * size]))
+        return base, True
+    log = path.with_name(f"{path.name}-wal")
+    mode = "mode=ro" if log.is_file() and log.stat().st_size else "immutable=1"
+    return sqlite3.connect(f"file:{quote(str(path.absolute()))}?{mode}", uri=True), False
+
+
 def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
     """Yield the messages of a rosbag2 in SQLite in the order in which they were written.
 
     Raises:
         _Cut: A page of it is missing.
     """
-    log = path.with_name(f"{path.name}-wal")
-    mode = "ro" if log.is_file() and log.stat().st_size else "immutable"
-    types, place = _Types(), quote(str(path.absolute()))
-    query = f"file:{place}?{'mode=ro' if mode == 'ro' else 'immutable=1'}"
-    with closing(sqlite3.connect(query, uri=True)) as base:
+    types, (base, short) = _Types(), _opened(path)
+    with closing(base):
         try:
             tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if not {"messages", "topics"} <= tables:
@@ -381,5 +399,7 @@ def _sqlite(path: Path) -> Iterator[tuple[str, str, float, Any]]:
             if "malformed" not in str(error):
                 raise
             raise _Cut(str(error)) from None
+    if short:
+        raise _Cut("it is shorter than its header states")
     if (journal := path.with_name(f"{path.name}-journal")).is_file() and journal.stat().st_size:
         raise _Cut(f"{journal.name} is beside it")

@@ -21,9 +21,9 @@ import numpy as np
 
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError, UnsupportedError, listing, shown
-from armflex.intake.lost import NO_READING, lost
+from armflex.intake.lost import lost
 from armflex.intake.meanings import meanings
-from armflex.intake.sources import Source, one_sided
+from armflex.intake.sources import NO_READING, Source, one_sided
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import text_lines
 
@@ -314,9 +314,13 @@ unit = [str(one) for one in about.get("UNITS", {}).get("value", [])]
 points, analogs = found["data"]["points"][:3], found["data"]["analogs"]
 residuals = found["data"]["meta_points"]["residuals"]
 points = numpy.where(residuals < 0.0, numpy.nan, points) if residuals.shape[1:] == points.shape[1:] else points
+trial = found["parameters"].get("TRIAL", {})
+ends = [sum(int(one) % 65536 << 16 * i for i, one in enumerate(trial[key]["value"][:2])) if key in trial else 0
+        for key in ("ACTUAL_START_FIELD", "ACTUAL_END_FIELD")]
 numpy.savez(sys.stdout.buffer, points=points, labels=numpy.array(labels, dtype=str),
             unit=numpy.array((unit or [""])[:1], dtype=str), rate=float(about["RATE"]["value"][0]),
             scale=float(about["SCALE"]["value"][0]) if "SCALE" in about else -1.0,
+            trial=ends[1] - ends[0] + 1 if min(ends) > 0 else 0,
             first=int(found["header"]["points"]["first_frame"]), analogs=analogs.shape[1] * analogs.shape[2])
 """
 """Run in a process of its own: a damaged file ends it."""
@@ -343,13 +347,16 @@ def read_c3d(path: Path) -> list[Source]:
     with np.load(io.BytesIO(run.stdout), allow_pickle=False) as content:
         points, labels, rate = content["points"], content["labels"].tolist(), float(content["rate"])
         unit, first = str(content["unit"][0]).strip(), int(content["first"])
-        size, analogs = 2 if float(content["scale"]) > 0.0 else 4, int(content["analogs"])
+        stated, analogs = int(content["trial"]), int(content["analogs"])
+        size = 2 if float(content["scale"]) > 0.0 else 4
     if not rate > 0.0:
         raise TableError(Place(path), f"POINT:RATE is {rate:g}, expected frames per second")
-    start, frames = _c3d_start(path), points.shape[2]
+    start, in_header = _c3d_header(path)
+    frames = points.shape[2]
+    stated = max(stated, in_header, frames)
     per = size * (4 * points.shape[1] + analogs // max(frames, 1))
-    if (there := (path.stat().st_size - start) // max(per, 1)) < frames:
-        text = f"ends after {max(there, 0)} of its {frames} frames: it was cut, copy or export it again"
+    if (there := min(frames, max(path.stat().st_size - start, 0) // max(per, 1))) < stated:
+        text = f"ends after {there} of its {stated} frames: it was cut, copy or export it again"
         raise TableError(Place(path), text)
     found, times = list[Source](), (first + np.arange(frames)) / rate
     names = labels + [f"point {i}" for i in range(len(labels) + 1, points.shape[1] + 1)]
@@ -360,10 +367,14 @@ def read_c3d(path: Path) -> list[Source]:
     return found
 
 
-def _c3d_start(path: Path) -> int:
-    """Return the byte at which the frames of a C3D file begin: word 9 of its header, as its processor writes it."""
+def _c3d_header(path: Path) -> tuple[int, int]:
+    """Return the byte at which the frames of a C3D file begin, and their number; 0 where it is too large for a word.
+
+    Words 9, 4 and 5 of its header, as its processor writes them (c3d.org, "The C3D file header").
+    """
     with path.open("rb") as file:
         head = file.read(512)
         file.seek(512 * (head[0] - 1) + 3)
-        big = file.read(1) == b"\x56"  # 84 Intel, 85 DEC, 86 MIPS
-    return 512 * (struct.unpack(">H" if big else "<H", head[16:18])[0] - 1)
+        order = ">" if file.read(1) == b"\x56" else "<"  # 84 Intel, 85 DEC, 86 MIPS
+    first, last = struct.unpack(f"{order}2H", head[6:10])
+    return 512 * (struct.unpack(f"{order}H", head[16:18])[0] - 1), last - first + 1 if first <= last < 65535 else 0

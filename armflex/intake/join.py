@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from armflex.conventions import LARGEST, LARGEST_POSITION, NUMBER, UNITS, Array
+from armflex.conventions import LARGEST, NUMBER, UNITS, Array
 from armflex.errors import (
     FEW,
     InputError,
@@ -29,11 +29,11 @@ from armflex.files.arm_file import ROBOTS
 from armflex.intake.bags import together
 from armflex.intake.clock import counted, times
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
-from armflex.intake.lost import NO_READING, without_lost
+from armflex.intake.lost import without_lost
 from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
 from armflex.intake.picture_files import camera, joined_by_number
 from armflex.intake.recordings import read_sources
-from armflex.intake.sources import Cells, Source, numbers, said
+from armflex.intake.sources import NO_READING, Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, dwells, is_dense, is_sampled, offset, paired, reduced, spread
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import Column, Table, csv_text
@@ -45,7 +45,10 @@ TARGET = re.compile(
 """How the name of a point ends that is of one target among several; not that of `Punkt_1`."""
 
 MOST_TURNS = 10.0
-"""No joint of an arm is turned further from its zero, nor is a place further than `LARGEST_POSITION` [m]."""
+"""No joint of an arm is turned further from its zero."""
+
+MOST_METRES = 1e4
+"""No place is further from where it is measured [m]: a total station reaches 3.5 km."""
 
 SAMPLES = 100
 """So many rows that stand and move are samples, whatever their clock is."""
@@ -545,7 +548,7 @@ def _implausible(source: Source, one: Meaning, values: Array) -> list[str]:
     """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
     turns = one.kind == "joint" and one.unit in UNITS["angle"]
     size = np.abs(values) * (LENGTHS | UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
-    beyond = size > (2.0 * np.pi * MOST_TURNS if turns else LARGEST_POSITION)
+    beyond = size > (2.0 * np.pi * MOST_TURNS if turns else MOST_METRES)
     if not beyond.any():
         return []
     at, base = int(beyond.argmax()), f"q_{one.name}" if one.kind == "joint" else one.name

@@ -11,14 +11,7 @@ import numpy as np
 from armflex.conventions import NUMBER, Array
 from armflex.errors import Place, TableError
 from armflex.intake.meanings import Meaning
-from armflex.intake.sources import Cells, Source, numbers
-
-NO_READING = re.compile(
-    r"|[-–—.*?]+|[-+]?(?:1\.#)?(?:nan|ind|inf(?:inity)?|qnan|snan)(?:\(.*\))?|none|null|nil|#?n/?a|#value!|#num!|empty|lost"
-    r"|missing|invalid|occluded|not (?:visible|found|tracked|valid|measured)|no (?:reading|target|data)",
-    re.IGNORECASE,
-)
-"""A cell in place of a coordinate that was not read."""
+from armflex.intake.sources import NO_READING, Cells, Source, numbers
 
 STATE = re.compile(r"(?:.*[\W_])?(?:state|status|valid(?:ity)?|tracked|visible|visibility)", re.IGNORECASE)
 """Header of a column that says whether the target was read."""

@@ -35,6 +35,13 @@ UNIT = re.compile(r"[\[(][^\])]{0,8}[\])]")
 LISTED = re.compile(r"[\[(]\s*(.*?)\s*,?\s*[\])]")
 """A cell that holds a list."""
 
+NO_READING = re.compile(
+    r"|[-–—.*?]+|[-+]?(?:1\.#)?(?:nan|ind|inf(?:inity)?|qnan|snan)(?:\(.*\))?|none|null|nil|#?n/?a|#value!|#num!|empty|lost"
+    r"|missing|invalid|occluded|not (?:visible|found|tracked|valid|measured)|no (?:reading|target|data)",
+    re.IGNORECASE,
+)
+"""A cell in place of a coordinate that was not read."""
+
 Cells: TypeAlias = Sequence[str] | Array
 """(N,) cells of a column as text, or the numbers of a recording."""
 
@@ -121,6 +128,8 @@ def read_table_source(path: Path) -> Source:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
     width = widths.most_common(1)[0][0]
     first = next(i for i, (_, cells) in enumerate(rows) if numeric[i] and len(cells) == width)
+    while first and len(before := rows[first - 1][1]) == width and _no_reading(before):  # where nothing was read yet
+        first -= 1
     heads = [cells for _, cells in reversed(rows[:first]) if len(cells) == width]
     if mark and not heads:
         said = [_parted([text], mark)[0] for text in comments]
@@ -234,6 +243,11 @@ def _number(cell: str) -> bool:
     if match := LISTED.fullmatch(cell):
         return all(NUMBER.fullmatch(part.strip()) for part in match[1].split(","))
     return bool(NUMBER.fullmatch(cell) or COMMA.fullmatch(cell))
+
+
+def _no_reading(cells: Sequence[str]) -> bool:
+    """Return whether a row has numbers and, in their place, what is written where nothing was read."""
+    return any(map(_number, cells)) and all(_number(cell) or NO_READING.fullmatch(cell) for cell in cells)
 
 
 def _names(columns: Sequence[Sequence[str]]) -> list[str]:
