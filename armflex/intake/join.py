@@ -34,7 +34,7 @@ from armflex.intake.meanings import COUNTS, UR, Ask, Meaning, meanings
 from armflex.intake.picture_files import camera, joined_by_number
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import NO_READING, Cells, Source, numbers, said
-from armflex.intake.streams import STANDS, dwells, is_dense, is_sampled, offset, paired, reduced, spread
+from armflex.intake.streams import STANDS, STEP, dwells, is_dense, is_sampled, offset, paired, reduced, spread
 from armflex.measured.points import LENGTHS
 from armflex.measured.table import Column, Table, csv_text
 from armflex.robot.robot import Robot, load_robot
@@ -364,7 +364,7 @@ def _standing(
             if not np.array_equal(time, even):
                 stamps = f"{len(np.unique(time))} stamps for {len(time)} rows"
                 notes.append(f"the clock of {sources[i].title} repeats itself ({stamps}): rows are spread between them")
-        elif is_sampled(0.02 * np.arange(len(values)), values, unit) and len(values) >= SAMPLES:
+        elif is_sampled(STEP * np.arange(len(values), dtype=float), values, unit) and len(values) >= SAMPLES:
             text = f"has {len(values)} rows of what stands and moves, samples of a recording, and no clock of one: "
             text += "--take COLUMN=time_s says which column it is" if time is None else f"its rows are {_step(time)}"
             raise InputError(f"{sources[i].title}: {text}")

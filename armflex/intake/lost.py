@@ -37,11 +37,11 @@ def lost(places: Array) -> np.ndarray:
     comes more than once: no target is measured twice at exactly (c, c, c).
     """
     size = np.abs(places)
-    gone = ~(size < HUGE).all(axis=1) | np.isin(size, NINES[1:]).any(axis=1)
+    gone = np.array(~(size < HUGE).all(axis=1) | np.isin(size, NINES[1:]).any(axis=1), dtype=bool)
     equal = ~gone & (places == places[:, :1]).all(axis=1)
     values, index, counts = np.unique(places[equal, 0], return_inverse=True, return_counts=True)
     gone[equal] = (values[index] == 0.0) | np.isin(np.abs(values[index]), NINES) | (counts[index] > 1)
-    return np.asarray(gone)
+    return gone
 
 
 def without_lost(source: Source, own: Sequence[Meaning]) -> Source:
@@ -70,7 +70,7 @@ def without_lost(source: Source, own: Sequence[Meaning]) -> Source:
         return source
     if gone.all():
         raise TableError(Place(source.path), f"{source.part or 'the target'} is lost in every row")
-    first = next((i for i in np.flatnonzero(gone) if any(str(one[i]) for one in cells)), None)
+    first = next((i for i in np.flatnonzero(gone).tolist() if any(str(one[i]) for one in cells)), None)
     columns: list[Cells] = list(source.columns)
     for i in at.values():
         column = columns[i]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -153,7 +153,9 @@ def test_frames_without_a_clock_are_refused(tmp_path: Path) -> None:
         intake([log(tmp_path), export(tmp_path, rows, head)], 5e-5)
 
 
-def recorded(folder: Path, joints: Iterable[tuple[str, float, list[str], list[float]]], cut: float = 1.0) -> Path:
+def recorded(
+    folder: Path, joints: Iterable[tuple[str, float, Sequence[str], Sequence[float]]], cut: float = 1.0
+) -> Path:
     """An MCAP file of joint states (topic, time, names, positions) and of the target."""
     from mcap.writer import CompressionType, Writer
 
