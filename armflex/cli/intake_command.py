@@ -41,6 +41,7 @@ def command(
     sigma_r: float | None,
     take: tuple[str, ...],
     targets: tuple[str, ...],
+    joints: tuple[str, ...],
     dh: str | None,
     board: str | None,
     board_on_arm: bool,
@@ -54,10 +55,10 @@ def command(
     A folder of pictures is joined by names, numbers or times; --board describes the board that they show.
 
     Files may be text (separated by semicolons, commas, tabs or blanks; decimal commas, comments, titles; UTF-8, UTF-16
-    or Windows-1252), workbooks, ROS bags (rosbag2, MCAP), Motive CSV, C3D, or traces of KUKA controllers. Rows are
-    joined by the points' names, else in their order, else by time; files whose names differ are refused. Of a recording
-    only the times at which the arm stands still are used. How every column is read is printed first. A unit that is
-    stated nowhere is asked for on a terminal, and is an error elsewhere.
+    or Windows-1252), workbooks, ROS bags (rosbag2, MCAP), exports of Motive, Vicon, Qualisys or NDI, C3D, or traces of
+    KUKA controllers. Rows are joined by the points' names, else in their order, else by time; files whose names differ
+    are refused. Of a recording only the times at which the arm stands still are used. How every column is read is
+    printed first. A unit that is stated nowhere is asked for on a terminal, and is an error elsewhere.
     """
     from armflex.intake.picture_files import board_of, is_pictures  # imports scipy
 
@@ -69,6 +70,7 @@ def command(
         sigma,
         take,
         targets,
+        joints=joints,
         sigma_r=sigma_r,
         dh=dh,
         board=board,

@@ -263,7 +263,9 @@ anyway = click.option(
 
 
 def as_they_are(function: Callable) -> Callable:
-    """Add what is asked of files that are read as they are, see `taken_in`: `sigma`, `sigma_r`, `take`, `targets`."""
+    """Add what is asked of files that are read as they are, see `taken_in`: `sigma`, `sigma_r`, `take`, `targets`,
+    `joints`.
+    """
     for option in (
         click.option(
             "--sigma-r",
@@ -278,6 +280,12 @@ def as_they_are(function: Callable) -> Callable:
             multiple=True,
             metavar="NAME",
             help="Topic, frame, body or marker of a recording that is the target; repeat it for several targets.",
+        ),
+        click.option(
+            "--joints",
+            multiple=True,
+            metavar="TOPIC",
+            help="Topic of a recording that has the joints, where several have the same ones; repeat it for several.",
         ),
         click.option(
             "--take",
@@ -341,18 +349,19 @@ def campaign(function: Callable[..., Any]) -> Callable[..., Any]:
         sigma_r: float | None,
         take: tuple[str, ...],
         targets: tuple[str, ...],
+        joints: tuple[str, ...],
         **rest: Any,
     ) -> Any:
         if points is not None and len(paths) > 1:
             raise InputError(f"--points has the positions of one campaign, and {len(paths)} are given")
         as_they_are = sigma is not None or any(path.is_dir() for path in paths)  # pictures have no coordinates
-        if not as_they_are and (take or targets or sigma_r is not None):
-            raise InputError("--take, --target and --sigma-r are for files as they are, which need --sigma")
+        if not as_they_are and (take or targets or joints or sigma_r is not None):
+            raise InputError("--take, --target, --joints and --sigma-r are for files as they are, which need --sigma")
 
         def measured(arm: Arm) -> Measurements:
             unnamed = unnamed_loads(arm, payload, force_text)
             if as_they_are:
-                found = taken_in(paths, sigma, take, targets, sigma_r=sigma_r)
+                found = taken_in(paths, sigma, take, targets, joints=joints, sigma_r=sigma_r)
                 if missing := [
                     line for line in found.declare.splitlines() if line[0] == "[" and line[12:-1] not in arm.sensors
                 ]:

@@ -27,15 +27,18 @@ from armflex.errors import (
     listing,
 )
 from armflex.files.arm_file import ROBOTS
+from armflex.intake.bags import together
+from armflex.intake.clock import counted, times
 from armflex.intake.dh import UPRIGHT, DhTable, arm_text, is_dh, read_dh
+from armflex.intake.lost import without_lost
 from armflex.intake.meanings import ANGLES, COUNTS, ROUNDED, UR, VECTOR, Ask, Meaning, meanings
 from armflex.intake.names import is_resorted, paired_names
 from armflex.intake.picture_files import camera
 from armflex.intake.recordings import read_sources
-from armflex.intake.sources import Cells, Source, numbers, said
-from armflex.intake.streams import STANDS, dwells, is_dense, offset, paired, reduced
+from armflex.intake.sources import NO_READING, Cells, Source, numbers, said
+from armflex.intake.streams import STANDS, STEP, between, dwells, is_dense, is_sampled, offset, paired, reduced, spread
 from armflex.measured.points import LENGTHS
-from armflex.measured.table import NOTHING, Column, Table, csv_text
+from armflex.measured.table import Column, Table, csv_text
 from armflex.robot.robot import Robot, load_robot
 
 TARGET = re.compile(
@@ -43,15 +46,17 @@ TARGET = re.compile(
 )
 """How the name of a point ends that is of one target among several; not that of `Punkt_1`."""
 
-CLOCK = re.compile(
-    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)?))?\s*([ap]m)?\D*",
-    re.IGNORECASE,
-)
-"""A clock's time, after a day or without one."""
+MOST_TURNS = 10.0
+"""No joint of an arm is turned further from its zero."""
+
+MOST_METRES = 1e4
+"""No place is further from where it is measured [m]: a total station reaches 3.5 km."""
+
+SAMPLES = 100
+"""So many rows that stand and move are samples, whatever their clock is."""
 
 TURNS = ("a", "b", "c", "w", "p", "r", "rx", "ry", "rz")
 """Columns beside a controller's own X Y Z that are the orientation of its tool."""
-
 
 DIGITS = 12
 """Decimals of a metre or a radian: further ones are of a conversion."""
@@ -116,6 +121,7 @@ def intake(
     on_arm: bool = False,
     beside: Path | None = None,
     tip: str | None = None,
+    joints: Sequence[str] = (),
 ) -> Intake:
     """Return the campaign that a controller's log and a tracker's export are together, or one file with both.
 
@@ -136,6 +142,7 @@ def intake(
         on_arm: Whether the board is on the arm, and not the camera.
         beside: Folder of the campaign, that of the log when not given: what is named in it is relative to this.
         tip: Last link of a URDF among the files, its only leaf when not given.
+        joints: Which topics of a recording have the joints, where several have the same ones.
 
     Raises:
         ManyErrors: With everything that is wrong or open in the files, each with what to do.
@@ -165,9 +172,11 @@ def intake(
     wrong += [
         f"--take {name}: no file has this column (columns: {listing(every)})" for name in known if name not in every
     ]
-    joints = [] if robot is None else [one.name for one in robot.moving]
+    moving = [] if robot is None else [one.name for one in robot.moving]
     slides = [] if robot is None else [one.name for one in robot.moving if one.kind == "prismatic"]
-    understood = [meanings(source, known, joints, slides) for source in sources]
+    understood = [meanings(source, known, moving, slides) for source in sources]
+    sources, understood, about = _one_log(sources, understood, joints, ask)
+    wrong += about
     logs = [i for i, own in enumerate(understood) if any(one.kind == "joint" for one in own)]
     points = [i for i, own in enumerate(understood) if any(one.kind == "coordinate" for one in own)]
     points, about = _chosen(sources, points, targets, ask)
@@ -185,7 +194,11 @@ def intake(
     pictures = [i for i, own in enumerate(understood) if i not in logs and any(one.kind == "picture" for one in own)]
     for i, source in enumerate(sources):
         if i in (*logs, *points, *pictures):
-            understood[i], about = _settled(source, understood[i], ask, slides)
+            try:
+                sources[i] = without_lost(source, understood[i]) if i in points else source
+            except TableError as error:
+                wrong.append(str(error))
+            understood[i], about = _settled(sources[i], understood[i], ask, slides)
             wrong += about
         elif not source.part:
             named = listing(source.header)
@@ -222,7 +235,8 @@ def intake(
         )
     understood[log] = _named_alike(sources, understood, log, exports)
     sources, notes = _standing(sources, understood, log, exports)
-    found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes])
+    about = list(dict.fromkeys(note for i in (log, *points) for note in sources[i].notes))
+    found = _campaign(sources, understood, log, points, pictures, (sigma, sigma_r), beside, [*shown, *notes, *about])
     found = replace(found, declare="\n\n".join(filter(None, (found.declare, declared))))
     if robot is not None:
         urdf = Path(os.path.relpath(robots[0], beside)).as_posix()
@@ -334,6 +348,65 @@ def _chosen(
     return whole + [parts[name] for name in stamped], []
 
 
+def _one_log(
+    sources: Sequence[Source],
+    understood: Sequence[tuple[Meaning, ...]],
+    topics: Sequence[str],
+    ask: Ask | None,
+) -> tuple[list[Source], list[tuple[Meaning, ...]], list[str]]:
+    """Return sources, what their columns are, and what is wrong, with the joints of a recording's topics as one log.
+
+    Joints with different names are joined over time; where two topics have the same joint, one of them is chosen.
+    """
+    logs = [i for i, own in enumerate(understood) if sources[i].part and any(one.kind == "joint" for one in own)]
+    parts = {sources[i].part: i for i in logs}
+    if unknown := [name for name in topics if name not in parts]:
+        hint = did_you_mean(unknown[0], parts)
+        text = f"--joints {unknown[0]}: no recording has joints there{hint} (they are in: {listing(parts)})"
+        return list(sources), list(understood), [text]
+    of_topic = {part: {one.name for one in understood[i] if one.kind == "joint"} for part, i in parts.items()}
+    chosen = list(topics) or list(parts)
+    for part in chosen:
+        rivals = [other for other in chosen if of_topic[other] & of_topic[part]]
+        if len(rivals) > 1 and ask is not None and not topics:
+            answer = ask("Which of these topics has the joints?", rivals)
+            chosen = [other for other in chosen if other not in rivals or other == answer]
+        elif len(rivals) > 1:
+            both = listing(sorted(of_topic[rivals[0]] & of_topic[rivals[1]]))
+            text = f"{listing(rivals)} have the same joints ({both}): --joints {rivals[0]}, or the other"
+            return list(sources), list(understood), [f"{sources[parts[part]].path}: {text}"]
+    own = [parts[part] for part in parts if part in chosen]
+    kept = [i for i in range(len(sources)) if i not in logs or i in own]
+    if len(own) > 1 and len({sources[i].path for i in own}) == 1:
+        first, merged = own[0], together([sources[i] for i in own])
+        kept = [i for i in kept if i == first or i not in own]
+        meant = {one.column: one for i in own for one in understood[i]}
+        return (
+            [merged if i == first else sources[i] for i in kept],
+            [tuple(meant[name] for name in merged.header) if i == first else understood[i] for i in kept],
+            [],
+        )
+    return [sources[i] for i in kept], [understood[i] for i in kept], []
+
+
+def _moved(source: Source, own: Sequence[Meaning]) -> tuple[Array, str]:
+    """Return (N, d) joint positions [rad] of a log, else (N, 3) places [m], and that unit."""
+    kind, unit = ("joint", "rad") if any(one.kind == "joint" for one in own) else ("coordinate", "m")
+    return np.column_stack([*_numbers(source, own, (kind,)).values()]), unit
+
+
+def _filled(source: Source, own: Sequence[Meaning]) -> Source:
+    """Return a log with the joints that are empty in rows of other topics' messages there, see `between`."""
+    values = {i: numbers(source.columns[i]) for i, one in enumerate(own) if one.kind == "joint"}
+    gaps = {i: read for i, cells in values.items() if (read := np.isfinite(cells)).any() and not read.all()}
+    if source.part or not gaps or (time := times(source, own)) is None or not np.isfinite(time).all():
+        return source
+    time, columns = spread(time), list(source.columns)
+    for i, read in gaps.items():
+        columns[i] = between(time, time[read], values[i][read])
+    return replace(source, columns=tuple(columns))
+
+
 def _standing(
     sources: list[Source], understood: list[tuple[Meaning, ...]], log: int, exports: Sequence[int]
 ) -> tuple[list[Source], list[str]]:
@@ -342,32 +415,36 @@ def _standing(
     Raises:
         InputError: The arm never stands, or two recordings do not match.
     """
-    clocks = {i: _time(sources[i], understood[i]) for i in (log, *exports)}
-    clocks = {i: time for i, time in clocks.items() if time is not None and is_dense(time)}
+    clocks, notes, shifts = dict[int, Array](), list[str](), dict[Path, float]()
+    sources = [_filled(source, own) for source, own in zip(sources, understood, strict=True)]
+    moved = {i: _moved(sources[i], understood[i]) for i in (log, *exports)}
+    for i, (values, unit) in moved.items():
+        if (time := times(sources[i], understood[i])) is not None and is_dense(even := spread(time), values, unit):
+            clocks[i] = even
+            if not np.array_equal(time, even):
+                stamps = f"{len(np.unique(time))} stamps for {len(time)} rows"
+                notes.append(f"the clock of {sources[i].title} repeats itself ({stamps}): rows are spread between them")
+        elif is_sampled(STEP * np.arange(len(values), dtype=float), values, unit) and len(values) >= SAMPLES:
+            text = f"has {len(values)} rows of what stands and moves, samples of a recording, and no clock of one: "
+            text += "--take COLUMN=time_s says which column it is" if time is None else f"its rows are {_step(time)}"
+            raise InputError(f"{sources[i].title}: {text}")
     if not clocks:
         return sources, []
-    moved = {
-        i: np.column_stack([*_numbers(sources[i], understood[i], ("joint" if i == log else "coordinate",)).values()])
-        for i in clocks
-    }
-    for i, values in moved.items():  # cells of other topics' messages are empty
-        for column in values.T:
-            read = np.isfinite(column)
-            if read.any() and not read.all():
-                order = np.flatnonzero(read)[np.argsort(clocks[i][read], kind="stable")]
-                column[:] = np.interp(clocks[i], clocks[i][order], column[order])
     first = log if log in clocks else exports[0]
-    spans = dwells(clocks[first], moved[first], "rad" if first == log else "m")
+    values, unit = moved[first]
+    spans = dwells(clocks[first], values, unit)
+    within = [(clocks[first] >= start) & (clocks[first] <= end) for start, end in spans]
+    spans = spans[[bool(np.isfinite(values[rows]).any(axis=0).all()) for rows in within]] if within else spans
     if not len(spans):
         text = f"nothing stands still for {STANDS:g} s in it: a campaign stops for a second at each pose"
         raise InputError(f"{sources[first].path}: {text}")
-    notes, shifts = [f"the arm stands {len(spans)} times in {sources[first].title}"], dict[Path, float]()
+    notes.insert(0, f"the arm stands {len(spans)} times in {sources[first].title}")
     for i in clocks:
         shift = 0.0
         if i != first and first == log:
             path = sources[i].path
             if path not in shifts:
-                shifts[path] = offset(clocks[log], moved[log], clocks[i], moved[i])
+                shifts[path] = offset(clocks[log], moved[log][0], clocks[i], moved[i][0])
                 notes.append(f"the clock of {sources[i].title} is {shifts[path]:+.3f} s off, as the motions say")
             shift = shifts[path]
         sources[i], understood[i] = _one_sided(sources[i], understood[i])
@@ -379,6 +456,10 @@ def _standing(
             for one in understood[i]
         )
     return sources, notes
+
+
+def _step(time: Array) -> str:
+    return f"{float(np.median(np.diff(np.sort(time)))):.3g} s apart"
 
 
 def _campaign(
@@ -420,7 +501,7 @@ def _campaign(
     for one in of_log:
         if one.kind == "kept":
             columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
-    timed = _time(log, of_log)
+    timed = times(log, of_log)
     if timed is not None and path:
         columns["time"] = (timed - timed.min()).tolist()
         notes += [f"time 0 is {_clock(log, of_log, timed)[int(timed.argmin())]}"] if timed.min() > SINCE_1970 else []
@@ -495,8 +576,8 @@ def _add_beside(
             values, there = numbers(cells)[own], own >= 0
             texts = [str(cells[k]) if k >= 0 else "" for k in own]
             columns[one.name] = values.tolist() if (np.isfinite(values) & there).all() else texts
-    if "time" not in columns and (own >= 0).all() and (times := _time(source, meant)) is not None:
-        clock = _clock(source, meant, times)
+    if "time" not in columns and (own >= 0).all() and (seconds := times(source, meant)) is not None:
+        clock = _clock(source, meant, seconds)
         columns["time"] = [clock[k] for k in own]
     left = [repr(one.column) for one in meant if one.kind == "unused" and one.why == "of the instrument"]
     text = f"{listing(left, 8)} of {source.title} left out, as of the instrument: --take 'COLUMN=NAME' keeps one"
@@ -551,19 +632,44 @@ def _settled(
                 wrong.append(
                     f"{source.path}: columns {listing(map(repr, twice))} are all {_words(named[0])}: --take one"
                 )
-    sampled = (time := _time(source, found)) is not None and is_dense(time)  # where a row is of one topic among several
+    sampled = False  # so that a row is of one topic among several
+    if not wrong and any(one.kind in ("joint", "coordinate") for one in found):
+        values, unit = _moved(_filled(source, found), found)
+        found = counted(source, found, values, unit)
+        sampled = (time := times(source, found)) is not None and is_dense(spread(time), values, unit)
     for one, cells in zip(found, source.columns, strict=True):
         if one.kind in ("joint", "coordinate", "time"):
             values = numbers(cells)
             bad = np.abs(values) > LARGEST
             if one.kind != "time" and not isinstance(cells, np.ndarray):
-                open_ = ("", *NOTHING) if sampled or one.kind == "coordinate" else ()
-                bad |= [not (NUMBER.fullmatch(cell) or cell.lower() in open_) for cell in cells]
+                blank = one.kind == "coordinate" or sampled
+                bad |= [not (NUMBER.fullmatch(cell) or (blank and NO_READING.fullmatch(cell))) for cell in cells]
+            if one.kind == "joint" and not (source.part or sampled):
+                bad |= np.isnan(values)
             if bad.any():
                 at = int(bad.argmax())
                 place = Place(source.path, source.lines[at])
                 wrong.append(f"{place}: {one.column!r} is {said(str(cells[at]))}, expected a number")
+            elif one.kind != "time" and one.unit:
+                wrong += _implausible(source, one, values)
+        if one.kind == "joint" and one.column in source.doubts:
+            wrong.append(f"{source.path}: {source.doubts[one.column]}")
     return tuple(found), wrong
+
+
+def _implausible(source: Source, one: Meaning, values: Array) -> list[str]:
+    """Return what is wrong with (N,) numbers of a joint or a coordinate that no arm reaches, by line and column."""
+    turns = one.kind == "joint" and one.unit in UNITS["angle"]
+    size = np.abs(values) * (LENGTHS | UNITS["angle"] if one.kind == "joint" else LENGTHS)[one.unit or ""]
+    beyond = size > (2.0 * np.pi * MOST_TURNS if turns else MOST_METRES)
+    if not beyond.any():
+        return []
+    at, base = int(beyond.argmax()), f"q_{one.name}" if one.kind == "joint" else one.name
+    what = f"{size[at] / (2.0 * np.pi):.4g} turns" if turns else f"{1e-3 * size[at]:.4g} km"
+    more = f", and {np.count_nonzero(beyond) - 1} rows more" if np.count_nonzero(beyond) > 1 else ""
+    other = " or ".join(unit for unit in (("deg", "rad") if turns else ("mm", "m", "um")) if unit != one.unit)
+    text = f"{one.column!r} is {values[at]:.10g} {one.unit}, {what}{more}: no arm is there"
+    return [f"{Place(source.path, source.lines[at])}: {text}; empty it, or --take '{one.column}={base}_UNIT' ({other})"]
 
 
 def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
@@ -641,50 +747,6 @@ def _cells(source: Source, own: Sequence[Meaning], kind: str) -> Cells | None:
     return next((every[one.column] for one in own if one.kind == kind and one.name != "date"), None)
 
 
-def _time(source: Source, own: Sequence[Meaning]) -> Array | None:
-    """Return times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
-    every = dict(zip(source.header, source.columns, strict=True))
-    cells = _cells(source, own, "time")
-    if cells is None:
-        return None
-    unit = next(one.unit for one in own if one.kind == "time" and one.name == "time")
-    if np.isfinite(values := numbers(cells)).any():
-        return values * {"us": 1e-6, "ns": 1e-9, "": 1.0, **UNITS["time"]}[unit or ""]
-    days = next((every[one.column] for one in own if one.name == "date"), [""] * len(cells))
-    found = [_seconds(f"{day} {cell}".strip()) for day, cell in zip(days, cells, strict=True)]
-    if None in found:
-        return None
-    times = np.array(found, dtype=float)
-    if times.max() < 86400.0:  # a clock without a day, past midnight
-        times += 86400.0 * np.cumsum(np.diff(times, prepend=times[:1]) < -43200.0)
-    return times
-
-
-def _seconds(text: str) -> float | None:
-    """Return the time that a text says [s]; of a clock without a day since midnight."""
-    try:
-        date = datetime.fromisoformat(text)
-        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
-    except ValueError:
-        match = CLOCK.fullmatch(text)
-    if match is None:
-        return None
-    first, mark, second, third, hours, minutes, seconds, half = match.groups()
-    day = 0.0
-    if first:
-        year, month, date = int(third), int(second), int(first)
-        if len(first) == 4:
-            year, date = int(first), int(third)
-        elif mark == "/" and (half or month > 12):  # as in America
-            month, date = date, month
-        try:
-            day = datetime(year + 2000 * (year < 100), month, date, tzinfo=UTC).timestamp()
-        except ValueError:
-            return None
-    hour = int(hours) % 12 + 12 * (half.lower() == "pm") if half else int(hours)
-    return day + 3600.0 * hour + 60.0 * int(minutes) + float((seconds or "0").replace(",", "."))
-
-
 def _joined(
     log: Source, of_log: Sequence[Meaning], names: list[str], export: Source, of_export: Sequence[Meaning]
 ) -> tuple[dict[str, np.ndarray], list[str], str, list[str]]:
@@ -736,7 +798,7 @@ def _joined(
         empty = sum(not line for line in export.lines)
         notes = [f"{empty} of them have no reading of {export.title}"] if empty else []
         return {"": np.arange(count)}, names, "by time", notes
-    at, of = _time(log, of_log), _time(export, of_export)
+    at, of = times(log, of_log), times(export, of_export)
     timed = at is not None and of is not None and not (np.isnan(at).any() or np.isnan(of).any())
     equal = all(len(own) == count for own in rows_of.values())
     recorded = log.spans is not None or export.spans is not None
@@ -752,12 +814,12 @@ def _joined(
     if timed and at is not None and of is not None and (recorded or not equal or other or resorted or unlike):
         found, shifts, apart = {}, [], []
         for target, own in rows_of.items():
-            base, times = (log.spans, of[own]) if export.spans is None else (export.spans, at)
+            base, seconds = (log.spans, of[own]) if export.spans is None else (export.spans, at)
             if base is None:
                 step = [float(np.median(np.diff(np.sort(one)))) if len(one) > 1 else 1.0 for one in (at, of[own])]
                 base = np.sort(at)[:, None] + 0.5 * min(step) * np.array([-1.0, 1.0])
             order = np.arange(count) if log.spans is not None or export.spans is not None else np.argsort(at)
-            spans, shift = paired(base, times)
+            spans, shift = paired(base, seconds)
             shifts.append(shift)
             if export.spans is not None:
                 found[target] = spans

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from armflex.conventions import UNITS
+from armflex.intake.lost import lost
 from armflex.intake.sources import Cells, Source, numbers
 from armflex.measured.points import LENGTHS
 
@@ -50,7 +51,20 @@ NAMES = (
     r"|(?:point|(?:mess)?punkt)[ _-]?(?:no|nr|number|nummer)"
     r"|point|(?:mess)?punkt(?:name)?|pose|pt|feature|merkmal|element)"
 )
-TIMES = r"(?:_*time(?:[ _]?stamp)?|zeit(?:stempel)?|uhrzeit|date(?: ?time)?|datum|heure|t)"
+TIMES = (
+    r"(?:_*time(?:[ _]?stamp)?|(?:_*time[ _]?)?stamp|elapsed(?:[ _]?time)?|zeit(?:stempel)?|uhrzeit"
+    r"|date(?: ?time)?|datum|heure|t)"
+)
+TIME_UNITS = {
+    **UNITS["time"],
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("msec", "msecs", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "µs", "μs", "usec", "usecs", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nsecs", "nanosec", "nanosecs", "nanosecond", "nanoseconds"), 1e-9),
+}
+PART = re.compile(r"(?P<base>(?:.*[._/ \[]|tv_?)?)(?P<unit>[a-zµμ]+)\]?", re.IGNORECASE)
+"""Seconds, and what is beyond them in a column of its own: `header.stamp.sec` and `header.stamp.nanosec`."""
+
 COORDINATE = (
     r"(?:(?:pos(?:ition)?|actual|meas(?:ured)?|ist|mess\w*|mesur\w*)[ _.-])?(?P<axis>[xyz])"
     r"(?:[ _.-]?(?:coord\w*|act\w*|meas\w*|mess\w*|mesur\w*|ist|wert))?"
@@ -60,6 +74,7 @@ OF_MESSAGE = r".*(?:position|translation|point)[./](?P<axis>[xyz])"
 
 STAMPS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 """Times beyond these are since 1970, in this unit."""
+BY_SIZE = "its size"
 DAY = re.compile(r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}$")
 KEPT = ("payload", "session")
 PICTURE = r"(?:picture|image|photo|foto|bild)(?:[ _]?(?:file|name|path))?"
@@ -115,13 +130,16 @@ def meanings(
         slides: Those of them that are lengths.
     """
     comment = next(filter(None, (_unit_of_comment(one) for one in source.comments)), None)
-    found = []
+    found, parts = [], _parts_of_time(source)
     for header, cells in zip(source.header, source.columns, strict=True):
         own = taken.get(header)
+        meaning = parts.get(header) if own is None else None
         if source.part and own is None and header.startswith(RECORDED):  # a message has names, and no units in them
-            found.append(Meaning(header, "joint", header.removeprefix(RECORDED), "rad", "as ROS has it"))
-            continue
-        found.append(_meaning(own or header, header, cells, comment, own is not None, joints))
+            meaning = Meaning(header, "joint", header.removeprefix(RECORDED), "rad", "as ROS has it")
+        found.append(meaning or _meaning(own or header, header, cells, comment, own is not None, joints))
+    if any((one.kind, one.name) == ("time", "time") and one.column not in parts for one in found):
+        found = [replace(one, kind="unused", why="another is the time") if one.column in parts else one
+                 for one in found]  # fmt: skip
     asked = {(one.kind, one.name) for one in found if one.column in taken}
     found = [
         replace(one, kind="unused", why="another is, as asked")
@@ -177,11 +195,29 @@ def meanings(
     return tuple(found)
 
 
+def _parts_of_time(source: Source) -> dict[str, Meaning]:
+    """Return what columns are that have whole seconds and the rest of them: the first such pair."""
+    matches = {name: match for name in source.header if (match := PART.fullmatch(name.strip()))}
+    sizes = {name: TIME_UNITS.get(match["unit"].lower(), 0.0) for name, match in matches.items()}
+    cells = dict(zip(source.header, source.columns, strict=True))
+    for whole in (name for name, size in sizes.items() if size == 1.0):
+        base = matches[whole]["base"]
+        for rest in (name for name, size in sizes.items() if 0.0 < size < 1.0 and matches[name]["base"] == base):
+            seconds, beyond = numbers(cells[whole]), numbers(cells[rest]) * sizes[rest]
+            if (seconds == np.round(seconds)).all() and ((beyond >= 0.0) & (beyond <= 1.0)).all():
+                why = f"{whole} and {rest} are one clock"
+                return {
+                    whole: Meaning(whole, "time", "time", "s", why),
+                    rest: Meaning(rest, "time", "fraction", matches[rest]["unit"].lower(), why),
+                }
+    return {}
+
+
 def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: bool, joints: Sequence[str]) -> Meaning:
     taken_as, text, unit = text, text.strip(), None
     if (match := BRACKETS.fullmatch(text)) and not COUNTED.fullmatch(match[2]):
         text, unit = match[1], match[2].lower().replace("°", "deg")
-    elif "_" in text and text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"], *UNITS["time"]}:
+    elif "_" in text and text.rpartition("_")[2].lower() in {*LENGTHS, *UNITS["angle"], *TIME_UNITS}:
         base, _, last = text.rpartition("_")
         text, unit = (base, last.lower()) if len(base) > 0 else (text, None)
     word, why = text.strip().lower(), "as asked" if asked else "its name"
@@ -221,8 +257,8 @@ def _meaning(text: str, header: str, cells: Cells, comment: str | None, asked: b
     if re.fullmatch(TIMES, word):
         largest = np.nanmax(values) if np.isfinite(values := numbers(cells)).any() else 0.0
         stamp = next((name for least, name in STAMPS if largest > least), "")
-        known = unit if unit in {*UNITS["time"], "us", "ns"} else stamp
-        return Meaning(header, "time", "time", known, in_header if unit else "its size" if stamp else why)
+        known = unit if unit in TIME_UNITS else stamp
+        return Meaning(header, "time", "time", known, in_header if unit else BY_SIZE if stamp else why)
     if word in KEPT:
         return Meaning(header, "kept", word, "", why)
     if asked:  # called as the caller says
@@ -242,13 +278,14 @@ def _turned(source: Source, found: Sequence[Meaning]) -> list[Meaning]:
         match = TURN_OF.fullmatch(re.sub(r"\s*[\[(][^\])]*[\])]$", "", one.column.strip().lower()))
         if match and one.kind in ("covariate", "joint"):
             groups.setdefault(match["stem"], {})[match["axis"]] = i
-    settled = list(found)
+    settled, places = list(found), [source.columns[i] for i, one in enumerate(found) if one.kind == "coordinate"]
+    gone = lost(np.column_stack([numbers(cells) for cells in places]))
     for group in groups.values() if not any(one.kind == "turn" for one in found) else ():
         axes = "".join(sorted(group, key="w01234xyz".index))
         if axes not in (*QUATERNIONS, "1234"):
             continue
         sizes = np.sqrt(sum(numbers(source.columns[i]) ** 2 for i in group.values()))
-        given = np.isfinite(sizes) & (sizes > 0.1)  # noughts where nothing was set
+        given = np.isfinite(sizes) & (sizes > 0.1) & ~gone  # noughts where nothing was set
         if not given.any() or (np.abs(sizes[given] - 1.0) > ROUNDED).any():
             continue
         why = "four columns of length 1"

@@ -8,15 +8,15 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
 
 from armflex.conventions import NUMBER, UNITS, Array
-from armflex.errors import Place, TableError, shown
+from armflex.errors import Place, TableError, listing, shown
 from armflex.measured.points import LENGTHS
 from armflex.measured.spreadsheet import SUFFIXES, sheet_rows
 from armflex.measured.table import text_lines
@@ -35,6 +35,13 @@ UNIT = re.compile(r"[\[(][^\])]{0,8}[\])]")
 LISTED = re.compile(r"[\[(]\s*(.*?)\s*,?\s*[\])]")
 """A cell that holds a list."""
 
+NO_READING = re.compile(
+    r"|[-–—.*?]+|[-+]?(?:1\.#)?(?:nan|ind|inf(?:inity)?|qnan|snan)(?:\(.*\))?|none|null|nil|#?n/?a|#value!|#num!|empty|lost"
+    r"|missing|invalid|occluded|not (?:visible|found|tracked|valid|measured)|no (?:reading|target|data)",
+    re.IGNORECASE,
+)
+"""A cell in place of a coordinate that was not read."""
+
 Cells: TypeAlias = Sequence[str] | Array
 """(N,) cells of a column as text, or the numbers of a recording."""
 
@@ -51,6 +58,8 @@ class Source:
         comments: Texts of comment lines, and of titles before the header.
         part: Topic, body or marker that a recording has this of.
         spans: (N, 2) first and last time [s] of each row that is the mean over a dwell, None where rows are as read.
+        notes: What was left out of the file, and why.
+        doubts: By column, why its values cannot be used.
     """
 
     path: Path
@@ -60,6 +69,8 @@ class Source:
     comments: tuple[str, ...] = ()
     part: str = ""
     spans: Array | None = None
+    notes: tuple[str, ...] = ()
+    doubts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -72,6 +83,12 @@ def numbers(cells: Cells) -> Array:
     if isinstance(cells, np.ndarray):
         return cells
     return np.array([float(cell) if NUMBER.fullmatch(cell) else np.nan for cell in cells])
+
+
+def recorded(path: Path, part: str, columns: Mapping[str, Array], notes: tuple[str, ...] = ()) -> Source:
+    """Return a part of a recording, whose rows are counted from 1."""
+    size = len(next(iter(columns.values())))
+    return Source(path, tuple(columns), tuple(range(1, size + 1)), tuple(columns.values()), part=part, notes=notes)
 
 
 def read_table_source(path: Path) -> Source:
@@ -102,6 +119,8 @@ def read_table_source(path: Path) -> Source:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
     width = widths.most_common(1)[0][0]
     first = next(i for i, (_, cells) in enumerate(rows) if numeric[i] and len(cells) == width)
+    while first and len(before := rows[first - 1][1]) == width and _no_reading(before):  # where nothing was read yet
+        first -= 1
     heads = [cells for _, cells in reversed(rows[:first]) if len(cells) == width]
     if mark and not heads:
         said = [_parted([text], mark)[0] for text in comments]
@@ -192,14 +211,21 @@ def _named_joints(source: Source) -> Source:
             if len({len(one) for one in rows}) == 1:
                 header[at : at + 1] = [f"{base}_{i}" for i in range(len(rows[0]))]
                 columns[at : at + 1] = list(zip(*rows, strict=True))
-    named = {
-        match[1]: columns[i][0]
-        for i, one in enumerate(header)
-        if (match := re.fullmatch(r"(?:\w+\.)*name_?(\d+)", one)) and len(set(columns[i])) == 1
+    of = {
+        base: {match[1]: i for i, one in enumerate(header) if (match := re.fullmatch(rf"(?:\w+\.)*{base}_?(\d+)", one))}
+        for base in ("name", "position")
     }
-    for i, one in enumerate(header):
-        if (match := re.fullmatch(r"(?:\w+\.)*position_?(\d+)", one)) and match[1] in named:
-            header[i] = f"position.{named[match[1]]}"
+    pairs = [(of["name"][number], at) for number, at in of["position"].items() if number in of["name"]]
+    rows = [[columns[name][row] for name, _ in pairs] for row in range(len(source.lines))]
+    if bad := next((i for i, names in enumerate(rows) if {*names} != {*rows[0]} or len({*names}) != len(names)), None):
+        text = f"has joints {listing(rows[bad])}, and the rows before it {listing(rows[0])}"
+        raise TableError(Place(source.path, source.lines[bad]), f"{text}: export a topic with the same joints in each")
+    for k, (_, at) in enumerate(pairs):  # in whichever order a message has them
+        header[at] = f"position.{rows[0][k]}"
+    if any(names != rows[0] for names in rows):
+        cells = [dict(zip(names, (columns[at][i] for _, at in pairs), strict=True)) for i, names in enumerate(rows)]
+        for k, (_, at) in enumerate(pairs):
+            columns[at] = tuple(own[rows[0][k]] for own in cells)
     return replace(source, header=tuple(header), columns=tuple(columns))
 
 
@@ -208,6 +234,11 @@ def _number(cell: str) -> bool:
     if match := LISTED.fullmatch(cell):
         return all(NUMBER.fullmatch(part.strip()) for part in match[1].split(","))
     return bool(NUMBER.fullmatch(cell) or COMMA.fullmatch(cell))
+
+
+def _no_reading(cells: Sequence[str]) -> bool:
+    """Return whether a row has numbers and, in their place, what is written where nothing was read."""
+    return any(map(_number, cells)) and all(_number(cell) or NO_READING.fullmatch(cell) for cell in cells)
 
 
 def _names(columns: Sequence[Sequence[str]]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,6 +14,21 @@ from armflex.intake.sources import Cells, Source, numbers
 
 DENSE = 0.25
 """Median step [s] up to which rows are samples of a recording, and not one row for each pose."""
+
+SLOWEST = 2.0
+"""The same [s] where they are seen to be samples: something stands and moves over several of them."""
+
+FEWEST = 20
+"""Fewer rows are no recording."""
+
+APART = 0.01
+"""Positions of a joint [rad or m] that differ by more contradict each other: twice the step of a 10-bit encoder."""
+
+FASTEST = 15.0
+"""No joint of an arm is faster [rad/s or m/s]."""
+
+TIMES = 3
+"""So many contradictions are a second source; one alone may be a glitch."""
 
 STEP = 0.02
 """Of the grid [s] on which motion is looked at: an arm does not start and stop within it."""
@@ -34,9 +50,86 @@ DISTINCT = 5.0
 """Log-likelihood ratio from which one difference of two clocks is accepted rather than another, one number a motion."""
 
 
-def is_dense(time: Array) -> bool:
-    """Return whether rows at these times [s] are samples of a recording."""
-    return len(time) >= 20 and bool(0.0 < np.median(np.abs(np.diff(time))) <= DENSE)
+def is_dense(time: Array, values: Array, unit: str) -> bool:
+    """Return whether (N, d) values in `unit` at these times [s] are samples of a recording."""
+    if len(time) < FEWEST or not np.isfinite(step := np.median(np.diff(np.sort(time)))):
+        return False
+    return bool(0.0 < step <= DENSE or (DENSE < step <= SLOWEST and is_sampled(time, values, unit)))
+
+
+def is_sampled(time: Array, values: Array, unit: str) -> bool:
+    """Return whether something stands and moves in (N, d) values in `unit` at these times [s], over many rows each.
+
+    In a list of poses each differs from the one before, or is there several times without a way between them.
+    """
+    if len(time) < FEWEST or len(dwells(time, values, unit)) < 2:
+        return False
+    steps = np.abs(np.diff(values[np.argsort(time, kind="stable")], axis=0)).max(axis=1) > STILL[unit]
+    starts = np.count_nonzero(np.diff(np.concatenate([[False], steps]).astype(int)) > 0)
+    return bool(np.count_nonzero(steps) >= 2 * starts)
+
+
+def spread(time: Array) -> Array:
+    """Return times at which the samples of a clock that repeats its stamps were taken: evenly until the next stamp."""
+    order = np.argsort(time, kind="stable")
+    stamps, first, counts = np.unique(time[order], return_index=True, return_counts=True)
+    if len(stamps) in (1, len(time)) or not np.isfinite(stamps[-1]):
+        return time
+    widths = np.diff(stamps)
+    step, usual = float(np.median(widths)), int(np.median(counts))
+    widths = np.minimum(np.append(widths, step), step)  # a pause is none of the samples before it
+    places, sizes = np.arange(len(time)) - np.repeat(first, counts), counts.copy()
+    places[: counts[0]] += max(usual - counts[0], 0)  # a recording begins and ends within a stamp
+    sizes[[0, -1]] = np.maximum(counts[[0, -1]], usual)
+    found = np.empty(len(time))
+    found[order] = time[order] + np.repeat(widths / sizes, counts) * places
+    return found
+
+
+def aligned(series: Mapping[str, tuple[Array, Array]]) -> tuple[Array, dict[str, Array]]:
+    """Return all times (N,) of several series and each of them there, linear between its own samples.
+
+    What is there all the time at one value has it always; another series is not a number before its first and after its
+    last sample, and within a pause in which it changed.
+
+    Args:
+        series: (M,) times [s], ascending, and (M,) values of each, by name.
+    """
+    time = np.unique(np.concatenate([own for own, _ in series.values()]))
+    return time, {name: between(time, own, values) for name, (own, values) in series.items()}
+
+
+def between(time: Array, own: Array, values: Array) -> Array:
+    """Return one of the series of `aligned`, of (M,) times in any order, at (N,) times [s]."""
+    if np.ptp(values) == 0.0:
+        return np.full(len(time), values[0])
+    order = np.argsort(own, kind="stable")
+    own, values = own[order], values[order]
+    there = np.interp(time, own, values, left=np.nan, right=np.nan)
+    pauses = (np.diff(own) > max(STANDS, 5.0 * float(np.median(np.diff(own))))) & (np.diff(values) != 0.0)
+    for i in np.flatnonzero(pauses):
+        there[(time > own[i]) & (time < own[i + 1])] = np.nan
+    return there
+
+
+def contradiction(time: Array, values: Array) -> int | None:
+    """Return the first of (N,) samples that another source than that of the samples around it must have written.
+
+    Such samples jump away and back: each time between two neighbours that agree, or faster than any joint turns.
+
+    Args:
+        time: (N,) [s], ascending.
+        values: (N,) positions of one joint [rad or m].
+    """
+    step, gap = np.diff(values), np.diff(time)
+    back = (step[1:] * step[:-1] < 0.0) & (np.abs(step[1:] + step[:-1]) < 0.2 * np.abs(step[:-1]))
+    back &= (np.abs(step[:-1]) > APART) & (gap[1:] + gap[:-1] < DENSE)
+    jumps = np.flatnonzero((np.abs(step) > APART) & (np.abs(step) > FASTEST * np.maximum(gap, 1e-3)))
+    there, again = step[jumps[:-1]], step[jumps[1:]]
+    returns = (there * again < 0.0) & (np.abs(there + again) < 0.3 * np.abs(there))
+    if np.count_nonzero(back) >= TIMES:
+        return int(back.argmax()) + 1
+    return int(jumps[:-1][returns][0]) + 1 if np.count_nonzero(returns) >= TIMES else None
 
 
 def dwells(time: Array, values: Array, unit: str) -> Array:
@@ -49,6 +142,8 @@ def dwells(time: Array, values: Array, unit: str) -> Array:
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d  # only where something was recorded
 
+    if not (np.isfinite(values).all(axis=1) & np.isfinite(time)).any():
+        return np.zeros((0, 2))
     grid, moved = _gridded(time, values)
     size = max(round(STANDS / STEP), 1)
     span = maximum_filter1d(moved, size, axis=0) - minimum_filter1d(moved, size, axis=0)

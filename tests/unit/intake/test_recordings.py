@@ -103,7 +103,8 @@ def test_an_extra_that_is_not_installed_is_named(tmp_path: Path, monkeypatch: py
     (tmp_path / "a.mcap").write_bytes(b"")
     (tmp_path / "a.c3d").write_bytes(b"\2\x50")
     monkeypatch.setitem(sys.modules, "mcap.reader", None)
-    monkeypatch.setattr("armflex.intake.recordings.find_spec", lambda name: None)
+    monkeypatch.setattr("armflex.intake.bags.find_spec", lambda name: None)
+    monkeypatch.setattr("armflex.intake.captures.find_spec", lambda name: None)
     for path, extra in (("a.mcap", "bags"), ("a.c3d", "mocap")):
         with pytest.raises(UnsupportedError, match=rf"armflex\[{extra}\]"):
             intake([tmp_path / path], 5e-5)

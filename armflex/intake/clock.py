@@ -1,0 +1,97 @@
+"""Times of rows: numbers in any unit, stamps, a clock's hours and minutes; a unit that is stated nowhere."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.intake.meanings import BY_SIZE, TIME_UNITS, Meaning
+from armflex.intake.sources import Source, numbers
+from armflex.intake.streams import DENSE, is_sampled, spread
+
+CLOCK = re.compile(
+    r"(?:(\d{1,4})([./-])(\d{1,2})[./-](\d{2,4}))?[ T,]*(\d{1,2}):(\d\d)(?::(\d\d(?:[.,]\d+)?))?\s*([ap]m)?\D*",
+    re.IGNORECASE,
+)
+"""A clock's time, after a day or without one."""
+
+COUNTED = ("ms", "us", "ns")
+"""Units that a clock may count without saying so, each where the next larger one would be beyond `DENSE`."""
+
+
+def times(source: Source, own: Sequence[Meaning]) -> Array | None:
+    """Return times [s]: numbers, stamps, or a clock's with the day beside it; None where none can be read."""
+    of_name = {one.name: (one, cells) for one, cells in zip(own, source.columns, strict=True) if one.kind == "time"}
+    if "time" not in of_name:
+        return None
+    meaning, cells = of_name["time"]
+    if np.isfinite(values := numbers(cells)).any():
+        seconds = values * TIME_UNITS[meaning.unit or "s"]
+        if "fraction" in of_name:
+            part, column = of_name["fraction"]
+            seconds = seconds + numbers(column) * TIME_UNITS[part.unit or "s"]
+        return seconds
+    days = of_name["date"][1] if "date" in of_name else [""] * len(cells)
+    read = [_seconds(f"{day} {cell}".strip()) for day, cell in zip(days, cells, strict=True)]
+    if None in read:
+        return None
+    seconds = np.array(read, dtype=float)
+    if seconds.max() < 86400.0:  # a clock without a day, past midnight
+        seconds += 86400.0 * np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
+    return seconds
+
+
+def counted(source: Source, own: Sequence[Meaning], moved: Array, unit: str) -> tuple[Meaning, ...]:
+    """Return what a file's columns are, with the unit in which its clock counts where that is stated nowhere.
+
+    Steps of 20 are 20 s between poses, or 20 ms between samples of a motion: in the latter the arm stands for many
+    rows, and moves over several.
+
+    Args:
+        source: The file.
+        own: What its columns are.
+        moved: (N, d) what moves in it, in `unit`.
+        unit: "rad" or "m".
+    """
+    at = next((i for i, one in enumerate(own) if (one.kind, one.name) == ("time", "time")), None)
+    if at is None or (own[at].unit and own[at].why != BY_SIZE) or not np.isfinite(numbers(source.columns[at])).any():
+        return tuple(own)
+    raw = spread(numbers(source.columns[at]))
+    step = float(np.nanmedian(np.abs(np.diff(raw)))) if len(raw) > 1 else 0.0
+    if step * TIME_UNITS[own[at].unit or "s"] <= DENSE:
+        return tuple(own)
+    for name in COUNTED:
+        if DENSE < step <= DENSE / TIME_UNITS[name] and is_sampled(raw * TIME_UNITS[name], moved, unit):
+            why = f"steps of {step:.4g}: samples of a motion"
+            return (*own[:at], replace(own[at], unit=name, why=why), *own[at + 1 :])
+    return tuple(own)
+
+
+def _seconds(text: str) -> float | None:
+    """Return the time that a text says [s]; of a clock without a day since midnight."""
+    try:
+        date = datetime.fromisoformat(text)
+        return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+    except ValueError:
+        match = CLOCK.fullmatch(text)
+    if match is None:
+        return None
+    first, mark, second, third, hours, minutes, seconds, half = match.groups()
+    day = 0.0
+    if first:
+        year, month, date = int(third), int(second), int(first)
+        if len(first) == 4:
+            year, date = int(first), int(third)
+        elif mark == "/" and (half or month > 12):  # as in America
+            month, date = date, month
+        try:
+            day = datetime(year + 2000 * (year < 100), month, date, tzinfo=UTC).timestamp()
+        except ValueError:
+            return None
+    hour = int(hours) % 12 + 12 * (half.lower() == "pm") if half else int(hours)
+    return day + 3600.0 * hour + 60.0 * int(minutes) + float((seconds or "0").replace(",", "."))

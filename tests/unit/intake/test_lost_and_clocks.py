@@ -1,0 +1,256 @@
+"""`intake` of lost targets and coarse clocks, of the joints of bags, and of files that were cut."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.recordings import NAMES, POSES, SEEN, TT, TURNED, Q, T, bag, c3d, log, motive, tip
+
+from armflex.errors import InputError, TableError
+from armflex.intake import intake
+from armflex.intake.join import Intake
+from armflex.intake.lost import lost
+
+MM = 1e3 * SEEN
+
+
+def fits(found: Intake, most: float = 4e-5) -> None:
+    """Compare all rows with the nine poses and their places."""
+    q = np.array([found.columns[name] for name in found.columns if name.startswith("q_")]).T
+    xyz = np.array([found.columns[axis] for axis in "xyz"], dtype=float).T
+    assert q.shape == POSES.shape
+    assert np.allclose(q, POSES, atol=1e-6)
+    assert np.allclose(xyz, tip(POSES), atol=most)
+
+
+def export(folder: Path, rows: Iterable[str], head: str = "time,x_mm,y_mm,z_mm") -> Path:
+    (folder / "export.csv").write_text("\n".join([head, *rows]) + "\n")
+    return folder / "export.csv"
+
+
+@pytest.mark.parametrize("empty", ["-3.697314E28," * 3, "0,0,0.000,", "-9999.99," * 3, "9999,12,13,", "nan,nan,NaN,",
+                                   "-1,-1,-1,", ",,,", "---,---,---,", "1.7e308,2,3,"])  # fmt: skip
+def test_a_lost_target_is_in_no_mean(tmp_path: Path, empty: str) -> None:
+    rows = [f"{t:.3f},{empty[:-1] if i % 7 == 0 else '{:.4f},{:.4f},{:.4f}'.format(*at)}"
+            for i, (t, at) in enumerate(zip(TT, MM, strict=True))]  # fmt: skip
+    found = intake([log(tmp_path), export(tmp_path, rows)], 5e-5)
+    fits(found)
+    assert any("have no reading" in note for note in found.notes) == (empty != ",,,")
+
+
+def test_places_that_are_round_are_not_lost() -> None:
+    places = [[500.0, 500.0, 500.0], [0.0, 0.0, 12.0], [999.0, 1.0, 2.0], [-1000.0, 0.0, 0.0]]
+    assert not lost(np.array(places)).any()
+    assert lost(np.array([[0.0, 0.0, 0.0], *places])).tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("head", "form"),
+    [
+        ("time", lambda t: f"{t:.1f}"),
+        ("time", lambda t: f"{int(t)}"),
+        ("time", lambda t: f"2026-11-20T10:00:{int(t):02d}"),
+        ("time", lambda t: f"{1e3 * t:.0f}"),
+        ("Timestamp", lambda t: f"{1e6 * t:.0f}"),
+        ("t", lambda t: f"{1e9 * (t + 9e4):.0f}"),
+        ("header.stamp.sec,header.stamp.nanosec", lambda t: f"{1_700_000_000 + int(t)},{1e9 * (t % 1):.0f}"),
+        ("stamp_secs,stamp_nsecs", lambda t: f"{int(t)},{1e9 * (t % 1):.0f}"),
+        ("time_us", lambda t: f"{1e6 * t:.0f}"),
+    ],
+)
+def test_rows_of_a_recording_are_dwells_whatever_its_clock_counts(tmp_path: Path, head: str, form: Callable) -> None:
+    lines = [",".join([head, *(f"q_J{i}_rad" for i in (1, 2, 3))])]
+    lines += [",".join([form(t), *(f"{one:.9f}" for one in q)]) for t, q in zip(T, Q, strict=True) if t < 60.0]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)]
+    fits(intake([tmp_path / "log.csv", export(tmp_path, rows)], 5e-5))
+
+
+def test_poses_that_are_minutes_apart_stay_rows(tmp_path: Path) -> None:
+    """Each pose was measured three times: steps of 20 are seconds here."""
+    poses = np.repeat(POSES, 3, axis=0)
+    lines = ["time,q_J1_rad,q_J2_rad,q_J3_rad,x_mm,y_mm,z_mm"]
+    lines += [
+        ",".join(map(str, (20 * i, *q, *xyz))) for i, (q, xyz) in enumerate(zip(poses, 1e3 * tip(poses), strict=True))
+    ]
+    (tmp_path / "both.csv").write_text("\n".join(lines))
+    assert len(intake([tmp_path / "both.csv"], 5e-5).lines) == 27
+
+
+def test_samples_without_a_clock_are_no_rows(tmp_path: Path) -> None:
+    lines = ["q_J1_rad,q_J2_rad,q_J3_rad", *(",".join(f"{one:.6f}" for one in q) for q in Q[::5])]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    with pytest.raises(InputError, match="samples of a recording, and no clock"):
+        intake([tmp_path / "log.csv"], None)
+
+
+@pytest.mark.parametrize(("row", "cell", "text"), [(3, 1, "375.4 turns"), (5, 4, "507.1 km")])
+def test_a_value_that_no_arm_has_is_named_by_line_and_column(tmp_path: Path, row: int, cell: int, text: str) -> None:
+    cells = [[f"P{i}", *np.degrees(q), *(1e3 * at)] for i, (q, at) in enumerate(zip(POSES, tip(POSES), strict=True))]
+    cells[row][cell] = 135139.0 if cell == 1 else 507123456.0
+    head = "Point,J1 [deg],J2 [deg],J3 [deg],X [mm],Y [mm],Z [mm]"
+    path = export(tmp_path, [",".join(map(str, one)) for one in cells], head)
+    name = head.split(",")[cell]
+    with pytest.raises(InputError, match=rf"export.csv:{row + 2}: '{name[:1]}.*{text}: no arm is there"):
+        intake([path], 5e-5)
+
+
+def vicon(folder: Path) -> Path:
+    turns = TURNED.as_quat()
+    lines = ["Objects", "100", ",,Global Angle (Quaternion) tool:tool,,,,,,", "Frame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ",
+             ",,,,,,mm,mm,mm"]  # fmt: skip
+    lines += [",".join([str(i), "0", *(f"{one:.5f}" for one in (*turns[i], *MM[i]))]) if i % 9 else f"{i}" + ",0" * 8
+              for i in range(1, len(MM))]  # fmt: skip
+    (folder / "export.csv").write_text(
+        "\n".join([*lines, "", "Devices", "1000", ",,Force", "Frame,Sub Frame,Fx", ",,N"])
+    )
+    return folder / "export.csv"
+
+
+def qualisys(folder: Path, header: bool) -> Path:
+    lines = [f"NO_OF_FRAMES\t{len(MM)}", "FREQUENCY\t100", "DATA_INCLUDED\t3D", "MARKER_NAMES\tball"]
+    lines += ["Frame\tTime\tball X\tball Y\tball Z"] if header else []
+    for i, at in enumerate(MM):
+        place = "\t".join(f"{one:.3f}" for one in (at if i % 9 else 0.0 * at))
+        lines.append(f"{i + 1}\t{TT[i]:.5f}\t{place}" if header else place)
+    (folder / "export.tsv").write_text("\n".join(lines) + "\n")
+    return folder / "export.tsv"
+
+
+def ndi(folder: Path) -> Path:
+    lines = ["Tools,Port 0x01: ball,Frame,Time [sec],Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers,State,Tx,Ty,Tz"]
+    for i, (at, turn) in enumerate(zip(MM, TURNED.as_quat(), strict=True)):
+        cells = ["OK", *(f"{one:.4f}" for one in (turn[3], *turn[:3], *at)), "0.2"]
+        cells = cells if i % 9 else ["Too Few Markers", *["-3.697314E28"] * 7, "0.0"]
+        lines.append(",".join(["1", "Port 0x01: ball", str(i), f"{TT[i]:.3f}", "1", *cells, "1,OK,1.0,2.0,-1000.0"]))
+    (folder / "export.csv").write_text("\n".join(lines))
+    return folder / "export.csv"
+
+
+def columns(folder: Path) -> Path:
+    rows = [f"{t:.3f}," + ",".join(f"{one:.3f}" for one in (*at, *(at + 9.0))) for t, at in zip(TT, MM, strict=True)]
+    return export(folder, rows, "Time [sec],m1 X [mm],m1 Y [mm],m1 Z [mm],m2 X [mm],m2 Y [mm],m2 Z [mm]")
+
+
+@pytest.mark.parametrize(
+    ("write", "targets"),
+    [(vicon, ()), (lambda folder: qualisys(folder, True), ()), (lambda folder: qualisys(folder, False), ()), (ndi, ()),
+     (columns, ("m1",))],
+)  # fmt: skip
+def test_exports_of_motion_captures(tmp_path: Path, write: Callable, targets: tuple[str, ...]) -> None:
+    fits(intake([log(tmp_path), write(tmp_path)], 5e-5, targets=targets))
+
+
+def test_frames_without_a_clock_are_refused(tmp_path: Path) -> None:
+    rows = [f"tool,{i},Port:1,0,OK,1,0,0,0,{x},{y},{z},0.2,3" for i, (x, y, z) in enumerate(MM)]
+    head = "ToolInfo,Frame#,PortHandle,Face#,TransformStatus,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,#Markers"
+    with pytest.raises(InputError, match="counts frames and has no time: export it from NDI ToolBox with"):
+        intake([log(tmp_path), export(tmp_path, rows, head)], 5e-5)
+
+
+def recorded(
+    folder: Path, joints: Iterable[tuple[str, float, Sequence[str], Sequence[float]]], cut: float = 1.0
+) -> Path:
+    """An MCAP file of joint states (topic, time, names, positions) and of the target."""
+    from mcap.writer import CompressionType, Writer
+
+    messages = [(t, topic, {"name": list(names), "position": list(q)}) for topic, t, names, q in joints]
+    messages += [(t, "/prism", {"position": dict(zip("xyz", at.tolist(), strict=True))})
+                 for t, at in zip(TT, SEEN, strict=True)]  # fmt: skip
+    path = folder / "one.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=1 << 16, compression=CompressionType.ZSTD)
+        writer.start()
+        channels = dict[str, int]()
+        for t, topic, content in sorted(messages, key=lambda one: one[0]):
+            if topic not in channels:
+                kind = "sensor_msgs/" + ("Pose" if topic == "/prism" else "JointState")
+                channels[topic] = writer.register_channel(
+                    topic, "json", writer.register_schema(kind, "jsonschema", b"{}")
+                )
+            writer.add_message(channels[topic], int(1e9 * t), json.dumps(content).encode(), int(1e9 * t))
+        writer.finish()
+    path.write_bytes(path.read_bytes()[: int(cut * path.stat().st_size)])
+    return path
+
+
+ARM = [("/joint_states", t, list(NAMES), q) for t, q in zip(T.tolist(), Q.tolist(), strict=True)]
+HALVES = [(topic, t, list(NAMES)[some], q[some]) for topic, t, _, q in ARM for some in (slice(0, 1), slice(1, 3))]
+
+
+@pytest.mark.parametrize(
+    "joints",
+    [
+        [*ARM, *(("/joint_states", t + 2e-3, ["finger"], [0.01]) for t in np.arange(0.0, T[-1], 4e-3).tolist())],
+        [*ARM, *(("/joint_states", t, ["wheel"], []) for t in T.tolist())],
+        HALVES,
+        [(f"/{len(names)}", t, names, q) for _, t, names, q in HALVES],
+        [(topic, t, names[::-1], q[::-1]) if t % 1 < 0.5 else (topic, t, names, q) for topic, t, names, q in ARM],
+    ],
+    ids=["a faster gripper", "velocities alone", "halves", "halves on two topics", "changing order"],
+)
+def test_joints_of_a_bag_are_joined_by_name(tmp_path: Path, joints: list) -> None:
+    found = intake([recorded(tmp_path, joints)], 5e-5)
+    q = np.array([found.columns[f"q_{name}"] for name in NAMES]).T
+    assert np.allclose(q, POSES, atol=1e-6)
+
+
+@pytest.mark.parametrize("step", [0.008, 0.1])
+def test_two_publishers_of_a_joint_are_an_error(tmp_path: Path, step: float) -> None:
+    zeros = [("/joint_states", t + 3e-3, list(NAMES), [0.0] * 3) for t in np.arange(0.0, T[-1], step).tolist()]
+    with pytest.raises(InputError, match=r"/joint_states has joint .* at .* ms later, at .*, and back, from .* s on"):
+        intake([recorded(tmp_path, [*ARM, *zeros])], 5e-5)
+
+
+def test_of_two_topics_with_the_same_joints_one_is_chosen(tmp_path: Path) -> None:
+    path = recorded(tmp_path, [*ARM, *(("/commanded", t, names, q) for _, t, names, q in ARM)])
+    with pytest.raises(InputError, match=r"have the same joints .*: --joints /"):
+        intake([path], 5e-5)
+    with pytest.raises(InputError, match="did you mean '/joint_states'"):
+        intake([path], 5e-5, joints=["/joint_state"])
+    fits(intake([path], 5e-5, joints=["/joint_states"]))
+
+
+def test_a_recording_that_was_not_closed_is_read_to_where_it_ends(tmp_path: Path) -> None:
+    found = intake([recorded(tmp_path, ARM, 0.8)], 5e-5)
+    assert 4 < len(found.lines) < 9
+    assert any("was not closed" in note and "mcap recover" in note for note in found.notes)
+    with pytest.raises(InputError, match="none of its messages can be read; `mcap recover` may mend it"):
+        intake([recorded(tmp_path, ARM, 1e-3)], 5e-5)
+
+
+@pytest.mark.parametrize("plugin", ["MCAP", "SQLITE3"])
+def test_a_bag_without_its_metadata_or_its_end(tmp_path: Path, plugin: str) -> None:
+    folder = bag(tmp_path, plugin)
+    (folder / "metadata.yaml").unlink()
+    fits(intake([folder], 5e-5))
+    path = next(folder.iterdir())
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 3 // 5])
+    found = intake([folder], 5e-5)
+    assert len(found.lines) == 9  # the joints were written first
+    assert 0 < list(found.columns["x"]).count("") < 9
+    assert any("was not closed" in note for note in found.notes)
+
+
+def test_a_bag_whose_part_is_absent_is_refused(tmp_path: Path) -> None:
+    folder = bag(tmp_path, "MCAP")
+    shutil.move(next(folder.glob("*.mcap")), folder / "other.mcap")
+    with pytest.raises((InputError, TableError), match="which is not there: copy the whole folder"):
+        intake([folder], 5e-5)
+
+
+def test_captures_that_were_cut_are_refused(tmp_path: Path) -> None:
+    path = c3d(tmp_path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 5])
+    with pytest.raises(InputError, match=rf"ends after \d+ of its {len(SEEN)} frames: it was cut"):
+        intake([log(tmp_path), path], 5e-5)
+    path = motive(tmp_path)
+    text = path.read_text().replace("Rotation Type", f"Total Exported Frames,{len(TT)},Rotation Type")
+    path.write_text("\n".join(text.splitlines()[:900]))
+    with pytest.raises(InputError, match="frames that its header states: copy or export it again"):
+        intake([log(tmp_path), path], 5e-5)
