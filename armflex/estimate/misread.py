@@ -42,6 +42,7 @@ from armflex.estimate.misreadings import (
 from armflex.estimate.placement import FEWEST_ROWS, check_length, first_guess
 from armflex.estimate.robust import BY_CHANCE, EVEN, TAILS, outlier_limit
 from armflex.estimate.view import LARGEST_MOTION, View, look, solved
+from armflex.laws.joint.log_compliance import LOOSE
 from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.data_flags import check_joint_units, in_other_units
 from armflex.measured.measurements import Measurements
@@ -53,10 +54,6 @@ from armflex.rows.rows import levels
 
 NAMED = -float(np.log(BY_CHANCE))
 """Logarithm of the odds at which a hypothesis is named."""
-
-ROUGHLY = 1.5
-"""Prior: standard deviation of the logarithm of a declared compliance at least, before conventions are thought of: it
-is often a guess, and what it would explain is no other convention. A thousand times too small is still one."""
 
 LOOKS = 20.0
 """Prior: readings of one instrument are worth as many independent ones, since what an arm lacks is in all of them."""
@@ -199,7 +196,9 @@ def misfit(
     kinds = SEEN if placing else FRAMES
     blocks = [one for one in declared_blocks(setup, campaign) if not (case.keep or placing) or one.kind in kinds]
     values = np.array([begun.get(one, 0.0) for one in parameters_of(blocks)])
-    stds = [np.maximum(block.prior, ROUGHLY) if block.logarithmic else block.prior for block in blocks]
+    # A declared compliance is often a guess: what it would explain is no other convention.
+    rough = outlier_limit(1) * LOOSE
+    stds = [np.maximum(block.prior, rough) if block.logarithmic else block.prior for block in blocks]
     precision = np.concatenate([np.zeros(0), *stds]) ** -2.0
     rounds, first, found = rounds or (1 if campaign.positioned[rows].any() else ROUNDS), None, None
     for _ in range(rounds):

@@ -23,6 +23,7 @@ from armflex.estimate.view import View, look
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ABSURD
 from armflex.progress import Progress
+from armflex.readings.instrument import ROUNDS
 
 DOUBTED = 0.5
 """Confidence: robust weight below which a reading says nothing about a model, and speaks for its neighbours: they are
@@ -93,11 +94,7 @@ def without_lost(measurements: Measurements, rows: np.ndarray, lost: np.ndarray)
     for own, place in zip(lost.T, measurements.readings.groups, strict=True):
         kept[rows[own], place] = False
     left = measurements if kept.all() else replace(measurements, readings=measurements.readings.where(kept))
-    return left, np.asarray(np.isfinite(left.readings.sigma[rows]).any(axis=1))
-
-
-SETTLING = 8
-"""Tolerance: times that it is asked anew which readings are lost; in the second half none comes back."""
+    return left, np.any(np.isfinite(left.readings.sigma[rows]), axis=1)
 
 
 def fit_without_lost(
@@ -122,7 +119,7 @@ def fit_without_lost(
     """
     used, lost = near.rows, lost_among(near, measurements)
     effort, failed, found = ROUGH if lost.any() else THOROUGH, None, None
-    for number in range(SETTLING):
+    for number in range(ROUNDS):
         rest, kept = without_lost(measurements, used, lost)
         try:
             found, failed = fit(declared, blocks, rest, used[kept], start, progress, effort), None
@@ -131,7 +128,7 @@ def fit_without_lost(
         if lost.any():
             found = replace(found, view=look(found.setup, measurements, used))
         again = lost_among(found.view, measurements)
-        again |= lost & (2 * number >= SETTLING)
+        again |= lost & (number >= FELLOWS)  # from then on none comes back
         if np.array_equal(again, lost) and effort is THOROUGH:
             break
         lost, start, effort = again, found.values, THOROUGH

@@ -225,7 +225,7 @@ class Law(ABC):
     def freed(self, row: Row) -> tuple[int, ...]:
         """Return the axes whose compliance [prior] frees: of a law as declared, where it gives, of a trained one none.
 
-        A hinge that is drawn obliquely gives about several axes by one number: it has the factor of one of them, see
+        A hinge that is drawn obliquely bends about several axes by one number: it has the factor of one of them, see
         `sole_axis`. `row` is anywhere within the joints' travel.
         """
         axis = sole_axis(self.constant)
@@ -267,7 +267,7 @@ def sole_axis(compliance: Array | None) -> int | None:
     """Return the axis (0 to 5) that names the one number of a (6, 6) compliance of rank one, None of any other.
 
     Such is a hinge or a slide however its link's frame is turned: it gives along one direction of motion alone. The
-    axis is the first that gives most, of turning ones where any turns.
+    axis is the first of the most compliant ones, of turning ones where any turns.
     """
     if compliance is None:
         return None

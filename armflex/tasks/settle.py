@@ -298,7 +298,7 @@ def _swing(arm: Arm, modes: Modes, size: Array, speed: Array, within: float) -> 
             longer = "a wider tolerance" if arm.damping_ratio else "[robot] damping_ratio, or a wider tolerance"
             text = f"the swing lasts longer than {begun * step:.3g} s with a damping ratio of"
             raise InputError(f"{text} {float(modes.damping_ratios[0]):.3g}: state {longer}")
-        times = np.asarray(step * np.arange(begun, begun + SAMPLES), float)
+        times = step * np.arange(begun, begun + SAMPLES, dtype=float)
         away = np.linalg.norm(_swung(modes, size, speed, times)[0] @ modes.shapes[:, :3], axis=1)
         outside = np.flatnonzero(away > within)
         last = float(times[outside[-1]]) + step if len(outside) else last

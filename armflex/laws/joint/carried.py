@@ -2,7 +2,7 @@
 
 `T exp6(twist) T^-1 = exp6(Ad_T twist)`, so the transport of the twist is exact, and the wrench follows by duality.
 Any law made softer or stiffer along its axes, as [prior] compliance frees it, is one, too: f(w) becomes S f(S w), and a
-compliance C becomes S C S. S = exp(v / 2), v the logarithm of a factor on each axis' own compliance; of what gives by
+compliance C becomes S C S. S = exp(v / 2), v the logarithm of a factor on each axis' own compliance; of a law that is
 one number (`sole_axis`) it is the same on every axis, so that a hinge keeps its direction.
 """
 
@@ -147,6 +147,6 @@ def scaled(law: Law, factor: Array) -> Law:
 
 
 def _one_factor(law: Law, factor: Array) -> Array:
-    """Return (6,) factors on a law's axes: the same on all of what gives by one number."""
+    """Return (6,) factors on a law's axes: the same on all of a law that is one number."""
     axis = sole_axis(law.constant)
     return factor if axis is None else np.full(6, factor[axis])

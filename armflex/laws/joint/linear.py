@@ -68,7 +68,7 @@ class LinearFit:
 class LinearLaw(Law):
     """Constant compliance. Its parameters are the 21 entries of a declared one, the k rows of k of a fitted one.
 
-    A declared one that gives along one direction alone, as a drive does, has one, however its link's frame is drawn.
+    A declared one along one direction alone, as of a drive, has one, however its link's frame is drawn.
 
     Attributes:
         compliance: (6, 6) [m/N, rad/Nm and mixed].

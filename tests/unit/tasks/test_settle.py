@@ -17,7 +17,7 @@ UPRIGHT = (0.0, 0.0, 1.0)
 
 @pytest.fixture
 def beating(tmp_path: Path) -> Arm:
-    """A light hand that swings as fast as the boom: what the boom has goes over into it; then the tip is farthest."""
+    """A light hand that swings as fast as the boom, so that it is farthest off long after the drives stop."""
     parts = [
         link("base"),
         link("boom", 100.0, (1.0, 0.0, 0.0), 30.0),
