@@ -291,8 +291,8 @@ def as_they_are(function: Callable) -> Callable:
             "--take",
             multiple=True,
             metavar="COLUMN=MEANING",
-            help="Meaning of a column whose name does not state it: q_J1_deg, x_mm, qw, pose, time, payload, session, "
-            "unused.",
+            help="Meaning of a column whose name does not state it: q_J1_deg, x_mm, qw, pose, time, payload, session; "
+            "unused leaves it out.",
         ),
         click.option(
             "--sigma",
