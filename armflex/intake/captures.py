@@ -74,7 +74,7 @@ def _rows(path: Path) -> list[list[str]]:
     texts = list(text_lines(path))
     top = "".join(texts[:12])
     mark = max("\t;,", key=top.count)
-    rows = [[cell.strip() for cell in row] for row in csv.reader(texts, delimiter=mark)]
+    rows = [[cell.strip() for cell in row] or [""] for row in csv.reader(texts, delimiter=mark)]
     if mark != ",":
         rows = [[cell.replace(",", ".") if re.fullmatch(r"[-+]?\d+,\d+", cell) else cell for cell in row]
                 for row in rows]  # fmt: skip

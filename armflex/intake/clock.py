@@ -62,7 +62,8 @@ def counted(source: Source, own: Sequence[Meaning], moved: Array, unit: str) -> 
     if at is None or (own[at].unit and own[at].why != BY_SIZE) or not np.isfinite(numbers(source.columns[at])).any():
         return tuple(own)
     raw = spread(numbers(source.columns[at]))
-    step = float(np.nanmedian(np.abs(np.diff(raw)))) if len(raw) > 1 else 0.0
+    steps = np.abs(np.diff(raw[np.isfinite(raw)]))
+    step = float(np.median(steps)) if len(steps) else 0.0
     if step * TIME_UNITS[own[at].unit or "s"] <= DENSE:
         return tuple(own)
     for name in COUNTED:

@@ -459,7 +459,8 @@ def _standing(
 
 
 def _step(time: Array) -> str:
-    return f"{float(np.median(np.diff(np.sort(time)))):.3g} s apart"
+    apart = f"{float(np.median(np.diff(np.sort(time)))):.3g} s apart"
+    return apart if np.isfinite(time).all() else "without a time in some lines"
 
 
 def _campaign(
@@ -502,6 +503,9 @@ def _campaign(
         if one.kind == "kept":
             columns[one.name] = list(map(str, _cells(log, (one,), "kept") or ()))
     timed = times(log, of_log)
+    if timed is not None and not (there := np.isfinite(timed)).all():
+        notes.append(f"times are left out: line {log.lines[int(there.argmin())]} of {log.path.name} has none")
+        timed = None
     if timed is not None and path:
         columns["time"] = (timed - timed.min()).tolist()
         notes += [f"time 0 is {_clock(log, of_log, timed)[int(timed.argmin())]}"] if timed.min() > SINCE_1970 else []
@@ -577,8 +581,8 @@ def _add_beside(
             texts = [str(cells[k]) if k >= 0 else "" for k in own]
             columns[one.name] = values.tolist() if (np.isfinite(values) & there).all() else texts
     if "time" not in columns and (own >= 0).all() and (seconds := times(source, meant)) is not None:
-        clock = _clock(source, meant, seconds)
-        columns["time"] = [clock[k] for k in own]
+        clock = _clock(source, meant, seconds) if np.isfinite(seconds).all() else None
+        columns |= {} if clock is None else {"time": [clock[k] for k in own]}
     left = [repr(one.column) for one in meant if one.kind == "unused" and one.why == "of the instrument"]
     text = f"{listing(left, 8)} of {source.title} left out, as of the instrument: --take 'COLUMN=NAME' keeps one"
     return [text] if left else []

@@ -42,6 +42,9 @@ NO_READING = re.compile(
 )
 """A cell in place of a coordinate that was not read."""
 
+STAMP = re.compile(r"(?:\d{1,4}[./-]\d{1,2}[./-]\d{1,4}|\d{1,2}:\d\d)[\dTZ:.,+ -]*")
+"""A cell with a date, a clock's time or both."""
+
 Cells: TypeAlias = Sequence[str] | Array
 """(N,) cells of a column as text, or the numbers of a recording."""
 
@@ -113,14 +116,12 @@ def read_table_source(path: Path) -> Source:
             elif line.strip() and not line.lower().startswith("sep="):
                 kept.append((number, line.rstrip("\r\n")))
         rows, mark = _split(kept)
-    numeric = [sum(map(_number, cells)) >= min(max(len(cells), 2) / 2, 2) for _, cells in rows]
+    numeric = [sum(map(_number, row)) >= min(max(len(row), 2) / 2, 2) or _no_reading(row) for _, row in rows]
     widths = Counter(len(cells) for (_, cells), full in zip(rows, numeric, strict=True) if full and len(cells) > 1)
     if not widths:
         raise TableError(Place(path), "holds no rows of numbers: expected a table with a header, or lines: name x y z")
     width = widths.most_common(1)[0][0]
     first = next(i for i, (_, cells) in enumerate(rows) if numeric[i] and len(cells) == width)
-    while first and len(before := rows[first - 1][1]) == width and _no_reading(before):  # where nothing was read yet
-        first -= 1
     heads = [cells for _, cells in reversed(rows[:first]) if len(cells) == width]
     if mark and not heads:
         said = [_parted([text], mark)[0] for text in comments]
@@ -237,8 +238,9 @@ def _number(cell: str) -> bool:
 
 
 def _no_reading(cells: Sequence[str]) -> bool:
-    """Return whether a row has numbers and, in their place, what is written where nothing was read."""
-    return any(map(_number, cells)) and all(_number(cell) or NO_READING.fullmatch(cell) for cell in cells)
+    """Return whether a row has a number, else stamps and what is written where nothing was read."""
+    odd = [cell for cell in cells if not _number(cell)]
+    return len(odd) < len(cells) and all(NO_READING.fullmatch(cell) or STAMP.fullmatch(cell) for cell in odd)
 
 
 def _names(columns: Sequence[Sequence[str]]) -> list[str]:

@@ -254,3 +254,44 @@ def test_captures_that_were_cut_are_refused(tmp_path: Path) -> None:
     path.write_text("\n".join(text.splitlines()[:900]))
     with pytest.raises(InputError, match="frames that its header states: copy or export it again"):
         intake([log(tmp_path), path], 5e-5)
+
+
+@pytest.mark.parametrize(
+    ("head", "form", "empty"),
+    [
+        ("time", lambda t: f"{1e3 * t:.0f}", ""),
+        ("time", lambda t: f"{1e6 * t:.0f}", "nan(ind)"),
+        ("stamp", lambda t: f"2026-11-20T10:{int(t) // 60:02d}:{t % 60:06.3f}+02:00", ""),
+    ],
+)
+def test_topics_have_rows_of_their_own_whatever_the_clock_counts(
+    tmp_path: Path, head: str, form: Callable, empty: str
+) -> None:
+    lines = [f"{head},q_J1_rad,q_J2_rad,q_J3_rad"]
+    for i, (t, q) in enumerate(zip(T, Q, strict=True)):
+        cells = [f"{angle:.9f}" if k == i % 3 else empty for k, angle in enumerate(q)]
+        lines.append(",".join([form(t), *cells]))
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    rows = [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f}" for t, (x, y, z) in zip(TT, MM, strict=True)]
+    fits(intake([tmp_path / "log.csv", export(tmp_path, rows)], 5e-5))
+
+
+@pytest.mark.parametrize("empty", ["-3.697314E28", "-9999", "0"])
+def test_an_orientation_is_known_where_its_target_was_lost_at_times(tmp_path: Path, empty: str) -> None:
+    rows = []
+    for i, (t, at) in enumerate(zip(TT, MM, strict=True)):
+        sign = (-1) ** (i // 50)
+        cells = [empty] * 7 if i % 7 == 0 else [*(f"{mm:.4f}" for mm in at), *(f"{sign * x}" for x in (0.6, 0, 0, 0.8))]
+        rows.append(",".join([f"{t:.3f}", *cells]))
+    exported = export(tmp_path, rows, "time,x_mm,y_mm,z_mm,q_w,q_x,q_y,q_z")
+    found = intake([log(tmp_path), exported], 5e-5, sigma_r=5e-4)
+    fits(found)
+    assert np.allclose(np.array(found.columns["rz"], dtype=float), 2.0 * np.arccos(0.6))
+
+
+def test_a_row_without_a_time_takes_the_times_of_none(tmp_path: Path) -> None:
+    lines = ["time,q_J1_rad,x_mm,y_mm,z_mm", "10,0.1,1,2,3", ",0.2,4,5,6", "30,0.3,7,8,9"]
+    (tmp_path / "both.csv").write_text("\n".join(lines))
+    found = intake([tmp_path / "both.csv"], 5e-5)
+    assert "time" not in found.columns
+    assert any("line 3 of both.csv" in note for note in found.notes)
