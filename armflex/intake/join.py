@@ -679,8 +679,12 @@ def _implausible(source: Source, one: Meaning, values: Array) -> list[str]:
 def _numbers(source: Source, own: Sequence[Meaning], kinds: tuple[str, ...]) -> dict[str, Array]:
     """Return (N,) numbers of joints or coordinates in SI, by name; nan where a cell is empty."""
     factors = LENGTHS | UNITS["angle"]
+
+    def converted(values: Array, factor: float) -> Array:
+        return values if factor == 1.0 else np.round(values * factor, DIGITS)
+
     return {
-        one.name: np.round(numbers(cells) * factors[one.unit or ""], DIGITS)
+        one.name: converted(numbers(cells), factors[one.unit or ""])
         for one, cells in zip(own, source.columns, strict=True)
         if one.kind in kinds
     }
