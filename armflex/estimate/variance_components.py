@@ -29,20 +29,9 @@ import numpy as np
 from scipy.linalg import cho_solve
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from armflex.conventions import Array
+from armflex.conventions import RESOLUTION, Array
 from armflex.errors import ConvergenceError
-
-ENOUGH = 0.01
-"""Tolerance: rise of the log likelihood, in nats, that is no longer sought."""
-
-STEPS = 60
-"""Tolerance: steps of a climb at most."""
-
-SMALL_STEP = 4.0
-"""Tolerance: change of the logarithm of a variance in one step at most."""
-
-NOTHING = 1e-9
-"""Tolerance: information by the noise's times variance below which a column says nothing."""
+from armflex.estimate.fit import THOROUGH
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +61,7 @@ class MixedModel:
         """Return the model with (C,) variances of the components by the noise's."""
         return Components(self, np.asarray(ratios, dtype=float))
 
-    def fitted(self, start: Array | None = None, steps: int = STEPS) -> Components:
+    def fitted(self, start: Array | None = None, steps: int = THOROUGH.iterations) -> Components:
         """Return the model with the variances that maximise the likelihood; what gains nothing is zero.
 
         Args:
@@ -86,6 +75,7 @@ class MixedModel:
         if start is None:
             start = 0.1 / np.where(self.unit > 0.0, self.unit, np.inf)
         here, damping = self.at(start), 1e-3
+        farthest = np.log(100.0)  # a size changes by ten times in one step at most
         for _ in range(steps):
             here = here.without_idle()
             free = here.ratios > 0.0
@@ -95,7 +85,7 @@ class MixedModel:
             while damping < 1e9:
                 held = curvature[np.ix_(free, free)] + damping * np.eye(free.sum())
                 step = np.zeros(len(free))
-                step[free] = np.clip(np.linalg.solve(held, slope[free]), -SMALL_STEP, SMALL_STEP)
+                step[free] = np.clip(np.linalg.solve(held, slope[free]), -farthest, farthest)
                 promised = float(slope @ step)
                 there = self.at(here.ratios * np.exp(step))
                 if there.log_likelihood > here.log_likelihood:
@@ -105,7 +95,7 @@ class MixedModel:
                 break
             gain = there.log_likelihood - here.log_likelihood
             here, damping = there, max(0.1 * damping, 1e-6)
-            if max(gain, promised) < ENOUGH:
+            if max(gain, promised) < THOROUGH.flat:
                 break
         return here.without_idle()
 
@@ -126,7 +116,7 @@ class Components:
     def spread(self) -> Array:
         """(K,) D^1/2, standard deviation of each amplitude by the noise."""
         variance = self.ratios @ self.model.variances
-        return np.sqrt(np.where(variance * np.diag(self.model.gram) > NOTHING, variance, 0.0))
+        return np.sqrt(np.where(variance * np.diag(self.model.gram) > RESOLUTION, variance, 0.0))
 
     @cached_property
     def columns(self) -> np.ndarray:
@@ -206,7 +196,7 @@ class Components:
         here = self
         falling = np.flatnonzero((self.ratios > 0.0) & (self.slope < 0.0))
         for c in falling[np.argsort(self.slope[falling])].tolist():
-            if (less := here.without(c)).log_likelihood > here.log_likelihood - ENOUGH:
+            if (less := here.without(c)).log_likelihood > here.log_likelihood - THOROUGH.flat:
                 here = less
         return here
 

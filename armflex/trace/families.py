@@ -24,38 +24,11 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import BASE, drive_axis
 from armflex.laws.effects.shapes import ROUNDING
 from armflex.linear_gaussian import LinearGaussian
+from armflex.parameters import DOUBT
 from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH
 from armflex.trace.projection import Projection, project
-
-STATED = 3.0
-"""Confidence: nats lost without a family from which it is stated."""
-
-LENGTHS = (0.05, 0.15, 0.5, 1.5)
-"""Prior: lengths over which errors of a drive may change [rad], of sliding drives by how far they were driven."""
-
-SMOOTH = LENGTHS[2:]
-"""Prior: those about other axes than the drive's own: bearings and links are smoother than gears."""
-
-FINEST = 60.0
-"""Prior: finest wave of a curve by its finest length: 60 per rad at 0.05 rad."""
-
-FEWEST_POSES = 4
-"""Tolerance: poses for each sine of a curve about a drive, and about other axes twice as many."""
-
-TURN_OF_LOAD = 0.1
-"""Prior: share of the largest load at which play that the load takes up has gone to the other side."""
-
-WALKS = 32
-"""Tolerance: terms of a random walk (Karhunen and Loeve)."""
-
-FAR = 30.0
-"""Prior: by how many times what is left after calibration a constant twist of a joint may move what is read."""
-
-REPLACED = 4
-"""Tolerance: steps in which the other families may take over what one does that is left out."""
-
-TURNS = range(3, 6)
+from armflex.trace.selection import MOST_TRIED
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,14 +144,14 @@ class _Problem:
     def families(self) -> Families:
         """What the evidence has."""
         found, names = list[FamilyFound](), list(dict.fromkeys(name for name, _ in self.components))
-        amplitudes = self.fitted.amplitudes
+        amplitudes, least = self.fitted.amplitudes, -np.log(DOUBT)
         for name in names:
             own = [i for i, (family, _) in enumerate(self.components) if family == name]
-            if not self.fitted.ratios[own].any() or self.fitted.lost_without(*own) < STATED:
+            if not self.fitted.ratios[own].any() or self.fitted.lost_without(*own) < least:
                 continue
-            without = self.model.fitted(self.fitted.without(*own).ratios, REPLACED)  # the others may take its place
+            without = self.model.fitted(self.fitted.without(*own).ratios, MOST_TRIED)  # the others may take its place
             evidence = self.fitted.log_likelihood - without.log_likelihood
-            if evidence < STATED:
+            if evidence < least:
                 continue
             places = dict[tuple[str, str], Array]()
             for part, place in zip(self.parts, self.slices, strict=True):
@@ -222,27 +195,30 @@ def _with_constants(fit: Fit) -> Projection:
 
     Where links and zeros truly are is no family: what calibration was not allowed to move is not to be mistaken for it.
     """
-    twists = [fit.view.to_twist(joint.name) for joint in fit.view.arm.robot.moving]
-    columns = (np.concatenate(twists, axis=2) * fit.scale[:, :, None]).reshape(fit.view.residual.size, -1)
-    sizes, declared = (columns**2).sum(axis=0), project(fit)
-    moving = sizes > 0.0
-    least = sizes[moving] / (FAR**2 * max(declared.objective, 1.0))
+    view, declared = fit.view, project(fit)
+    twists = np.concatenate([view.to_twist(joint.name) for joint in view.arm.robot.moving], axis=2)
+    moved = np.array([view.rms(twist) for twist in twists.transpose(2, 0, 1)]) / view.per_metre
+    twists, moved = twists[:, :, moved > 0.0], moved[moved > 0.0]
+    columns = (twists * fit.scale[:, :, None]).reshape(view.residual.size, -1)
     return replace(
         declared,
-        regressors=np.hstack([declared.regressors, columns[:, moving]]),
-        precision=np.concatenate([declared.precision, least]),
+        regressors=np.hstack([declared.regressors, columns]),
+        precision=np.concatenate([declared.precision, (moved / view.largest_motion) ** 2]),
     )
 
 
 def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
     """Yield what every family does at every place of a campaign with so many poses."""
-    view = fit.view
+    view, turning = fit.view, range(3, 6)
+    # Lengths over which a drive's errors may change [rad], of sliding drives by how far they were driven; about other
+    # axes the longer half, since bearings and links are smoother than gears.
+    lengths = np.array([0.05, 0.15, 0.5, 1.5])
     positions = {joint.name: context.row.position(joint.name)[view.rows] for joint in context.robot.moving}
     driven = {name: values for name, values in positions.items() if np.ptp(values) > 0.0}
     along = {name: (values - values.mean()) / np.ptp(values) for name, values in driven.items()}
     recorded = {name: context.column(name)[view.rows] for name in context.recorded if name != "time"}
     recorded = {name: (x - x.mean()) / np.ptp(x) for name, x in recorded.items() if np.ptp(x) > 0.0}
-    slides = [joint.name for joint in context.robot.moving if TWIST_NAMES.index(drive_axis(joint)) not in TURNS]
+    slides = [joint.name for joint in context.robot.moving if TWIST_NAMES.index(drive_axis(joint)) not in turning]
     for joint in context.robot.moving:
         twist, drive = view.to_twist(joint.name), TWIST_NAMES.index(drive_axis(joint))
 
@@ -254,14 +230,14 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
 
         if joint.name in driven:
             values = driven[joint.name]
-            unit = 1.0 if drive in TURNS else float(np.ptp(values))
-            shapes, spectra = _curve(values, np.multiply(LENGTHS, unit), poses // FEWEST_POSES)
+            unit = 1.0 if drive in turning else float(np.ptp(values))
+            shapes, spectra = _curve(values, unit * lengths, max(poses // 4, 4))
             yield part("curve of the drives", drive, shapes, variances=spectra)
             yield part("scale of the encoders", drive, values - values.mean())
-            if drive in TURNS:
+            if drive in turning:
                 yield part("eccentricity of the encoders", drive, np.sin(values), np.cos(values))
-            shapes, spectra = _curve(values, np.multiply(SMOOTH, unit), poses // FEWEST_POSES // 2)
-            for axis in TURNS:
+            shapes, spectra = _curve(values, unit * lengths[2:], max(poses // 8, 4))
+            for axis in turning:
                 if axis != drive:
                     yield part("curve about other axes", axis, shapes, variances=spectra)
         if f"{APPROACH}{joint.name}" in context.row.covariates:
@@ -271,13 +247,13 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
                 yield part(f"by {name}", axis, share)
         load = view.load_at(joint.name)
         places = [along[name] for name in dict.fromkeys((joint.name, *slides)) if name in along]
-        for axis in TURNS:
+        for axis in turning:
             moment = load[:, axis]
             largest = np.abs(moment).max()
             yield part("compliance", axis, load[:, 3:])
             if not largest > ROUNDING * np.abs(load).max():
                 continue
-            side = np.tanh(moment / (TURN_OF_LOAD * largest))
+            side = np.tanh(10.0 * moment / largest)  # a tenth of the load takes play to the other side
             yield part("play by load", axis, side)
             for name, share in recorded.items():
                 yield part(f"compliance by {name}", axis, moment * share)
@@ -286,7 +262,7 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
                 yield part("compliance by position", axis, *(moment * power for power in powers))
                 yield part("play by load and position", axis, *(side * place for place in places))
     twist, load = view.to_twist(BASE), view.load_at(BASE)
-    for axis in TURNS:
+    for axis in turning:
         shapes = twist[:, :, [axis]] * load[:, None, 3:]
         yield Part("compliance", BASE, TWIST_NAMES[axis], shapes, np.ones((1, 3)))
     for name, share in recorded.items():
@@ -297,9 +273,12 @@ def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
 
 
 def _curve(values: Array, lengths: Array, most: int) -> tuple[Array, Array]:
-    """Return (M, k) sines over (M,) positions, and the (L, k) variances that curves of (L,) lengths give them."""
+    """Return (M, k) sines over (M,) positions, and the (L, k) variances that curves of (L,) lengths give them.
+
+    The finest of them has three radians within the shortest length; there are so many at most.
+    """
     middle, half = 0.5 * (values.min() + values.max()), 0.5 * np.ptp(values) + lengths.max()
-    count = int(np.clip(2.0 * half * FINEST * LENGTHS[0] / lengths.min() / np.pi, 1, max(most, FEWEST_POSES)))
+    count = int(np.clip(2.0 * half * 3.0 / lengths.min() / np.pi, 1, most))
     waves = np.pi * np.arange(1, count + 1) / (2.0 * half)
     shapes = np.sin(waves * (values[:, None] - middle + half)) / np.sqrt(half)
     rates = np.sqrt(3.0) / lengths[:, None]
@@ -310,7 +289,8 @@ def _wandering(fit: Fit, context: Context) -> Iterator[Part]:
     """Yield random walks in time: of the instrument's frame, anew in every session, and of every drive."""
     view = fit.view
     time = context.column("time")[view.rows] if context.timed else np.arange(len(view.rows), dtype=float)
-    rates = np.pi * (np.arange(1, WALKS + 1) - 0.5)
+    count = 32  # terms of Karhunen and Loeve: finer ones are noise
+    rates = np.pi * (np.arange(1, count + 1) - 0.5)
 
     def walk(rows: np.ndarray) -> Array:
         share = (time - time[rows].min()) / (np.ptp(time[rows]) or 1.0)
@@ -321,8 +301,8 @@ def _wandering(fit: Fit, context: Context) -> Iterator[Part]:
     for rows in (spans | {every.tobytes(): every}).values():
         for axis in range(3):
             shapes = view.by_frame[:, :, [axis]] * walk(rows)[:, None, :]
-            yield Part("wandering of the instrument", BASE, TWIST_NAMES[axis], shapes, np.ones((1, WALKS)))
+            yield Part("wandering of the instrument", BASE, TWIST_NAMES[axis], shapes, np.ones((1, count)))
     for joint in context.robot.moving:
         drive = drive_axis(joint)
         shapes = view.to_twist(joint.name)[:, :, [TWIST_NAMES.index(drive)]] * walk(every)[:, None, :]
-        yield Part("wandering of the drives", joint.name, drive, shapes, np.ones((1, WALKS)))
+        yield Part("wandering of the drives", joint.name, drive, shapes, np.ones((1, count)))
