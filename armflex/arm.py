@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from armflex.arguments import checked_init, checked_kinds
 from armflex.conventions import LARGEST_POSITION, TWIST_NAMES, Array, cached_property, covariate_array, real_array
+from armflex.declaration import Source
 from armflex.errors import (
     ArmflexWarning,
     ArrayTypeError,
@@ -182,6 +183,7 @@ class Arm:
         flags: Flags about the arm as declared.
         damping_ratio: Damping of its vibrations over the critical one, None when not stated.
         springs: Between points of its links.
+        source: The arm.toml that declares it, as it was read; None where nobody wrote one, or a preset was chosen.
     """
 
     robot: Robot
@@ -200,6 +202,7 @@ class Arm:
     flags: tuple[Flag, ...] = ()
     damping_ratio: float | None = None
     springs: tuple[Spring, ...] = ()
+    source: Source | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
         known = [*(joint.name for joint in self.robot.places), *self.robot.linkage.closures]

@@ -49,6 +49,10 @@ class Source:
     path: Path
     text: str
 
+    def digested(self) -> str:
+        """Return nothing: where an arm was read, and with what comments, is no part of what it says."""
+        return ""
+
     def place(self, keys: Keys) -> Place:
         """Return the line of a value or of the nearest table around it; the file when there is none."""
         while keys and keys not in self.lines:

@@ -16,7 +16,6 @@ from armflex.conventions import RESOLUTION, SHOWN
 from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.block import learned_laws
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.held_out import OfCampaign
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.learn import LearnedAxis, learned_axes
@@ -80,7 +79,7 @@ def command(
         axes = learned_axes(found.fit, fitted, samples) if fitted else ()
     with together():
         options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.determined} for axis in axes]})
-        write_calibrated(arm_path, found, output)
+        found.write(output)
         if report_path is not None:
             from armflex.show.report import write_report  # draws
 
@@ -104,6 +103,8 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     what = found.fit.view.readings.error_title
     what = what[0].upper() + what[1:]
     print_table(f"{what} over {len(found.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells)
+    if at_target := found.fit.view.at_target(found.rms):
+        say(at_target)
     print_campaigns(found.campaigns, ("declared", "calibrated"), found.fit.view.readings.unit)
     if len(found.by_kind) > 1 or not found.fit.view.readings.of(Position):
         rows = []

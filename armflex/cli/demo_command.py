@@ -31,7 +31,6 @@ from armflex.storage.whole_file import together, write_whole
 from armflex.tasks.check import check
 from armflex.tasks.compensate import compensate
 from armflex.trace import trace
-from armflex.trace.findings import write_traced
 from armflex.trajectory import read_trajectory, write_trajectory
 
 TOLERANCE = 0.1
@@ -66,7 +65,7 @@ def command(output: Path) -> None:
         traced = trace(measured, read_measurements(folder / "campaign.csv", measured), progress=doing)
     said = {"format": "armflex-demo-1", "page": str(page), "compensated": compensated, "tip_moves_m": presets}
     with together():
-        write_traced(folder / "measured.toml", traced, output / "traced.toml")
+        traced.write(output / "traced.toml")
         write_report(traced, output / "trace.html")
         options.write_json(said | {"traced": [one.effect.title for one in traced.found]})
     print_trace(traced)

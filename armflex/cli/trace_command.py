@@ -33,7 +33,7 @@ from armflex.show.report.summary import further, headline
 from armflex.storage.whole_file import together
 from armflex.trace import trace
 from armflex.trace.families import Families, FamilyFound
-from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, write_traced
+from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
@@ -92,7 +92,7 @@ def command(
         raise click.UsageError("--resume is no more: leave it out; --minutes N gives a search the time that it needs")
     if covariates and ask is None:
         raise InputError("--covariates are values for the rows of --ask")
-    outputs = Outputs(arm_path, output, report_path, options.json_path())
+    outputs = Outputs(output, report_path, options.json_path())
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), _interruptible():
@@ -128,7 +128,6 @@ def _interruptible() -> Iterator[None]:
 class Outputs:
     """The files that the command writes."""
 
-    declared: Path
     arm: Path
     report: Path | None
     json: Path | None
@@ -144,7 +143,7 @@ class Outputs:
             FileError: One cannot be written.
         """
         writers: list[tuple[Path | None, Callable[[Path], object]]] = [
-            (self.arm, lambda path: write_traced(self.declared, found, path)),
+            (self.arm, found.write),
             (self.json, lambda path: options.write_json(as_json(found), path)),
             (self.report, lambda path: write_report(found, path)),
         ]
@@ -171,6 +170,8 @@ def print_trace(found: Trace) -> None:
     rows = [[name, *("-" if rms is None else number(rms * factor, 3) for rms in pair)] for name, *pair in figures]
     title = f"RMS of the {readings.error_title} over {len(found.rows)} rows"
     print_table(title, ["", f"all rows {unit}", f"poses held out {unit}"], rows)
+    if at_target := found.state.fit.view.at_target(found.rms):
+        say(at_target)
     print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
     if found.families is not None and found.families.found:
         columns = ["kind", f"RMS {unit}", "evidence", f"held out {unit}", "most at"]
@@ -236,6 +237,8 @@ def _lines(found: Found, factor: float) -> Iterator[list[str]]:
 def _remarks(found: Trace) -> Iterator[str]:
     """Yield the result in sentences, as a page has it, what became of doubtful rows, and what to measure next."""
     yield headline(found)
+    signs = {one.effect.law.words.title: one.effect.law.words.signs for one in found.found}
+    yield from (f"Signs of {title}: {text}." for title, text in signs.items() if text)
     if found.compared is not None:
         yield "In folds: the share of folds that select the effect."
     for one in (*found.found, *found.at_every_drive):

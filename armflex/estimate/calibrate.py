@@ -185,17 +185,19 @@ class Calibration(Result):
         view = (self.scattered or self.fit).view
         return tuple(outliers_of(view, instrument_weights(view) < DOUBTED, self.measurements, "counted less"))
 
+    @checked_kinds
+    def write(self, path: str | Path) -> Path:
+        """Write the declared arm.toml with its comments, and a [calibration] table that `load_arm` applies.
 
-def write_calibrated(declared: Path, calibration: Calibration, path: Path) -> Path:
-    """Write the declared arm.toml with its comments, and a [calibration] table that `load_arm` applies.
+        Args:
+            path: The arm.toml to write; files named in it are named relative to its folder.
 
-    Args:
-        declared: The arm.toml that was calibrated.
-        calibration: What was found.
-        path: The arm.toml to write; files named in it are named relative to its folder.
-    """
-    campaign = Campaign(calibration.measurements.sha256, len(calibration.fit.view.rows), calibration.rms)
-    return write_arm(declared, calibration.arm, campaign, path)
+        Raises:
+            UnsupportedError: No arm.toml declares the arm, or it was changed in Python after it was read.
+            FileError: It cannot be written.
+        """
+        campaign = Campaign(self.measurements.sha256, len(self.fit.view.rows), self.rms)
+        return write_arm(self.arm, campaign, Path(path))
 
 
 @checked_kinds
@@ -309,7 +311,7 @@ def fitted_to(
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         # Nor is an arm worse than declared of which only the instrument was placed.
-        *(() if about or judgement or scattered or keep else _worse(errors, found.view.readings.unit)),
+        *(() if about or judgement or scattered or keep else worse_than_declared(errors, found.view.readings.unit)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors, scattered)
@@ -426,7 +428,7 @@ def _held_out(placed: Fit, found: Fit, measurements: Measurements, closest: Fit)
     return declared, calibrated
 
 
-def _worse(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
+def worse_than_declared(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
     """Yield the flag about an arm that predicts poses it was not fitted to worse than it did before."""
     if errors is not None and errors[1] > errors[0]:
         declared, calibrated = (said_of(error, unit) for error in errors)

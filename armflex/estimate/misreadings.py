@@ -133,20 +133,24 @@ def _of_joints(arm: Arm) -> Iterator[Misreading]:
 def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     for step, whose in ((1, "before"), (-1, "after")):
         if measurements.measured.sum() > abs(step):
-            read = "x, y, z" if measurements.positioned.any() else "readings"
+            read = _columns_read(measurements) or "readings"
             remedy = f"move {read} by one row against the joints"
             yield Misreading(f"{read} are those of the row {whose}", remedy, _read_apart(step), of_rows=False)
     if (position := measurements.readings.of(Position)) is None:
         return
     axes_read = np.isfinite(position.sigma).any(axis=0)  # one that nobody read is in no unit
+    if not (columns := _columns_read(measurements)):
+        return
+    are = "are" if "," in columns else "is"
     for unit, taken, factor in _factors("m"):
-        remedy = f"write the unit into the header: x_{unit}, y_{unit}, z_{unit}"
-        remedy = remedy if unit != "inches" else "convert them, and write x_mm, y_mm, z_mm into the header"
-        name = f"x, y, z are in {unit}, read as {taken}"
+        remedy = f"write the unit into the header: {columns.replace(',', f'_{unit},')}_{unit}"
+        if unit == "inches":
+            remedy = f"convert to mm, and write {columns.replace(',', '_mm,')}_mm into the header"
+        name = f"{columns} {are} in {unit}, read as {taken}"
         volume, every = float(np.log(factor)) * axes_read.mean(), np.eye(3) * factor
         yield Misreading(name, remedy, _positions(every), some=True, volume=volume)
         yield Misreading(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
-        for i in np.flatnonzero(axes_read):
+        for i in np.flatnonzero(axes_read) if axes_read.sum() > 1 else ():  # one column has no other unit than its own
             scale = np.diag(np.where(np.arange(3) == i, factor, 1.0))
             name = f"{'xyz'[i]} alone is in {unit}, read as {taken}"
             yield Misreading(name, remedy, _positions(scale), mistakes=2, volume=float(np.log(factor)) / 3.0)
@@ -155,9 +159,10 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
         away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
-        if len(away) + len(turned) in (1, 2) and not (away and turned):
+        unread = any(not axes_read["xyz".index(axis)] for axis in (*away, *turned))
+        if len(away) + len(turned) in (1, 2) and not (away and turned) and not unread:
             hand = f"{away[0]} and {away[1]} are exchanged" if away else f"{' and '.join(turned)} reversed"
-            name = f"x, y, z are a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
+            name = f"{columns} {are} a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
             remedy = f"exchange {away[0]} and {away[1]}" if away else f"turn the sign of {' and '.join(turned)}"
             proper = np.linalg.det(axes) > 0.0  # as a frame that stands elsewhere may be
             mistakes = 3 if proper else max(len(turned), 1)
@@ -165,7 +170,13 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     if arm.measurement.frame == "base":
         remedy = 'write frame = "unknown" under [measurement]: the instrument stands elsewhere'
         elsewhere = replace(arm, measurement=replace(arm.measurement, frame="unknown"))
-        yield Misreading("x, y, z are not in the arm's base frame", remedy, arm=elsewhere)
+        yield Misreading(f"{columns} {are} not in the arm's base frame", remedy, arm=elsewhere)
+
+
+def _columns_read(measurements: Measurements) -> str:
+    """Return which of x, y and z were read in any row, '' where none was."""
+    position = measurements.readings.of(Position)
+    return "" if position is None else ", ".join(np.array(list("xyz"))[np.isfinite(position.sigma).any(axis=0)])
 
 
 def _of_loads(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.arm import Arm, Setup
-from armflex.conventions import STANDARD_GRAVITY, TWIST_NAMES, Array
+from armflex.conventions import STANDARD_GRAVITY, TWIST_NAMES, Array, said_of
 from armflex.errors import ArmflexError
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
@@ -94,6 +94,19 @@ class View:
     def rms(self, errors: Array) -> float:
         """Return the RMS of the 3-D position error [m] of (M, d) errors; without any of the `foremost` readings."""
         return foremost_rms(self.readings, errors)
+
+    def at_target(self, error: float) -> str:
+        """Return in a sentence how many mm an error of pictures is at what they show, '' of other readings.
+
+        It is across the line of sight: pixels times distance by focal length, the median over what was read.
+        """
+        across = [
+            1.0 / kind.by_shift(self.at)[np.isfinite(kind.sigma)] for kind in self.readings.kinds if kind.unit == "px"
+        ]
+        if self.readings.unit != "px" or not across:
+            return ""
+        size = error * float(np.median(np.concatenate(across)))
+        return f"{said_of(error, 'px')} is {said_of(size, 'm')} at the target's distance."
 
     @property
     def whitened(self) -> Array:

@@ -17,6 +17,7 @@ from armflex.errors import Flag, InputError, UnknownNameError, UnsupportedError,
 from armflex.export import Exported
 from armflex.export.quoting import line_comment, yaml_string
 from armflex.export.rigid import require_six_turning
+from armflex.laws.effects.in_arm import depended_on
 from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.tasks.compensate import compensate as compensated
 from armflex.trajectory import Trajectory, read_trajectory
@@ -366,8 +367,18 @@ def path_of(
         left += f" (± {sigma * 1e3:.2g} mm in the base frame, with where the base stands)"
     text = f"Compensated: {left} remain in the rows"
     between = found.between_m or 0.0
-    notes, head = (f"{text}, {between * 1e3:.2g} mm halfway between.",), _head(path, "Compensated", arm_file)
+    notes = (f"{text}, {between * 1e3:.2g} mm halfway between.",)
+    head = _head(path, f"Compensated{_conditions(arm, path, covariates or {})}", arm_file)
     return found.trajectory, notes, (*flags, *found.flags), head
+
+
+def _conditions(arm: Arm, path: Trajectory, covariates: Mapping[str, float]) -> str:
+    """Return for what columns that effects depend on a path was compensated, such as a temperature: ' for ..'."""
+    given = {name: (value, value) for name, value in covariates.items()}
+    given |= {name: (float(np.min(values)), float(np.max(values))) for name, values in path.covariates.items()}
+    needed = [(name, *ends) for name, ends in given.items() if name in depended_on(arm)]
+    texts = [f"{name} {low:g}" + (f" to {high:g}" if high > low else "") for name, low, high in needed]
+    return f" for {listing(texts)}" if texts else ""
 
 
 def _head(path: Trajectory, what: str, arm_file: str) -> tuple[str, ...]:

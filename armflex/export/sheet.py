@@ -34,6 +34,7 @@ from armflex.export.rigid import (
     tips,
     with_constants,
 )
+from armflex.files.dh_table import first_row
 from armflex.laws import Row
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import BoundTwist
@@ -146,7 +147,8 @@ def _taken(setup: Setup, splits: Sequence[Split], like: Mapping[Key, float] | No
         offset = arm.corrections.joint_offset.get(joint.name, 0.0)
         found[Key("joint_offset", joint.name, "offset", "m" if joint.kind == "prismatic" else "rad")] = offset
     frames = joint_frames(arm, zeros=False)
-    ends = [np.zeros(7)]
+    frames[0], *first = _based(arm, frames[0])
+    ends = [np.array([0.0, 0.0, 0.0, 0.0, 0.0, *first])]
     for joint, frame, split in zip(arm.robot.swept, frames[1:-1], splits, strict=False):
         held = like is not None and split.hayati and joint.kind != "prismatic"
         ahead = like[Key("dh_standard", joint.name, "d", "m")] - ends[-1][5] if held and like else 0.0
@@ -171,6 +173,23 @@ def _taken(setup: Setup, splits: Sequence[Split], like: Mapping[Key, float] | No
             Key("target", "", axis, "m"): float(x) for axis, x in zip("xyz", setup.instrument.target, strict=True)
         }
     return found | {key: 1.0 / compliance for key, (compliance, *_) in _compliances(arm).items()}
+
+
+def _based(arm: Arm, pose: pin.SE3) -> tuple[pin.SE3, float, float]:
+    """Return the base's pose, and d [m] and theta [rad] of the first row, of the pose of the first joint.
+
+    Only their sum is in a pose. Of an arm by rows, the base is turned and shifted about the first axis as declared, and
+    the row has the whole error, as the rows are named elsewhere (`in_dh_words`). Else the base's pose is all of it.
+    """
+    joint = arm.robot.swept[0]
+    declared = first_row(arm.robot.urdf, joint)
+    if declared is None:
+        return pose, 0.0, 0.0
+    theta, d = declared
+    off = pin.SE3(joint.rotation, joint.origin).inverse() * pose
+    d, theta = d + float(off.translation[2]), theta + float(np.arctan2(off.rotation[1, 0], off.rotation[0, 0]))
+    z = np.array([0.0, 0.0, 1.0])
+    return pose * pin.SE3(pin.exp3(theta * z), d * z).inverse(), d, theta
 
 
 def choose(pose: pin.SE3) -> Split:

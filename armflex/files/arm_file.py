@@ -5,9 +5,10 @@ What a fit found is written beside what was declared, comments and all: [calibra
 
 from __future__ import annotations
 
+import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from armflex.errors import (
     InputError,
     PayloadError,
     UnknownNameError,
+    UnsupportedError,
+    UntrustedError,
     UrdfError,
     did_you_mean,
     listing,
@@ -34,6 +37,7 @@ from armflex.files.calibration_table import (
     REMARKS,
     Campaign,
     calibration_table,
+    certainty_table,
     doubts,
     read_calibration,
     with_certainty,
@@ -57,6 +61,7 @@ from armflex.mechanics.loaded import Payload
 from armflex.mechanics.spring import Spring
 from armflex.parameters import ParameterKind, of_compliance, of_masses, of_motions, of_offsets, of_springs
 from armflex.readings.instrument import Instrument
+from armflex.result import plain
 from armflex.robot import Robot, load_robot
 from armflex.robot.robot import MILLIMETRES
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
@@ -74,6 +79,9 @@ RIGID = 1e-6
 
 SAGS = np.radians(3.0)
 """Turn of a joint under the weight of what it carries, stretched out, that no drive in service has [rad]."""
+
+WRITTEN = 1e-6
+"""Tolerance: by which share of its size a number may differ from what its file says: factors are logarithms there."""
 
 LEVEL = 1e-3
 """Share of gravity by which it may differ from what a mount makes of it: so far are numbers rounded."""
@@ -114,8 +122,13 @@ def load_arm(
         if is_urdf:
             robot = load_robot(path, tip, strict=strict)
             arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so no flexures: the arm is rigid")))
+            quoted = (json.dumps(text, ensure_ascii=False) for text in (str(path.absolute()), robot.tip))
+            text = "[robot]\nurdf = {}\ntip = {}\n".format(*quoted)
         else:
-            arm = _read(read_toml(path), preset, strict)
+            root = read_toml(path)
+            arm, text = _read(root, preset, strict), root.source.text
+    if preset is None:
+        arm = replace(arm, source=Source(path.absolute(), text))
     warn(arm.flags)
     return arm
 
@@ -175,7 +188,9 @@ def make_arm(
     tables = {"robot": {"urdf": str(urdf), "tip": tip, **keys}, "flexure": flexures, "payload": bodies}
     arm = _read(Declaration(tables, (), Source(FROM_PYTHON, "")), None, strict)
     warn(arm.flags)
-    return arm
+    import tomlkit  # half of the time that a rigid arm takes to load
+
+    return replace(arm, source=Source(FROM_PYTHON.absolute(), tomlkit.dumps(plain(tables))))
 
 
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
@@ -506,28 +521,32 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
 
 
 def write_arm(
-    declared: Path,
-    arm: Arm,
-    campaign: Campaign,
-    path: Path,
-    effects: Sequence[dict[str, Any]] = (),
-    unfinished: bool = False,
+    arm: Arm, campaign: Campaign, path: Path, effects: Sequence[dict[str, Any]] = (), unfinished: bool = False
 ) -> Path:
-    """Write a declared arm.toml with its comments, what a fit found, and the effects that were added.
+    """Write the arm.toml that declares an arm, comments and all, with what a fit found and the effects it added.
 
     Args:
-        declared: The arm.toml that was fitted.
         arm: As fitted; see `calibration_table`.
         campaign: What it was fitted to.
         path: The arm.toml to write; files named in it are named relative to its folder.
         effects: Tables of what was found beyond what was declared, see `effect_table`.
         unfinished: Whether the search for them was ended at once.
+
+    Raises:
+        UnsupportedError: No arm.toml declares the arm, or it was changed in Python after it was read.
+        FileError: It cannot be written.
     """
     import tomlkit  # only when an arm is written
 
-    document = tomlkit.parse(declared.read_text(encoding="utf-8-sig"))
-    _move_files(document, declared.parent.resolve(), path.parent.resolve())
+    if arm.source is None:
+        raise UnsupportedError(
+            "no arm.toml declares this arm (a preset, or parts put together in Python): it cannot be written. "
+            "Load it with load_arm without a preset, or make it with make_arm"
+        )
+    document, fitted = tomlkit.parse(arm.source.text), calibration_table(arm, campaign, unfinished)
     document.pop("calibration", None)
+    _check_declared(arm, arm.source, document, fitted)
+    _move_files(document, arm.source.path.parent.resolve(), path.parent.resolve())
     if effects and "effect" not in document:
         document.append("effect", tomlkit.aot())
     for effect in effects:
@@ -540,12 +559,61 @@ def write_arm(
             table.append(key, value)
         document["effect"].append(table)
     with together():
-        calibration = with_covariance(calibration_table(arm, campaign, unfinished), path)
-        fitted = tomlkit.item(calibration)
+        calibration = with_covariance(fitted, path)
+        written = tomlkit.item(calibration)
         for name in REMARKS.keys() & calibration.keys():
-            fitted[name].comment(REMARKS[name])
-        document.append("calibration", fitted)
+            written[name].comment(REMARKS[name])
+        document.append("calibration", written)
         return write_whole(path, tomlkit.dumps(document).encode())
+
+
+def _check_declared(arm: Arm, source: Source, document: Any, fitted: Mapping[str, Any]) -> None:
+    """Raise where a declaration with what was fitted is not the arm; [prior] and [measurement] it gets from the arm."""
+    certain = certainty_table(arm.certainty).keys() if arm.certainty else ()
+    values = {name: value for name, value in fitted.items() if name not in certain}
+    try:
+        declared = _read(Declaration({**document.unwrap(), "calibration": values}, (), source), None, False)
+    except UntrustedError:  # `trust` held while the arm was loaded
+        return
+    if declared.prior != arm.prior:
+        stds = {one.name: getattr(arm.prior, one.name) for one in fields(Prior)}
+        document["prior"] = {name: value for name, value in plain(stds).items() if value}
+    if declared.measurement != arm.measurement:
+        document["measurement"] = dict(vars(arm.measurement))
+    for part, says in DECLARED.items():
+        if not _close(says(declared), says(arm)):
+            text = f"its {part} are not those that the file says: the arm was changed in Python after it was read"
+            raise UnsupportedError(f"{source.path}: the arm cannot be written, {text}")
+
+
+DECLARED: dict[str, Callable[[Arm], Any]] = {
+    "joints": lambda arm: [(one.name, one.kind, one.origin, one.rotation) for one in arm.robot.places],
+    "ends": lambda arm: (arm.robot.base, arm.robot.tip, arm.robot.gravity),
+    "links": lambda arm: [
+        (name, one.inertial and (one.inertial.mass, one.inertial.origin)) for name, one in arm.robot.urdf.links.items()
+    ],
+    "payloads": lambda arm: [(name, one.mass, one.com) for name, one in arm.payloads.items()],
+    "flexures": lambda arm: [
+        (one.name, one.joint, one.law.tangent(np.zeros(6), anywhere(arm.robot))) for one in arm.flexures
+    ],
+    "springs, instruments or effects": lambda arm: (
+        [one.name for one in arm.springs],
+        list(arm.sensors),
+        [one.title for one in arm.effects],
+    ),
+    "payload_rating and damping_ratio": lambda arm: (arm.payload_rating, arm.damping_ratio),
+}
+"""What a file must say of an arm as the arm does, by name."""
+
+
+def _close(one: Any, other: Any) -> bool:
+    """Return whether two values are the same but for rounding."""
+    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
+        return len(one) == len(other) and all(map(_close, one, other))
+    if isinstance(one, np.ndarray | float) and isinstance(other, np.ndarray | float):
+        size = float(np.abs(one).max(initial=0.0))
+        return np.shape(one) == np.shape(other) and bool(np.allclose(other, one, rtol=0.0, atol=WRITTEN * size))
+    return one == other
 
 
 def write_prior(declared: Path, each: Mapping[str, tuple[float, float]], path: Path) -> Path:

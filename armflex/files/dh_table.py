@@ -166,6 +166,15 @@ def in_dh_words(robot: Robot) -> dict[str, tuple[str, float]]:
     return found
 
 
+def first_row(urdf: Urdf, joint: Joint) -> tuple[float, float] | None:
+    """Return theta [rad] and d [m] of a joint's row as declared; None of one that is not the first of such rows."""
+    if not urdf.dh or joint.name != next(iter(urdf.joints)):
+        return None
+    end = pin.SE3(joint.rotation, joint.origin)
+    along = end if urdf.dh == "standard" else _across(end).inverse() * end
+    return float(np.arctan2(along.rotation[1, 0], along.rotation[0, 0])), float(along.translation[2])
+
+
 def _across(end: pin.SE3) -> pin.SE3:
     """Return Tx(a) Rx(alpha) Ry(beta) of Tx(a) Rx(alpha) Ry(beta) Rz(theta) Tz(d)."""
     z = end.rotation[:, 2]

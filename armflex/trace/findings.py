@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtrc, ndtr
 
+from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import TWIST_NAMES, Array, said_of
 from armflex.errors import FEW, Flag, listing
-from armflex.estimate.calibrate import Calibration, far_from_declared
+from armflex.estimate.calibrate import Calibration, far_from_declared, worse_than_declared
 from armflex.estimate.fit import Fit, realise
 from armflex.estimate.held_out import OfCampaign, by_campaign
 from armflex.estimate.learn import with_posteriors
@@ -345,8 +346,11 @@ class Trace(Result):
 
     @property
     def flags(self) -> tuple[Flag, ...]:
-        """What is doubtful: as the calibration has it, but which values are far off is said of the final fit."""
-        first = [one for one in self.calibration.flags if one.code != "beyond_priors"]
+        """What is doubtful: as the calibration has it, but what is said of its result is said of the traced arm."""
+        first = [one for one in self.calibration.flags if one.code not in ("beyond_priors", "worse_than_declared")]
+        if len(first) < len(self.calibration.flags) and self.calibration.held_out is not None:
+            errors = self.calibration.held_out[0], self.held_out[1]
+            first += worse_than_declared(errors, self.state.fit.view.readings.unit)
         return (*first, *far_from_declared(self.state.fit, self.state.first.parameters, self.arm))
 
     @property
@@ -459,6 +463,31 @@ class Trace(Result):
             return self.held_out_before, self.held_out_after
         return self.compared.before, max(self.compared.after, self.held_out_after)
 
+    @checked_kinds
+    def write(self, path: str | Path) -> Path:
+        """Write the declared arm.toml with its comments, [calibration], and an [[effect]] for everything found.
+
+        What effects change in the model or the instrument is in their tables alone, so nothing is applied twice. What
+        a search had accepted that was ended at once is marked `unfinished` in [calibration].
+
+        Args:
+            path: The arm.toml to write; files named in it are named relative to its folder.
+
+        Raises:
+            UnsupportedError: No arm.toml declares the arm, or it was changed in Python after it was read.
+            FileError: It cannot be written.
+        """
+        fit, state = self.state.fit, self.state
+        campaign = Campaign(state.measurements.sha256, len(self.rows), self.rms)
+        effects = [
+            effect_table(effect, {name: one for name, one in state.std_of(block).items() if np.isfinite(one)})
+            for block, effect in zip(state.effects, state.fitted, strict=True)
+        ]
+        setup = realise(fit.declared, state.blocks, fit.values)  # effects are written by themselves
+        assert self.arm.certainty is not None
+        arm = replace(with_posteriors(setup.arm, fit, self.arm.certainty), instrument=setup.instrument)
+        return write_arm(arm, campaign, Path(path), effects, self.unfinished)
+
 
 def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | None:
     """Return what is left above the noise without a cause, None when nothing is.
@@ -488,26 +517,3 @@ def unexplained(state: State, places: tuple[RandomTwist, ...]) -> Unexplained | 
     if left < VARIANCE_RATIO * noise or fdtrc(freedom, 3 * scatter.freedom, left / noise) > BY_CHANCE:
         return None
     return Unexplained(None, None, None, None, float(np.sqrt(3.0 * (left - noise))))
-
-
-def write_traced(declared: Path, trace: Trace, path: Path) -> Path:
-    """Write the declared arm.toml with its comments, [calibration], and an [[effect]] for everything that was found.
-
-    What effects change in the model or the instrument is in their tables alone, so nothing is applied twice. What a
-    search had accepted that was ended at once is marked `unfinished` in [calibration].
-
-    Args:
-        declared: The arm.toml that was traced.
-        trace: What was found.
-        path: The arm.toml to write; files named in it are named relative to its folder.
-    """
-    fit = trace.state.fit
-    campaign = Campaign(trace.state.measurements.sha256, len(trace.rows), trace.rms)
-    effects = [
-        effect_table(effect, {name: one for name, one in trace.state.std_of(block).items() if np.isfinite(one)})
-        for block, effect in zip(trace.state.effects, trace.state.fitted, strict=True)
-    ]
-    setup = realise(fit.declared, trace.state.blocks, fit.values)  # effects are written by themselves
-    assert trace.arm.certainty is not None
-    arm = replace(with_posteriors(setup.arm, fit, trace.arm.certainty), instrument=setup.instrument)
-    return write_arm(declared, arm, campaign, path, effects, trace.unfinished)

@@ -232,7 +232,8 @@ def page(found: dict[str, Shown], records: Records, folder: Path) -> str:
             f"(effect-{name.replace('_', '-')})=",
             f"## `{name}`",
             "",
-            f"**{law.words.title[:1].upper()}{law.words.title[1:]}**: {law.words.meaning}.",
+            f"**{law.words.title[:1].upper()}{law.words.title[1:]}**: {law.words.meaning}."
+            + (f" Here {law.words.signs}." if law.words.signs else ""),
             "",
         ]
         lines += ["| | |", "|---|---|", f"| law | {law.words.formula.replace('|', chr(92) + '|')} |"]

@@ -19,7 +19,6 @@ from support.two_links import PAYLOADS
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.estimate.block import EffectBlock
-from armflex.estimate.calibrate import write_calibrated
 from armflex.measured.measurements import Measurements
 
 SLIDING = joint("lift", "column", "upper", (0.1, 0, 0.5), (0, -0.3, 0.2), (0, 0, 1), kind="prismatic")
@@ -221,7 +220,7 @@ def fitted(learn: bool = False) -> str:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         found = calibrate(quietly(path), measurements())
-    return write_calibrated(path, found, FOLDER / f"fitted_{learn:d}.toml").read_text()
+    return found.write(FOLDER / f"fitted_{learn:d}.toml").read_text()
 
 
 @functools.cache

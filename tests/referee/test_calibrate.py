@@ -28,7 +28,6 @@ from armflex import (
 from armflex.cli.calibrate_command import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.fit import prior_of, realise
 from armflex.estimate.placement import first_guess
@@ -144,7 +143,7 @@ def test_a_target_that_is_turned_on_the_tool_is_found(measured, turned, found):
 
 def test_orientations_are_predicted_as_they_would_be_read(measured, turned, tmp_path):
     truth = measured[5]["axes"] @ pin.exp3(MOUNTED)
-    again = load_arm(write_calibrated(measured[0], turned, tmp_path / "arm.toml"))
+    again = load_arm(turned.write(tmp_path / "arm.toml"))
     there = [predict(arm, measured[2]) for arm in (turned.arm, again)]
     left = [pin.log3(pin.exp3(seen).T @ true) for seen, true in zip(there[0].rotation, truth, strict=True)]
     assert np.sqrt((np.array(left) ** 2).sum(axis=1).mean()) < 2e-5 * np.sqrt(3.0)
@@ -199,7 +198,7 @@ def test_what_nothing_determines_has_no_end(measured, found, tmp_path):
         one["name"]: one["std"] for one in json.loads(json.dumps(plain(as_json(open_)), allow_nan=False))["parameters"]
     }
     assert {name for name, std in told.items() if std is None} == endless
-    again = load_arm(write_calibrated(measured[0], open_, tmp_path / "arm.toml"))
+    again = load_arm(open_.write(tmp_path / "arm.toml"))
     assert set(again.certainty.undetermined) == endless and "inf" not in (tmp_path / "arm.toml").read_text()
     written = (tmp_path / "arm.toml").read_text()
     (tmp_path / "bad.toml").write_text(re.sub("undetermined = .*", "undetermined = [[1.0]]", written))
@@ -332,20 +331,20 @@ def test_the_whole_covariance_of_an_arm_as_declared_is_that_of_its_laws(tarm):
 def test_written_and_read_again_it_predicts_the_same(measured, found, tmp_path):
     file, rows = measured[0], measured[2]
     (tmp_path / "sub").mkdir()
-    again = load_arm(write_calibrated(file, found, tmp_path / "sub" / "arm.toml"))
+    again = load_arm(found.write(tmp_path / "sub" / "arm.toml"))
     np.testing.assert_allclose(predict(again, rows).position, predict(found.arm, rows).position, atol=1e-12)
     assert file.read_text().splitlines()[0] in (tmp_path / "sub" / "arm.toml").read_text()
 
 
 def test_calibrated_twice_it_is_written_as_it_is(measured, found, tmp_path):
-    """What the second calibration changes goes on top of the first, in whichever file it is written."""
-    file, _, rows = measured[:3]
-    first = load_arm(write_calibrated(file, found, tmp_path / "first.toml"))
+    """What the second calibration changes goes on top of the first."""
+    rows = measured[2]
+    first = load_arm(found.write(tmp_path / "first.toml"))
     half = np.flatnonzero(rows.measured)[::2]
     twice = calibrate(first, rows, half)
     kept = calibrate(twice.arm, rows, half, keep=True)
-    for one, source in ((twice, tmp_path / "first.toml"), (twice, file), (kept, file)):
-        again = load_arm(write_calibrated(source, one, tmp_path / "again.toml"))
+    for one in (twice, kept):
+        again = load_arm(one.write(tmp_path / "again.toml"))
         np.testing.assert_allclose(predict(again, rows).position, predict(one.arm, rows).position, atol=1e-12)
     sizes = [arm.factors["J2"] for arm in (found.arm, first, twice.arm)]
     np.testing.assert_allclose(sizes[0], sizes[1], rtol=1e-12)
@@ -431,11 +430,11 @@ def test_a_compliance_that_would_vanish_settles(tmp_path):
 def test_what_the_arm_lacks_is_in_the_stated_uncertainty(tmp_path):
     """Readings of an arm with backlash that nobody declared: errors on other poses are as large as sigma says."""
     drawn = draw("backlash", 4, "six").write(tmp_path)
-    file, arm = drawn.arm, load_arm(drawn.arm)
+    arm = load_arm(drawn.arm)
     train, test = read_measurements(drawn.train, arm), read_measurements(drawn.test, arm)
     found = calibrate(arm, train)
     assert found.weighed > 1.5 and found.arm.certainty.misfit > 1e-4
-    there = load_arm(write_calibrated(file, found, tmp_path / "calibrated.toml"))
+    there = load_arm(found.write(tmp_path / "calibrated.toml"))
     assert there.certainty.misfit == pytest.approx(found.arm.certainty.misfit)
     told, read = predict(there, test), test.measured
     z = (told.position - test.position)[read] / np.hypot(told.sigma[read], test.sigma[read])

@@ -28,8 +28,6 @@ from armflex import (
     trace,
 )
 from armflex.errors import ArmFileError, MissingCovariateError
-from armflex.estimate.calibrate import write_calibrated
-from armflex.trace.findings import write_traced
 from armflex.trajectory import write_trajectory
 
 pytestmark = pytest.mark.slow
@@ -72,7 +70,7 @@ def traced(folder: Path) -> Path:
     found = trace(arm, read_measurements(folder / "m1.csv", arm))
     assert [(one.effect.name, one.effect.derived) for one in found.found] == [("backlash J2 ry", ("approach_J2",))]
     assert abs(found.found[0].effect.named["gap"] - GAP) < 4.0 * found.found[0].std["gap"]
-    return write_traced(folder / "arm.toml", found, folder / "traced.toml")
+    return found.write(folder / "traced.toml")
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +125,7 @@ def test_a_column_has_precedence_over_the_order(arm: Arm, folder: Path) -> None:
 def test_an_effect_that_was_told_its_directions_does_not_guess(arm: Arm, folder: Path, rows: Measurements) -> None:
     declared = quietly(folder / "arm.toml")
     found = trace(declared, read_measurements(folder / "told1.csv", declared))
-    path = write_traced(folder / "arm.toml", found, folder / "told.toml")
+    path = found.write(folder / "told.toml")
     assert "derived" not in path.read_text()
     for ask in (predict, calibrate):
         with pytest.raises(MissingCovariateError, match=r"m1.csv:2: effect 'backlash J2 ry' needs .*'approach_J2'"):
@@ -140,7 +138,7 @@ def test_a_campaign_without_directions_calibrates_the_traced_arm(arm: Arm, trace
     assert found.fit.view.rows.tolist() == list(range(STILL, COUNT)) and found.rms < 1.5 * np.sqrt(3.0) * SIGMA
     flags = {flag.code: flag.text for flag in found.flags}
     assert "approach_J2 is not given" in flags["approach_derived"] and "3 rows" in flags["direction_unknown"]
-    again = quietly(write_calibrated(traced, found, folder / "again.toml"))
+    again = quietly(found.write(folder / "again.toml"))
     assert again.effects == arm.effects and errors(again, later)[STILL:].max() < 5.0 * SIGMA
 
 

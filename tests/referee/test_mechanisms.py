@@ -14,7 +14,6 @@ from support.mechanism_plant import GIVES, REVERSING, SIGMA, Truth, campaign, de
 from support.small_arms import ROBOTS
 
 import armflex
-from armflex.estimate.calibrate import write_calibrated
 from armflex.laws.effects import CATALOGUE, Effect, Location
 from armflex.track.reading import Reading
 
@@ -54,7 +53,7 @@ def test_a_spring_is_found_as_it_was_built(tmp_path):
     assert std["spring balancer rate"] < 0.5 * 0.1
     assert found.rms < 1.1 * np.sqrt(3.0) * SIGMA
     # It is written and read with the arm.
-    write_calibrated(tmp_path / "arm.toml", found, tmp_path / "found.toml")
+    found.write(tmp_path / "found.toml")
     again = armflex.load_arm(tmp_path / "found.toml")
     assert again.springs[0].law == found.arm.springs[0].law
 

@@ -14,7 +14,6 @@ from support.plant import Rows, apply, pose, turn
 from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.errors import ConvergenceError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.fit import THOROUGH, fit
 from armflex.estimate.placement import first_guess
 from armflex.readings import Readings
@@ -50,7 +49,7 @@ def test_gravity_is_turned_once_however_often_an_arm_is_calibrated(level, tmp_pa
     file, (first, second) = level
     arm = load_arm(file)
     known = calibrate(arm, read_measurements(first, arm))
-    written = load_arm(write_calibrated(file, known, tmp_path / "arm.toml"))
+    written = load_arm(known.write(tmp_path / "arm.toml"))
     for one in (known.arm, written):
         np.testing.assert_allclose(one.robot.gravity, TILT.T @ [0.0, 0.0, -9.81], atol=2e-3)
         again = calibrate(one, read_measurements(second, one), keep=keep)
@@ -137,7 +136,7 @@ def test_sessions_far_from_each_other_fit_as_well_as_near_ones(tmp_path: Path, w
     np.testing.assert_allclose(offsets, 1e-3, atol=6e-5)
     said = {flag.text.split("'")[1] for flag in found.flags if flag.code == "session_apart"}
     assert said == set(which) & {"beside", "behind"}
-    written = load_arm(write_calibrated(file, found, tmp_path / "fitted.toml"))
+    written = load_arm(found.write(tmp_path / "fitted.toml"))
     for one in (found.arm, written):
         assert 0.9 < error_of(one, rows) < 1.05
     frames = {name: FAR[name] for name in ("behind", "near")}

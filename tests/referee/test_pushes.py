@@ -18,7 +18,6 @@ from support.small_arms import ROBOTS
 
 from armflex import Arm, Measurements, Reading, Tracker, Wrench, calibrate, load_arm, predict, read_measurements
 from armflex.errors import InputError, ShapeError, UnknownNameError
-from armflex.estimate.calibrate import write_calibrated
 
 JOINTS = tuple(f"J{i}" for i in range(1, 7))
 DECLARED = np.array([2.5e6, 3.3e6, 2.2e6, 5.5e5, 5e5, 3.3e5])  # Nm/rad, about the drives
@@ -160,7 +159,7 @@ def test_a_calibrated_file_keeps_the_stiffness_it_was_given(tmp_path: Path) -> N
     arm = load_arm(path)
     rows = read_measurements(pushed(tmp_path, 3, ("",)), arm)
     found = calibrate(arm, rows)
-    text = write_calibrated(path, found, tmp_path / "calibrated.toml").read_text()
+    text = found.write(tmp_path / "calibrated.toml").read_text()
     assert "joint_stiffness = 2500000.0" in text and "compliance = [" not in text.partition("[calibration]")[0]
     np.testing.assert_allclose(factors(load_arm(tmp_path / "calibrated.toml")), factors(found.arm), rtol=1e-9)
 

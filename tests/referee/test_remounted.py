@@ -14,7 +14,6 @@ from support.plant import Rows, apply
 
 from armflex import Arm, Measurements, Reading, Tracker, calibrate, load_arm, predict, read_measurements
 from armflex.errors import ArmFileError
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.fit import realise
 from armflex.estimate.view import look
 
@@ -59,7 +58,7 @@ def test_every_session_has_its_own_target(tmp_path: Path) -> None:
     told = {one.name: (one.determined, one.trades_against) for one in found.parameters}
     assert not told["joint_offset J3"][0]  # of which a target on the last link tells nothing, wherever it was mounted
     assert any(name.startswith("session_target") for name in told["joint_offset J3"][1])
-    written = load_arm(write_calibrated(tmp_path / "arm.toml", found, tmp_path / "fitted.toml"))
+    written = load_arm(found.write(tmp_path / "fitted.toml"))
     assert 0.9 < error(found.arm, rows) < 1.1
     np.testing.assert_allclose(predict(written, rows).position, predict(found.arm, rows).position, rtol=0, atol=1e-9)
     scale = np.sqrt(np.diag(found.arm.certainty.covariance))  # an entry beside much larger ones is rounding

@@ -15,13 +15,12 @@ from support.three_joint_plant import ARM, SIGMA
 
 from armflex import Arm, Reading, Tracker, calibrate, plan, predict, read_measurements, trace
 from armflex.errors import InputError
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.files.effect_file import effect_table
 from armflex.parameters import Certainty
 from armflex.readings.instrument import Instrument
 from armflex.show.report import write_report
-from armflex.trace.findings import Trace, write_traced
+from armflex.trace.findings import Trace
 
 pytestmark = pytest.mark.slow
 
@@ -65,7 +64,7 @@ def found(folder: Path, rows: Path) -> Trace:
 @pytest.fixture(scope="module")
 def again(folder: Path, found: Trace) -> Arm:
     """Return what was found, written and read."""
-    return quietly(write_traced(folder / "arm.toml", found, folder / "traced.toml"))
+    return quietly(found.write(folder / "traced.toml"))
 
 
 def harmonics(arm: Arm) -> list[float]:
@@ -130,7 +129,7 @@ def test_a_traced_arm_is_calibrated_again(again: Arm, folder: Path) -> None:
     later = read_measurements(measured(folder, 2, 40), again)
     for keep in (True, False):
         found = calibrate(again, later, keep=keep)
-        path = write_calibrated(folder / "traced.toml", found, folder / f"again{keep}.toml")
+        path = found.write(folder / f"again{keep}.toml")
         read = quietly(path)
         assert read.effects == again.effects and read.certainty.labels == found.arm.certainty.labels
         assert ("effect gear_harmonic J2 ry #3 k" in read.certainty.labels) == keep
@@ -151,7 +150,7 @@ def test_a_harmonic_beside_declared_ones_is_numbered_after_them(folder: Path, fo
     arm = quietly(path)
     third = trace(arm, read_measurements(rows, arm))
     assert [one.effect.name for one in third.found] == ["gear_harmonic J2 ry"]
-    read = quietly(write_traced(path, third, folder / "three.toml"))
+    read = quietly(third.write(folder / "three.toml"))
     named = [label for label in read.certainty.labels if label.startswith("effect ")]
     assert named == [f"effect gear_harmonic J2 ry #3 {label}" for label in ("A", "B", "k")]
     sigma = predict(alone(read, named[0], 1e-5), read_measurements(rows, read)).sigma

@@ -12,7 +12,7 @@ from support.three_joint_plant import SIGMA
 
 from armflex import calibrate, load_arm, predict, read_measurements
 from armflex.errors import IdentifiabilityError, InputError
-from armflex.estimate.calibrate import Calibration, write_calibrated
+from armflex.estimate.calibrate import Calibration
 
 pytestmark = pytest.mark.filterwarnings("ignore:gravity_in:armflex.ArmflexWarning")
 
@@ -86,7 +86,7 @@ def test_an_arm_of_several_campaigns_is_written_and_read(tmp_path: Path) -> None
     file = declare(tmp_path)
     arm, files = load_arm(file), measure(tmp_path, offsets=OFFSETS, softer=SOFTER)
     found = calibrate(arm, files)
-    again = load_arm(write_calibrated(file, found, tmp_path / "found.toml"))
+    again = load_arm(found.write(tmp_path / "found.toml"))
     assert again.instrument.campaigns == ("flat", "hill")
     for number, name in enumerate(("flat", "hill")):
         rows = read_measurements(files[number], arm)
@@ -110,7 +110,7 @@ def test_the_same_campaign_counts_once(tmp_path: Path) -> None:
 def test_kept_arm_finds_frames_of_several_campaigns(tmp_path: Path) -> None:
     file = declare(tmp_path)
     arm, files = load_arm(file), measure(tmp_path, offsets=OFFSETS, softer=SOFTER)
-    known = load_arm(write_calibrated(file, calibrate(arm, files[0]), tmp_path / "flat.toml"))
+    known = load_arm(calibrate(arm, files[0]).write(tmp_path / "flat.toml"))
     kept = calibrate(known, files, keep=True)
     assert kept.rms < 1.3 * NOISE
     assert {one.name.split()[0] for one in kept.parameters} == {"instrument", "session_frame", "session_target"}

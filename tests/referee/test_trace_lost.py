@@ -26,7 +26,7 @@ from armflex.readings import Position, Readings
 from armflex.rows.rows import pose_groups
 from armflex.show.report import render_report
 from armflex.trace import trace
-from armflex.trace.findings import Trace, write_traced
+from armflex.trace.findings import Trace
 from armflex.trace.state import begin
 
 pytestmark = pytest.mark.slow
@@ -76,7 +76,7 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
         "lost beam"
     }
     assert all(one["error_mm"] == pytest.approx(1e3 * np.sqrt(29e-4), rel=0.02) for one in told["outliers"])
-    written = write_traced(slipped[0].robot.urdf.path.with_name("arm.toml"), found, tmp_path / "traced.toml")
+    written = found.write(tmp_path / "traced.toml")
     table = tomllib.loads(written.read_text())["calibration"]
     assert (table["rows"], table["rms_m"]) == (told["rows"], found.rms)
     here = slipped[1].position[found.rows]

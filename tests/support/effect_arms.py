@@ -51,7 +51,8 @@ def context() -> Context:
     count = len(payloads)
     columns = {name: np.arange(float(count)) for name in ("time", "hold", "temperature", "oil_temp")}
     mass = np.array([arm.payload(name).mass for name in payloads])
-    row = Row(np.zeros((count, 6)), {}, {**columns, "payload_mass": mass})
+    q = np.outer(np.arange(float(count)), np.full(6, 0.1))
+    row = Row(q, arm.joint_index, {**columns, "payload_mass": mass})
     sessions = ("a", *("b",) * (count - 1))
     return Context(arm.robot, row, tuple(columns), payloads, sessions, {}, np.zeros((2, 3)))
 

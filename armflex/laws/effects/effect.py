@@ -83,11 +83,12 @@ class Inner:
 
 @dataclass(frozen=True)
 class Words:
-    """What a law is called, what it means, and its formula."""
+    """What a law is called, what it means, its formula, and what the signs in it mean where that is a question."""
 
     title: str
     meaning: str
     formula: str
+    signs: str = ""
 
 
 @dataclass(frozen=True)

@@ -238,6 +238,7 @@ def account(found: Calibration) -> SimpleNamespace:
         lead=f"{len(moved)} parameters were further from their declared values than their priors allow."
         if moved
         else "No parameter ended further from its declared value than its prior allows.",
+        at_target=view.at_target(now.rms),
         cards=_cards(before, now, found),
         errors=(
             spread(f"as declared, the {found.placing}", before, view.readings.unit),
@@ -260,6 +261,11 @@ def account(found: Calibration) -> SimpleNamespace:
     )
 
 
+def floor(stated: float, error: float) -> str:
+    """Return what the stated noise is to an error, for a card."""
+    return "more than the readings scatter" if error < stated else "what no model can get below"
+
+
 def _cards(before: Errors, now: Errors, found: Calibration) -> Table:
     from armflex.measured.repeats import repeats
 
@@ -267,7 +273,7 @@ def _cards(before: Errors, now: Errors, found: Calibration) -> Table:
     cards = [
         ("Error as declared", millimetres(before.rms, before.std, unit), f"{size}, the {found.placing}"),
         ("Error calibrated", millimetres(now.rms, now.std, unit), "the same readings, poses held out"),
-        ("Noise as stated", millimetres(found.noise_rms, unit=unit), "what no model can get below"),
+        ("Noise as stated", millimetres(found.noise_rms, unit=unit), floor(found.noise_rms, now.rms)),
     ]
     if found.fit.view.readings.of(Position) and (again := repeats(found.measurements)) is not None:
         scatter = again.same_approach or again.same_session

@@ -37,13 +37,16 @@ def account(trace: Trace) -> SimpleNamespace:
     left_over = view.residual[trace.judged_rows][:, view.foremost]
     places, used = trace.state.measurements.places, f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
     if trace.outliers:
-        out = len(trace.outliers) - trace.outlier_count("counted less")
-        used += f"; {len(trace.outliers)} outliers, in none of the errors here, {out} of them excluded from the fit"
+        less = trace.outlier_count("counted less")
+        counts = {"excluded from the fit": len(trace.outliers) - less, "down-weighted in it": less}
+        said = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        used += f"; outliers, which no error includes: {said}"
     left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(
         title=f"{trace.arm.robot.urdf.name}: calibration and effects identified",
         headline=summary.headline(trace),
         lead=summary.accuracy_sentence(accurate, trace),
+        at_target=view.at_target(accurate.after.rms),
         errors=_errors(trace, accurate),
         error_title=cover.error_title(view.readings),
         found=tuple(row for index in range(len(trace.found)) for row in _values(trace, index))[: cover.ON_COVER],
@@ -118,7 +121,7 @@ def _cards(trace: Trace, accurate: Accuracy) -> Table:
     cards.append(("Error now", after, "the same poses, effects added"))
     if not trace.found:
         cards = [("Error", after, f"{size}, calibrated arm, poses held out")]
-    cards.append(("Noise as stated", said(accurate.stated), "what no model can get below"))
+    cards.append(("Noise as stated", said(accurate.stated), cover.floor(accurate.stated, accurate.after.rms)))
     if accurate.again is not None:
         size, std = scatter_rms(accurate.again)
         sets = f"{accurate.again.groups} sets; what changed meanwhile included"

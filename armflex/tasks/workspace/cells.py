@@ -193,12 +193,26 @@ def _outcomes(arm: Arm, payload: str, options: Mapping[str, Any], q: Array) -> I
         some: ManyRows = q[rows]
         return arm.deflection(some, payload, **options)
 
-    for rows, found in in_halves(asked, np.arange(len(q))):
+    for rows, found in in_halves(asked, _swept(q) if arm.robot.linkage else np.arange(len(q))):
         if not isinstance(found, ArmflexError):
             flags = tuple(Flag(flag.code, flag.text.partition(": ")[2]) for flag in found.flags)  # without "row 7: "
             yield rows, found.rigid_pose[:, :3, 3], np.linalg.norm(found.displacement[:, :3], axis=1), "", flags
         elif not isinstance(found, ClosureError):  # there the loops let no drive come
             yield rows, arm.rigid_pose(q[rows[0]]).translation[None], np.array([-np.inf]), no_answer(found), ()
+
+
+def _swept(q: Array) -> np.ndarray:
+    """Return (N,) numbers of the rows of (N, nq) q in the order of a sweep: to and fro along each joint in turn.
+
+    A mechanism is followed from row to row, and a row far from the one before it takes many steps.
+    """
+    strips = np.ceil(len(q) ** (1.0 / q.shape[1]))
+    shares = (q - q.min(axis=0)) / np.maximum(np.ptp(q, axis=0), np.finfo(float).tiny)
+    levels = np.minimum(np.floor(shares * strips), strips - 1.0)
+    levels[:, -1] = shares[:, -1]
+    back = np.cumsum(levels[:, :-1], axis=1) % 2.0 == 1.0
+    levels[:, 1:] *= np.where(back, -1.0, 1.0)
+    return np.lexsort(levels.T[::-1])
 
 
 def sigmas(question: Question, q: Array, payload: np.ndarray) -> tuple[Array, tuple[Flag, ...]]:

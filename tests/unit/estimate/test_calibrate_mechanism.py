@@ -13,7 +13,6 @@ import armflex
 from armflex.arm import Measurement, Prior, Setup
 from armflex.errors import UnsupportedError
 from armflex.estimate.blocks import declared_blocks
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.measured.measurements import Measurements
@@ -74,7 +73,7 @@ def test_zeros_of_drives_and_cylinders_and_stiffnesses_are_found(name, tmp_path)
     assert np.abs(off).max() < 3.5
     assert found.rms < 1.06 * np.sqrt(3.0) * SIGMA
     # What was found is written, and read as it was.
-    path = write_calibrated(tmp_path / "arm.toml", found, tmp_path / "found.toml")
+    path = found.write(tmp_path / "found.toml")
     again = armflex.load_arm(path)
     q = poses(name, 2)[1]
     np.testing.assert_allclose(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from support.small_arms import ROBOTS, three_joints
 from armflex import calibrate, load_arm, read_measurements
 from armflex.arm import Arm, Measurement, Prior
 from armflex.errors import ConventionError, SmallDisplacementError
+from armflex.estimate.misreadings import misreadings
 from armflex.laws.joint.linear import LinearLaw
 from armflex.measured.measurements import Measurements
 from armflex.readings import Position, Readings
@@ -200,6 +202,15 @@ def levelled(folder: Path, softness: float, sigma: np.ndarray) -> tuple[Arm, Mea
 
 def test_heights_by_a_fine_level_are_not_accused(tmp_path: Path) -> None:
     assert judged(*levelled(tmp_path, 1e-4, np.array([1e3, 1e3, 1e-5]))) == ()
+
+
+def test_of_columns_that_nobody_read_no_convention_is_thought_of(tmp_path: Path) -> None:
+    arm, rows = levelled(tmp_path, 1e-4, np.array([np.inf, 1e-5, np.inf]))
+    every = list(misreadings(arm, rows))
+    (remedy,) = (one.remedy for one in every if one.name == "y is in mm, read as m")
+    assert remedy == "write the unit into the header: y_mm"
+    said = " ".join(f"{one.name} {one.remedy}" for one in every if one.of == "points" and "q_" not in one.name)
+    assert "alone" not in said and not re.search(r"\b[xz](?:\b|_)", said)
 
 
 def test_an_arm_that_bends_further_than_a_compliance_describes_is_refused_by_that_name(tmp_path: Path) -> None:

@@ -10,7 +10,6 @@ from support import three_joint_plant
 from support.plant import Rows, apply
 
 from armflex import Arm, Measurements, calibrate, load_arm, predict, read_measurements
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.held_out import apart_folds, excess, held_out
 from armflex.tasks.predict import Prediction
 
@@ -82,20 +81,20 @@ def test_what_is_kept_is_as_certain_as_its_errors(lacking: float, tmp_path: Path
     """Fitted frames make up for the errors of what is kept: those are not to be counted beside theirs."""
     arm, rows = campaign(tmp_path / "first", 1, lacking)
     first = tmp_path / "first" / "calibrated.toml"
-    write_calibrated(tmp_path / "first" / "arm.toml", calibrate(arm, rows), first)
+    calibrate(arm, rows).write(first)
     _, later = campaign(tmp_path / "later", 2, lacking)
     few = np.arange(30)
     kept = calibrate(load_arm(first), later, few, keep=True)
     ratio = ratios(kept.arm, later, np.arange(30, len(later)))
     assert 0.5 < np.sqrt((ratio**2).mean()) < 1.5
     second = tmp_path / "first" / "kept.toml"
-    there = load_arm(write_calibrated(first, kept, second))
+    there = load_arm(kept.write(second))
     np.testing.assert_allclose(ratios(there, later, few), ratios(kept.arm, later, few), rtol=1e-4, atol=1e-4)
 
 
 def test_a_shape_without_a_law_is_doubtful_beyond_where_it_was_found(tmp_path: Path) -> None:
     arm, rows = campaign(tmp_path / "one", 3, lacking=0.0)
-    path = write_calibrated(tmp_path / "one" / "arm.toml", calibrate(arm, rows), tmp_path / "one" / "calibrated.toml")
+    path = calibrate(arm, rows).write(tmp_path / "one" / "calibrated.toml")
     plain, calibrated = load_arm(path), path.read_text()
     tents = ", ".join(f"a{i} = 1e-3" for i in range(8))
 

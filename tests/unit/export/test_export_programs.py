@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -22,6 +23,9 @@ from support.small_arms import ROBOTS, arm_of, joint, link
 from armflex import Arm, Trajectory, Wrench, compensate, read_trajectory, write_trajectory
 from armflex.errors import InputError, JointLimitError, TableError, UnreachableError, UnsupportedError
 from armflex.export import programs
+from armflex.laws.effects.catalogue import CATALOGUE
+from armflex.laws.effects.effect import Effect
+from armflex.laws.effects.location import Location
 from armflex.version import __version__
 
 LANGUAGES = ("urscript", "krl", "rapid", "ls", "val3", "jointtrajectory")
@@ -269,6 +273,16 @@ def test_the_head_says_what_was_written_from_what(language: str, mark: str, tmp_
         head = [line.strip() for line in found.text.splitlines()[:4] if line.strip().startswith(mark)]
         assert head[0] == f"{mark} Written by armflex {__version__} from my/arm.toml"
         assert head[1] == f"{mark} {what}; payload p100, no load from outside"
+
+
+def test_the_head_says_which_temperature_it_was_compensated_for(tmp_path: Path) -> None:
+    warm = Effect(CATALOGUE["thermal_growth"], Location("link:J3", None, ("temperature",)), (1e-5, 20.0, 0.0))
+    arm = replace(bundled("heavy_six"), effects=(warm,))
+    file = path_file(tmp_path, NAMES, np.zeros((3, 6)), payload=["p100"] * 3)
+    found = programs.krl(arm, file, compensate=True, covariates={"temperature": 35.0})
+    assert "; Compensated for temperature 35; payload p100" in found.text
+    hot = path_file(tmp_path, NAMES, np.zeros((3, 6)), payload=["p100"] * 3, temperature=[20.0, 25.0, 30.0])
+    assert "; Compensated for temperature 20 to 30; payload" in programs.krl(arm, hot, compensate=True).text
 
 
 @pytest.mark.parametrize("language", ["urscript", "rapid"])

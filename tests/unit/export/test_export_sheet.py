@@ -20,6 +20,7 @@ from support.small_arms import arm_of, joint, link, one_joint, robot, three_join
 
 from armflex import Arm, Flexure, calibrate, load_arm, read_measurements
 from armflex.export.sheet import export
+from armflex.files.dh_table import in_dh_words
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.location import Location
@@ -292,3 +293,22 @@ def test_command_prints_a_page_or_writes_a_table(tmp_path: Path) -> None:
     assert re.search(r"J1 +2\.5e\+06 ± 3\.[78]e\+05 Nm/rad", page.stdout) and not list(tmp_path.iterdir())
     fine(run_here(tmp_path, "export", arm, "--to", "sheet", "-o", "s.csv"))
     assert Sheet((tmp_path / "s.csv").read_text()).joints == [f"J{i}" for i in range(1, 7)]
+
+
+@pytest.mark.parametrize("form", ["standard", "modified"])
+def test_the_first_row_is_as_the_data_sheet_has_it_and_has_its_own_error(tmp_path: Path, form: str) -> None:
+    """d of the first axis and the base's height are one number; a page names its error 'd of J1', and so does this."""
+    own, after = ("a_mm = 350, alpha_deg = -90", "a_mm = 1150")[:: 1 if form == "standard" else -1]
+    rows = [f"J1 = {{ theta_deg = 20, d_mm = 675, {own} }}", f"J2 = {{ {after} }}", "J3 = { a_mm = -41 }"]
+    path = tmp_path / "arm.toml"
+    path.write_text("\n".join(["[robot]", f'dh = "{form}"', "[robot.joint]", *rows]))
+    arm = load_arm(path)
+    twist = np.array([2e-4, -3e-4, 1.3e-3, 1e-4, -2e-4, 5e-4])
+    for moved, height, zero in ((Corrections(), 0.0, 0.0), (Corrections({}, {"J1": twist}), 1.3e-3, 5e-4)):
+        sheet = assert_same_tip(replace(arm, corrections=moved), positions(arm, 4))
+        assert sheet.value[f"dh_{form}", "J1", "d"] == pytest.approx(0.675 + height, abs=2e-7)
+        assert sheet.value[f"dh_{form}", "J1", "theta"] == pytest.approx(np.radians(20.0), abs=1e-12)
+        assert sheet.value["joint_offset", "J1", "offset"] == pytest.approx(zero, abs=1e-6)
+        if form == "standard":
+            assert abs(sheet.value["base", "", "z"]) < 5e-4 and abs(sheet.value["base", "", "yaw"]) < 1e-6
+    assert in_dh_words(arm.robot)["geometry J1 dz"] == ("d of J1", 1.0)

@@ -15,6 +15,7 @@ from armflex import Arm, load_arm
 from armflex.errors import ArmFileError
 from armflex.files.arm_file import write_arm
 from armflex.files.calibration_table import LAYOUT, Campaign
+from armflex.laws.joint.carried import scaled
 from armflex.storage.array_file import write_arrays
 
 LABELS = ("joint_offset A1", "joint_offset A2", "joint_offset A3")
@@ -50,8 +51,13 @@ def test_there_and_back(tmp_path: Path) -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_what_is_written_says_what_its_numbers_are(tmp_path: Path) -> None:
     calibrated(tmp_path)
-    arm = replace(load_arm(tmp_path / "arm.toml"), factors={"A2": np.array([0, 0, 0, 0, -0.5, 0])})
-    lines = write_arm(tmp_path / "arm.toml", arm, Campaign("", 1, 0.0), tmp_path / "again.toml").read_text().split("\n")
+    arm = load_arm(tmp_path / "arm.toml")
+    factors = np.array([0, 0, 0, 0, -0.5, 0])
+    flexures = [
+        replace(one, law=scaled(one.law, np.exp(0.5 * factors))) if one.name == "A2" else one for one in arm.flexures
+    ]
+    arm = replace(arm, flexures=tuple(flexures), factors={"A2": factors})
+    lines = write_arm(arm, Campaign("", 1, 0.0), tmp_path / "again.toml").read_text().split("\n")
     assert any(line.startswith("[calibration.compliance] # natural logarithms of the factors") for line in lines)
     np.testing.assert_array_equal(load_arm(tmp_path / "again.toml").factors["A2"], arm.factors["A2"])
 

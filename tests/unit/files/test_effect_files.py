@@ -15,10 +15,9 @@ from support.campaigns import draw
 from support.effect_arms import BACKLASH, MECHANICAL, TEXT, arm_and, arm_with, context, locations, plain, quietly
 
 from armflex import Arm, Measurements, Payload, calibrate, predict, read_measurements, trace
-from armflex.errors import ArmFileError, ExtrapolationError, MissingCovariateError, UnsupportedError
+from armflex.errors import ArmFileError, ExtrapolationError, Flag, MissingCovariateError, UnsupportedError
 from armflex.estimate import Calibration
 from armflex.estimate.block import EffectBlock, amplitude_prior
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.posterior import certainty_of
@@ -26,7 +25,7 @@ from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.in_arm import settled_covariates
-from armflex.trace.findings import Found, Proof, Trace, write_traced
+from armflex.trace.findings import Found, Proof, Trace
 from armflex.trace.state import State, begin, refit, with_random
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
@@ -315,8 +314,8 @@ def test_a_new_session_is_less_certain(calm: tuple) -> None:
 
 @pytest.mark.slow
 def test_a_calibrated_file_keeps_the_uncertainty(calm: tuple, tmp_path: Path) -> None:
-    file, found, _, test, _ = calm
-    written = write_calibrated(file, found, tmp_path / "arm.toml")
+    _, found, _, test, _ = calm
+    written = found.write(tmp_path / "arm.toml")
     there, again = predict(found.arm, test), predict(quietly(written), test)
     np.testing.assert_allclose(again.position, there.position, atol=1e-12)
     np.testing.assert_allclose(again.sigma, there.sigma, rtol=1e-4)
@@ -324,8 +323,8 @@ def test_a_calibrated_file_keeps_the_uncertainty(calm: tuple, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_a_file_without_covariance_says_that_sigma_leaves_it_out(calm: tuple, tmp_path: Path) -> None:
-    file, found, _, test, _ = calm
-    written = write_calibrated(file, found, tmp_path / "arm.toml")
+    _, found, _, test, _ = calm
+    written = found.write(tmp_path / "arm.toml")
     document = tomlkit.parse(written.read_text())
     del document["calibration"]["covariance"]
     written.write_text(tomlkit.dumps(document))
@@ -385,7 +384,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> tuple:
         (named("thermal_growth", "J3", inner=(20.0, 4000.0)), (1,)),
         (named("link_mass", "J3", terms=(0,)), ()),
     )
-    return file, found, write_traced(file, found, file.parent / "traced.toml"), test, clean
+    return file, found, found.write(file.parent / "traced.toml"), test, clean
 
 
 @pytest.mark.slow
@@ -468,12 +467,23 @@ def test_an_arm_is_not_fitted_about_what_its_instrument_was_found_to_do(traced: 
 
 
 @pytest.mark.slow
+def test_a_traced_arm_is_not_called_worse_than_declared_for_its_calibration(traced: tuple) -> None:
+    found = traced[1]
+    flag = Flag("worse_than_declared", "of the calibrated arm")
+    for declared, codes in ((1.0, []), (-1.0, ["worse_than_declared"])):  # a held-out error above and below the trace's
+        doubted = dataclasses.replace(found.calibration, flags=(flag,), held_out=(declared, 2.0))
+        state = dataclasses.replace(found.state, calibration=doubted)
+        flags = dataclasses.replace(found, state=state).flags
+        assert [one.code for one in flags if one.code == "worse_than_declared"] == codes and flag not in flags
+
+
+@pytest.mark.slow
 def test_a_twist_that_nobody_can_predict_is_kept_as_uncertainty(calm: tuple, tmp_path: Path) -> None:
-    file, found, _, test, _ = calm
+    _, found, _, test, _ = calm
     state = begin(found)
     random = PoseBlock("J2", "ry", 4e-4, state.context.column("pose_number").astype(int))
     made = told(found, with_random(state, random))
-    written = quietly(write_traced(file, made, tmp_path / "arm.toml"))
+    written = quietly(made.write(tmp_path / "arm.toml"))
     assert written.certainty.unexplained == (("J2", "ry", 4e-4),) and not written.effects
     there, back = predict(made.arm, test), predict(written, test)
     np.testing.assert_allclose(back.position, there.position, atol=1e-12)
@@ -494,14 +504,14 @@ def test_an_arm_is_calibrated_about_effects_written_by_hand(kind: str, tmp_path:
     file.write_text(f"{file.read_text()}\n# known from the data sheet\n[[effect]]\n{table}\n")
     found = calibrate(quietly(file), train)
     assert found.rms < 1.05 * found.noise_rms
-    written = write_calibrated(file, found, tmp_path / "calibrated.toml")
+    written = found.write(tmp_path / "calibrated.toml")
     assert "# known from the data sheet" in written.read_text()
     there, back = predict(found.arm, test), predict(quietly(written), test)
     np.testing.assert_allclose(back.position, there.position, atol=1e-12)
     assert np.sqrt((held_out(test, back.position - clean) ** 2).sum(axis=1).mean()) < 0.3 * found.noise_rms
     kept = calibrate(quietly(written), train, keep=True)
     assert kept.rms == pytest.approx(found.rms, rel=1e-2)
-    once_more = write_calibrated(written, kept, tmp_path / "kept.toml")
+    once_more = kept.write(tmp_path / "kept.toml")
     there, back = predict(kept.arm, test), predict(quietly(once_more), test)
     np.testing.assert_allclose(back.position, there.position, atol=1e-12)
 

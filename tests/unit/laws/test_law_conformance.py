@@ -16,7 +16,6 @@ from support.small_arms import central_difference, three_joints
 from armflex import Arm, Measurements, Reading, Tracker, calibrate, load_arm, plan
 from armflex.conventions import Array
 from armflex.errors import ArmFileError
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.draw import draw_arms
 from armflex.laws import LAWS, AtNode, Law, LinearLaw, Row
 from armflex.laws.joint.carried import ScaledLaw, scaled
@@ -265,7 +264,7 @@ def test_it_is_freed_found_again_saved_drawn_warned_about_planned_for_and_tracke
         assert len(planned.rows.q) == 6
         found = calibrate(arm, campaign)
         assert away(found.arm, held_out) < 1.3 * np.sqrt(3.0) * SIGMA
-        path = write_calibrated(tmp_path / "arm.toml", found, tmp_path / "found.toml")
+        path = found.write(tmp_path / "found.toml")
         again = load_arm(path)
     loads, rows = asked(law_of(arm))
     np.testing.assert_allclose(law_of(again).twist(loads, rows), law_of(found.arm).twist(loads, rows), rtol=1e-8)

@@ -24,7 +24,7 @@ from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConvergenceError, InputError
 from armflex.estimate import Calibration
 from armflex.estimate.block import law_block, with_laws
-from armflex.estimate.calibrate import loads_seen, write_calibrated
+from armflex.estimate.calibrate import loads_seen
 from armflex.estimate.learn import learned_axes
 from armflex.estimate.placement import first_guess
 from armflex.estimate.sample import sample_laws
@@ -277,7 +277,7 @@ def test_the_true_laws_are_within_their_bands(boom, learned):
 @pytest.mark.slow
 def test_what_was_learned_is_written_and_read(boom, learned, tmp_path):
     folder, found = learned
-    again = load_arm(write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml"))
+    again = load_arm(found.write(tmp_path / "learned.toml"))
     q = boom.drawn.rows.q[3]
     one, other = (arm.deflection(q, "p300") for arm in (found.arm, again))
     np.testing.assert_array_equal(one.displacement, other.displacement)
@@ -325,7 +325,7 @@ def test_laws_of_names_that_begin_alike_are_read_with_their_own_covariance(boom,
     arm = load_arm(path)
     rows = read_measurements(tmp_path / "train.csv", arm)
     found = calibrate(arm, rows, np.flatnonzero(rows.measured)[:60])
-    again = load_arm(write_calibrated(path, found, tmp_path / "learned.toml"))
+    again = load_arm(found.write(tmp_path / "learned.toml"))
     for kept, before in zip(again.flexures, found.arm.flexures, strict=True):
         if kept.learn is not None:
             np.testing.assert_allclose(kept.law.posterior, before.law.posterior, rtol=1e-6)
@@ -402,8 +402,8 @@ def test_what_was_declared_is_told_beside_what_was_learned(learned):
 
 
 def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):
-    folder, found = learned
-    path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    found = learned[1]
+    path = found.write(tmp_path / "learned.toml")
     path.write_text(path.read_text().replace('model = "polynomial"\nlearn = true', 'model = "linear"'))
     with pytest.raises(ArmFileError, match=r"learned\.toml:\d+.*no learn = true"):
         load_arm(path)
@@ -423,8 +423,8 @@ def test_a_law_that_is_not_learned_any_more_is_refused(learned, tmp_path):
     ],
 )
 def test_what_learning_never_leaves_is_refused_at_its_line(learned, tmp_path, key, value, message):
-    folder, found = learned
-    lines = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml").read_text().splitlines()
+    found = learned[1]
+    lines = found.write(tmp_path / "learned.toml").read_text().splitlines()
     number = next(i for i, line in enumerate(lines) if line.startswith(f"{key} = "))
     (tmp_path / "bad.toml").write_text("\n".join([*lines[:number], f"{key} = {value}", *lines[number + 1 :]]))
     with pytest.raises(ArmFileError, match=rf"bad\.toml:{number + 1}: .*{key}: .*{re.escape(message)}"):
@@ -433,8 +433,8 @@ def test_what_learning_never_leaves_is_refused_at_its_line(learned, tmp_path, ke
 
 @pytest.mark.parametrize("size", [-3e5, 3e5])
 def test_a_factor_that_is_no_number_is_refused(learned, tmp_path, size):
-    folder, found = learned
-    path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    found = learned[1]
+    path = found.write(tmp_path / "learned.toml")
     text, count = re.subn(r"(?m)^values = \[[^,]+,", f"values = [{size},", path.read_text(), count=1)
     path.write_text(text)
     with pytest.raises(ArmFileError, match=r"values: .*logarithm of a factor.*200 either way, got") as caught:
@@ -443,8 +443,8 @@ def test_a_factor_that_is_no_number_is_refused(learned, tmp_path, size):
 
 
 def test_a_correction_of_a_file_without_energy_fades_by_distance(learned, tmp_path):
-    folder, found = learned
-    path = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    found = learned[1]
+    path = found.write(tmp_path / "learned.toml")
     path.write_text(re.sub(r"^energy = .*\n", "", path.read_text(), flags=re.M))
     laws = [flexure.law for flexure in load_arm(path).flexures if flexure.learn]
     assert laws and all(
@@ -504,7 +504,7 @@ def test_nothing_to_sample_is_said(six, tmp_path):
 )
 def test_what_cannot_be_sampled_is_refused_at_once(learned, tmp_path, options, message):
     folder, found = learned
-    arm = write_calibrated(folder / "arm.toml", found, tmp_path / "learned.toml")
+    arm = found.write(tmp_path / "learned.toml")
     given = ["calibrate", str(arm), str(folder / "train.csv"), "-o", str(tmp_path / "out.toml"), *options]
     ran = CliRunner().invoke(armflex, given)
     assert ran.exit_code and message in f"{ran.output}{ran.exception}"

@@ -21,7 +21,6 @@ from armflex.bench import fit_torch
 from armflex.bench.fitted import NOWHERE
 from armflex.bench.learners import Options
 from armflex.errors import FileError, LawError, ModelFileError, NotFiniteError, UntrustedError
-from armflex.estimate.calibrate import write_calibrated
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law_file import TrainedLaw
 from armflex.readings import Position, Readings
@@ -473,6 +472,6 @@ def test_a_campaign_learns_a_correction_about_it(copied: Path) -> None:
         for one in (arm, found.arm)
     )
     assert after < 0.1 * before
-    again = load_arm(write_calibrated(path, found, copied / "found.toml"))
+    again = load_arm(found.write(copied / "found.toml"))
     displacement = found.arm.deflection(q[0], "p").displacement
     np.testing.assert_allclose(again.deflection(q[0], "p").displacement, displacement, rtol=1e-6)

@@ -13,7 +13,6 @@ from support.small_arms import ROBOTS
 from armflex import Arm, Wrench, calibrate, load_arm, predict, read_measurements
 from armflex.arm import Setup
 from armflex.errors import ArmFileError, InputError, TableError
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.view import look
 from armflex.measured.table import write_table
 from armflex.readings import Readings
@@ -114,7 +113,7 @@ def test_masses_and_compliances_are_found_from_what_is_read(boom: Arm, tmp_path:
     known = {one.name: one for one in found.parameters}
     for name, value in wanted.items():
         assert abs(known[f"mass {name}"].value - value) < 2.5 * known[f"mass {name}"].std
-    back = load_arm(write_calibrated(tmp_path / "arm.toml", found, tmp_path / "fitted.toml"))
+    back = load_arm(found.write(tmp_path / "fitted.toml"))
     assert back.masses == pytest.approx(found.arm.masses)
     assert back.certainty is not None and {f"mass {name}" for name in wanted} <= set(back.certainty.labels)
     declared, fitted, true = (

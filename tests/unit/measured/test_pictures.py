@@ -13,14 +13,16 @@ from support.effect_arms import quietly
 from support.servo_arm import CAMERA, IMAGE, LENS, ServoArm, board_points, declared, pose, turn, written
 
 from armflex import calibrate, load_arm, plan, predict, read_measurements, rehearse, trace
+from armflex.arm import Setup
 from armflex.declaration import Declaration, read_toml
 from armflex.errors import ArmFileError, ArmflexError, ArmflexWarning, TableError, UnsupportedError
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.robust import huber_weights
+from armflex.estimate.view import look
 from armflex.measured import pictures
 from armflex.plan.drive import write_plan
 from armflex.readings import Pixels
 from armflex.readings.board import Board, read_board
+from armflex.readings.instrument import Instrument
 from armflex.readings.lens import projected
 from armflex.readings.sighting import Sighting, sighted
 
@@ -86,7 +88,7 @@ def test_play_that_is_not_traced_is_an_error_that_a_picture_shares(tmp_path: Pat
     loaded = load_arm(declared(tmp_path))
     found = calibrate(loaded, written(tmp_path, q[:40], corners[:40], came[:40]), anyway=True)
     assert not found.outliers and "standing_off" in [flag.code for flag in found.flags]
-    again = quietly(write_calibrated(tmp_path / "arm.toml", found, tmp_path / "fit.toml"))
+    again = quietly(found.write(tmp_path / "fit.toml"))
     assert again.certainty is not None
     stds = {site: std for site, _, std in again.certainty.unexplained}
     assert set(stds) == set(servo_arm.JOINTS) and stds["pan"] == pytest.approx(np.radians(0.5), rel=0.15)
@@ -110,6 +112,26 @@ def test_nothing_is_foretold_of_a_camera_that_may_be_anywhere(tmp_path: Path) ->
     known += "board_at = [0.3, 0.0, 0.0]\nboard_turn = [0.0, 3.1, 0.0]\nboard_turn_std = 0.1\n"
     file.write_text(file.read_text().replace("distortion_std = 0.2\n", known))
     assert [kind.name for kind, _ in predict(load_arm(file), rows).sensors] == ["cam"]
+
+
+def test_an_error_in_pixels_is_said_in_mm_at_the_board(tmp_path: Path) -> None:
+    """OpenCV says from the pictures alone how far the corners are; a pixel is so far by the focal length."""
+    arm, file, rows = campaign(tmp_path, 3, 6)
+    stands = {"anchor": arm.camera[:3, 3], "mounting": cv2.Rodrigues(arm.camera[:3, :3])[0].ravel()}
+    stands |= {"board_at": arm.board[:3, 3], "board_turn": cv2.Rodrigues(arm.board[:3, :3])[0].ravel()}
+    known = "focal = [905.0, 902.0]\ncentre = [651.0, 353.0]\n"
+    known += "".join(f"{name} = {value.tolist()}\n" for name, value in stands.items())
+    file.write_text(file.read_text().replace("distortion_std = 0.2\n", known))
+    loaded = load_arm(file)
+    view = look(Setup(loaded, Instrument()), read_measurements(rows, loaded))
+    depths = []
+    for picture in arm.pictures(*arm.poses(6, 3), seed=3):
+        seen = np.isfinite(picture).all(axis=1)
+        _, vector, place = cv2.solvePnP(board_points()[seen], picture[seen], servo_arm.LENS, servo_arm.DISTORTION)
+        depths.append((board_points()[seen] @ turn(vector.ravel()).T + place.ravel())[:, 2])
+    said = re.fullmatch(r"2 px is (\S+) mm at the target's distance\.", view.at_target(2.0))
+    assert said is not None
+    assert float(said[1]) == pytest.approx(2e3 * float(np.median(np.concatenate(depths))) / 903.5, rel=0.15)
 
 
 @pytest.mark.slow

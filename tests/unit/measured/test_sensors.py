@@ -25,7 +25,6 @@ from armflex import Reading, Tracker, calibrate, load_arm, plan, predict, read_m
 from armflex.conventions import TWIST_NAMES
 from armflex.errors import ArmFileError, ConventionError, InputError, TableError, UnknownNameError
 from armflex.estimate import Calibration
-from armflex.estimate.calibrate import write_calibrated
 from armflex.plan.drive import write_plan
 from armflex.plan.instruments import declaration
 
@@ -77,7 +76,7 @@ def test_every_kind_is_fitted_to_written_and_predicted(tmp_path: Path) -> None:
     told = [p.name for p in found.parameters if p.std < 0.2 * p.prior]
     assert {"sensor wire1 length_offset", "sensor level3 bias y"} & set(told) and "compliance J2 ry" in told
     # Written, read, and asked about rows that it has not seen: as the instruments then read.
-    saved = load_arm(write_calibrated(arm, found, tmp_path / "fitted.toml"))
+    saved = load_arm(found.write(tmp_path / "fitted.toml"))
     for name, sensor in found.arm.sensors.items():
         np.testing.assert_allclose(saved.sensors[name].found[""], sensor.found[""], rtol=1e-12)
     assert saved.certainty is not None and found.arm.certainty is not None

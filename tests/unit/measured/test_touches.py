@@ -14,7 +14,6 @@ from armflex import Arm, calibrate, load_arm, plan, predict, read_measurements
 from armflex.arm import Setup
 from armflex.errors import ArmFileError, ConventionError, InputError
 from armflex.estimate.blocks import declared_blocks, parameters_of
-from armflex.estimate.calibrate import write_calibrated
 from armflex.estimate.fit import realise
 from armflex.estimate.view import look
 from armflex.plan.drive import write_plan
@@ -123,7 +122,7 @@ def test_sockets_are_found_with_the_arm_and_rows_elsewhere_predicted(touched: Pa
 
     assert spread(found.arm) < 0.5e-3 < spread(arm)
     # written and read again it is the same arm, sockets included
-    again = load_arm(write_calibrated(path, found, tmp_path / "fitted.toml"))
+    again = load_arm(found.write(tmp_path / "fitted.toml"))
     assert np.allclose(predict(again, file).position, predict(found.arm, file).position, atol=1e-12)
     places = again.sensors["block"].of("place", ["a", "b"])
     assert np.linalg.norm(places[0] - places[1]) == pytest.approx(0.25, abs=3e-4)

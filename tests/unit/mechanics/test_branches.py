@@ -25,7 +25,6 @@ from armflex import (
     write_trajectory,
 )
 from armflex.errors import ShapeError, TableError
-from armflex.estimate.calibrate import write_calibrated
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.table import write_table
@@ -167,7 +166,7 @@ def test_a_campaign_tells_what_bends_under_a_second_arm(tmp_path: Path) -> None:
     rows = read_measurements(path, arm)
     found, bare = calibrate(arm, rows), calibrate(arm, replace(rows, wrenches=()))
     assert found.rms < 2e-5 and bare.rms > 3.0 * found.rms
-    saved = load_arm(write_calibrated(tmp_path / "arm.toml", found, tmp_path / "fitted.toml"))
+    saved = load_arm(found.write(tmp_path / "fitted.toml"))
     np.testing.assert_allclose(predict(saved, rows).position, read, rtol=0, atol=1e-4)
 
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import armflex
 from armflex.cli.main import main
 from armflex.errors import ArmflexError, Place, TableError
-from armflex.estimate.calibrate import calibrate, write_calibrated
+from armflex.estimate.calibrate import calibrate
 from armflex.measured.measurements import read_measurements, stream_inputs
 from armflex.measured.table import Column, Table
 from armflex.mechanics.response import respond
@@ -40,7 +40,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     arm = armflex.load_arm(DECLARED)
     campaign = read_measurements(DECLARED.with_name("campaign.csv"), arm)
     found = calibrate(arm, campaign.some(range(0, len(campaign), 6)), as_stated=True)
-    return write_calibrated(DECLARED, found, tmp_path_factory.mktemp("calibrated") / "arm.toml")
+    return found.write(tmp_path_factory.mktemp("calibrated") / "arm.toml")
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 from scipy.stats import qmc
 from support.command_line import wait_for
 from support.effect_arms import arm_with
-from support.small_arms import ROBOTS, arm_of, central_difference, joint, link, one_joint, three_joints
+from support.small_arms import ROBOTS, arm_of, central_difference, joint, link, one_joint, robot, three_joints
 
 from armflex import Arm, load_arm, map_workspace
 from armflex.conventions import TWIST_NAMES
@@ -40,6 +40,7 @@ from armflex.errors import (
 from armflex.estimate.draw import draw_arms
 from armflex.laws import LinearLaw, Row
 from armflex.laws.law import WithoutParameters
+from armflex.mechanics.mechanism import Closing
 from armflex.parallel import WAVE, in_order
 from armflex.parameters import Certainty
 from armflex.show.view.map_page import map_page
@@ -51,6 +52,26 @@ pytestmark = pytest.mark.slow
 Run = Callable[..., subprocess.CompletedProcess]
 TARM = ROBOTS / "tarm_like" / "arm.toml"
 PAYLOADS = ("none", "p600")
+
+
+def test_a_mechanism_is_followed_from_row_to_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows as they are drawn are a third of the range of 0.6 m apart, and each would be closed in many steps."""
+    parts = [link("base"), link("boom", 4.0, (0.5, 0.0, 0.0), 0.2), link("tool")]
+    parts += [joint("j", "base", "boom", (0.0, 0.0, 0.3), axis=(0.0, 1.0, 0.0))]
+    (tmp_path / "r.urdf").write_text(robot(*parts, joint("end", "boom", "tool", (1.0, 0.2, 0.1), kind="fixed")))
+    ends = 'link = "base"\nat = [0.0, 0.0, -0.3]\nto = "boom"\nat_to = [0.6, 0.0, 0.0]\nlower = 0.5\nupper = 1.1\n'
+    text = f'[robot]\nurdf = "r.urdf"\ntip = "tool"\n[joint.j]\npassive = true\n[cylinder.c]\n{ends}'
+    (tmp_path / "arm.toml").write_text(text)
+    arm, asked, closed = load_arm(tmp_path / "arm.toml"), list[float](), Closing.closed
+
+    def followed(self: Closing, q: np.ndarray) -> np.ndarray:
+        asked.append(float(q[0]))
+        return closed(self, q)
+
+    monkeypatch.setattr(Closing, "closed", followed)
+    found = map_workspace(arm, rows=256)
+    assert found.configurations.sum() == 256 and len(asked) >= 256
+    assert np.median(np.abs(np.diff(asked))) < 0.01
 
 
 def configurations(arm: Arm, rows: int, seed: int) -> np.ndarray:
