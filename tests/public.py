@@ -80,7 +80,7 @@ def from_tsinghua(source: Path, target: Path) -> None:
                 if licence.is_file():
                     shutil.copy(licence, folder / "LICENSE")
                     break
-            joints = list(armflex.load_arm(folder / "arm.toml").joint_names)
+            joints = re.findall(r'<joint name="(\w+)" type="revolute"', (folder / "robot.urdf").read_text())
             for file, what in ((grid, "campaign"), (Path(str(grid).replace("_grid_", "_random_")), "test")):
                 if file.exists():
                     found = list(csv.DictReader(file.open(encoding="utf-8-sig"), skipinitialspace=True))
@@ -120,7 +120,7 @@ def from_ipa(source: Path, target: Path) -> None:
             + [5e-5]
             for i, row in enumerate(found)
         )
-        write_campaign(folder / f"{file.parent.name.lower()}.csv", joints, rows)
+        write_campaign(folder / f"{file.parent.name.replace('Series', 'series')}.csv", joints, rows)
 
 
 def from_hilti(source: Path, target: Path) -> None:
