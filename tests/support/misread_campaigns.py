@@ -58,13 +58,13 @@ def ur5(seed: int = 0, wave: float = 0.0, count: int = 180) -> Written:
     `wave` is a hidden error of the second joint, once a turn [rad].
     """
     arm, rows = six_axes.campaign(count, seed)
-    truth, rng = six_axes.true_arm(), np.random.default_rng([seed, 1])
+    rng = np.random.default_rng([seed, 1])
     session = tuple(f"s{3 * i // count}" for i in range(count))
     q = rows.q + wave * np.sin(rows.q[:, [1]] + 0.3) * np.eye(6)[1]
-    tip = np.asarray(truth.deflection(q).pose)
+    tip = np.asarray(six_axes.true_arm().deflection(q).pose)
     mounting = turn(rng.normal(0.0, 1.0, 3))
-    position = truth.instrument.readings(tip, session) + rng.normal(0.0, six_axes.SIGMA, (count, 3))
-    axes = turn(rng.normal(0.0, SIGMA_R, (count, 3))) @ truth.instrument.axes(tip) @ mounting
+    position = six_axes.INSTRUMENT.readings(tip, session) + rng.normal(0.0, six_axes.SIGMA, (count, 3))
+    axes = turn(rng.normal(0.0, SIGMA_R, (count, 3))) @ six_axes.INSTRUMENT.axes(tip) @ mounting
     vectors = Rotation.from_matrix(axes).as_rotvec()
     return arm, replace(rows, session=session, position=position, rotation=vectors, sigma_r=np.full(count, SIGMA_R))
 
@@ -132,7 +132,9 @@ def silent(arm: Arm, rows: Measurements) -> Iterator[Fault]:
     place = arm.joint_names.index(joint)
     turns = turn(rows.rotation) if rows.rotation is not None else None
 
-    def position(change: Callable[[Array], Array], some=slice(None)) -> Callable[[Arm, Measurements], Written]:
+    def position(
+        change: Callable[[Array], Array], some: slice | Array = slice(None)
+    ) -> Callable[[Arm, Measurements], Written]:
         def written(arm: Arm, rows: Measurements) -> Written:
             values = rows.position.copy()
             values[some] = change(values[some])

@@ -27,6 +27,8 @@ SIGMA = 1e-4  # m
 LOWER = np.radians([-20.0, -105.0, 60.0, -100.0, 50.0, -25.0])
 UPPER = np.radians([55.0, -30.0, 140.0, 5.0, 140.0, 15.0])
 """Where a UR5 stands whose tool works in front of it, pointing down."""
+STATION = pin.SE3(turn(np.array([0.1, -0.05, 2.0])), np.array([2.5, -1.0, 0.6]))
+INSTRUMENT = Instrument(STATION, target=np.array([1e-3, -2e-3, 0.034]))
 
 
 @cache
@@ -41,9 +43,7 @@ def true_arm() -> Arm:
     arm, rng = declared(), np.random.default_rng(2)
     offsets = {joint: float(rng.normal(0.0, 2e-3)) for joint in arm.joint_names}
     frames = {joint: rng.normal(0.0, 1e-3, 6) for joint in arm.joint_names}
-    station = pin.SE3(turn(np.array([0.1, -0.05, 2.0])), np.array([2.5, -1.0, 0.6]))
-    instrument = Instrument(station, target=np.array([1e-3, -2e-3, 0.034]))
-    return replace(arm, corrections=Corrections(offsets, frames), instrument=instrument)
+    return replace(arm, corrections=Corrections(offsets, frames), instrument=INSTRUMENT)
 
 
 def campaign(count: int = 200, seed: int = 0, effects: Sequence[Effect] = ()) -> tuple[Arm, Measurements]:

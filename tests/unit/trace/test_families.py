@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from support import six_axes
@@ -28,7 +30,7 @@ def measured(amplitudes: dict[str, float]) -> Trace:
     return trace(*six_axes.campaign(334, effects=eccentric(amplitudes)))
 
 
-def _records(joint, arm):
+def _records(joint, arm) -> Any:
     return type("Records", (), {"robot": arm.robot, "joints": arm.joint_names})
 
 
