@@ -69,12 +69,14 @@ def simulated() -> tuple[Path, Path]:
     return work / "arm.toml", write("campaign.csv", read, np.full(len(q), SIGMA), further=("x", "y", "z", "sigma"))
 
 
-campaigns = {}
 if folder := os.environ.get("ARMFLEX_PUBLIC"):
     places = [at / "tests" / "public.py" for at in (Path.cwd(), *Path.cwd().parents)]
     published = runpy.run_path(str(next(place for place in places if place.is_file())))["published"]
     campaigns = {name: files for name, files in published(Path(folder), work).items() if name.endswith("_tsinghua")}
-campaigns = campaigns or {"simulated": simulated()}
+    if not campaigns:
+        raise SystemExit(f"ARMFLEX_PUBLIC: no serial_robots_datasets in {folder}")
+else:
+    campaigns = {"simulated": simulated()}
 
 # %%
 # Calibrated and traced
