@@ -1,11 +1,14 @@
 """The public scoreboard: campaigns that were published, each calibrated, traced and predicted by parts it has not seen.
 
     python tests/public.py DIR [--parts 3] [--only NAME] [--cut among|rest] [--rows N] [--calibrated] [--json FILE]
+    python tests/public.py DIR --write OUT
 
 Every campaign in DIR and below is found by its arm.toml, each `.csv` with joint positions beside it is one; published
-repositories of other layouts are converted first, into a temporary folder: serial_robots_datasets, ipa-robot-accuracy
-(with a `ur10*.urdf` anywhere in DIR) and construction_robot_stationing_datasets. The two campaigns that travel with
-this file are always there.
+repositories of other layouts are converted first, into a temporary folder, or into OUT to work on: on GitHub,
+pauljac7700/serial_robots_datasets (759068d; the arms are described in `tests/public_arms`),
+christianlandgraf/ipa-robot-accuracy (507fba6; with a `ur10*.urdf` anywhere in DIR) and
+Hilti-Research/construction_robot_stationing_datasets (f26546d). Nothing that others measured is in this repository.
+Tests and the notebook that trace a published campaign take the same DIR from the environment variable ARMFLEX_PUBLIC.
 
 Errors are of readings that nothing was chosen by or fitted to: the poses are cut in parts, `trace` is run from the
 start without each of them, and its declared arm (instrument placed), calibrated arm and traced arm predict the part as
@@ -46,7 +49,7 @@ from armflex.measured.measurements import Measurements, read_measurements
 from armflex.tasks.predict import predict
 from armflex.trace.findings import Trace
 
-OURS = Path(__file__).parent / "measured"
+ARMS = Path(__file__).parent / "public_arms"
 PUBLISHED = {
     "ur5_tsinghua": "0.155 mean of 20 (MDH + ASTGCN)",
     "wam_tsinghua": "2.92 mean of 20 (MDH + ASTGCN)",
@@ -68,14 +71,16 @@ def write_campaign(path: Path, joints: list[str], rows: Iterator[list], unit: st
 
 
 def from_tsinghua(source: Path, target: Path) -> None:
-    """serial_robots_datasets (P. Jacobi, MIT): target + difference [mm], joints [deg]; the arms travel with us."""
+    """serial_robots_datasets (P. Jacobi, MIT): target + difference [mm], joints [deg]; the arms are ours."""
     for name, sigma in (("UR5", 0.1), ("WAM", 1.0)):
         for grid in source.rglob(f"3D_{name}_uncalibrated_grid_cleaned.csv"):
             folder = target / f"{name.lower()}_tsinghua"
-            ours = OURS / folder.name
-            shutil.copytree(ours, folder, ignore=shutil.ignore_patterns("*.csv"), dirs_exist_ok=True)
-            joints = next(csv.reader((ours / "campaign.csv").open()))
-            joints = [one[2:-4] for one in joints if one.startswith("q_")]
+            shutil.copytree(ARMS / folder.name, folder, dirs_exist_ok=True)
+            for licence in (one / "LICENSE" for one in (grid.parent, grid.parent.parent)):
+                if licence.is_file():
+                    shutil.copy(licence, folder / "LICENSE")
+                    break
+            joints = re.findall(r'<joint name="(\w+)" type="revolute"', (folder / "robot.urdf").read_text())
             for file, what in ((grid, "campaign"), (Path(str(grid).replace("_grid_", "_random_")), "test")):
                 if file.exists():
                     found = list(csv.DictReader(file.open(encoding="utf-8-sig"), skipinitialspace=True))
@@ -95,7 +100,7 @@ def from_ipa(source: Path, target: Path) -> None:
     if not files or urdf is None:
         return
     folder = target / "ipa_ur10"
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     shutil.copy(urdf, folder / "ur10.urdf")
     arm = '[robot]\nurdf = "ur10.urdf"\ntip = "tool0"\ngravity = [0.0, 0.0, -9.81]\n'
     arm += '[measurement]\nframe = "unknown"\ngravity_in = "base"\n'
@@ -115,7 +120,7 @@ def from_ipa(source: Path, target: Path) -> None:
             + [5e-5]
             for i, row in enumerate(found)
         )
-        write_campaign(folder / f"{file.parent.name.lower()}.csv", joints, rows)
+        write_campaign(folder / f"{file.parent.name.replace('Series', 'series')}.csv", joints, rows)
 
 
 def from_hilti(source: Path, target: Path) -> None:
@@ -124,7 +129,7 @@ def from_hilti(source: Path, target: Path) -> None:
         import yaml
 
         folder = target / "hilti_trailblazer"
-        folder.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
         text = re.sub(r"<mimic[^>]*/>", "", urdf.read_text())  # the column's tubes are given as two joints
         text = re.sub(r"<(visual|collision)\b.*?</\1>", "", text, flags=re.DOTALL)
         (folder / "trailblazer.urdf").write_text(text)
@@ -146,6 +151,13 @@ def from_hilti(source: Path, target: Path) -> None:
                     for i, row in enumerate(rows)
                 ),
             )
+
+
+def published(folder: Path, converted: Path) -> dict[str, tuple[Path, Path]]:
+    """Return arm.toml and table of every campaign of a folder by name; those of other layouts go into `converted`."""
+    for convert in (from_tsinghua, from_ipa, from_hilti):
+        convert(folder, converted)
+    return {name: (arm, table) for place in (folder, converted) for name, arm, table in campaigns(place)}
 
 
 def campaigns(folder: Path) -> Iterator[tuple[str, Path, Path]]:
@@ -226,7 +238,8 @@ def score(arm_file: Path, table: Path, parts: int, cuts: tuple[str, ...], calibr
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="The public scoreboard.")
-    parser.add_argument("folder", type=Path, nargs="?", help="folder of campaigns and published repositories")
+    parser.add_argument("folder", type=Path, metavar="DIR", help="folder of campaigns and published repositories")
+    parser.add_argument("--write", type=Path, metavar="OUT", help="convert into this folder, and do nothing else")
     parser.add_argument("--parts", type=int, default=3, help="parts that the poses are cut in (3)")
     parser.add_argument("--only", default="", help="campaigns whose name holds this")
     parser.add_argument("--cut", choices=("among", "apart", "rest"), help="one way of cutting (among and apart)")
@@ -235,17 +248,19 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     given = parser.parse_args()
     warnings.simplefilter("ignore", ArmflexWarning)
-    found: dict[str, dict] = {}
-    cuts = (given.cut,) if given.cut else ("among", "apart")
-    arms = ("nominal", "calibrated", "traced")[: 2 if given.calibrated else 3]
-    each = " ".join(f"{one:>13s}" for one in arms) + " " + " ".join(f"{one[:5] + ' %/chi2':>13s}" for one in arms[1:])
-    print(f"{'campaign':28s} {'rows':>5s} " + "".join(f" {cut + ':':7s}{each}" for cut in cuts) + "   CPU s")
-    with tempfile.TemporaryDirectory() as converted:
-        if given.folder:
-            for convert in (from_tsinghua, from_ipa, from_hilti):
-                convert(given.folder, Path(converted))
-        seen = [one for place in (Path(converted), given.folder, OURS) if place for one in campaigns(place)]
-        for name, arm, table in {one[0]: one for one in reversed(seen)}.values():
+    with tempfile.TemporaryDirectory() as temporary:
+        there = published(given.folder, given.write or Path(temporary))
+        if not there:
+            parser.error(f"{given.folder}: no campaign beside an arm.toml, and no repository that is converted")
+        if given.write:
+            print("\n".join(f"{name}: {arm} {table}" for name, (arm, table) in there.items()))
+            return
+        found: dict[str, dict] = {}
+        cuts = (given.cut,) if given.cut else ("among", "apart")
+        arms = ("nominal", "calibrated", "traced")[: 2 if given.calibrated else 3]
+        each = " ".join(f"{one:>13s}" for one in (*arms, *(one[:5] + " %/chi2" for one in arms[1:])))
+        print(f"{'campaign':28s} {'rows':>5s} " + "".join(f" {cut + ':':7s}{each}" for cut in cuts) + "   CPU s")
+        for name, (arm, table) in there.items():
             if given.only not in name:
                 continue
             try:

@@ -1,13 +1,17 @@
-"""The README's picture of errors before and after, drawn of the UR5 in `tests/measured`: a minute or two.
+"""The README's picture of errors before and after, drawn of the published UR5: a minute or two.
 
-    python docs/_ext/before_after.py docs/_static/before_after.svg
+    python docs/_ext/before_after.py DIR docs/_static/before_after.svg
+
+DIR is a folder of published repositories, as of `tests/public.py`.
 
 As in the notebook on real robots, every fourth pose is fitted; the errors drawn are of all others.
 """
 
 from __future__ import annotations
 
+import runpy
 import sys
+import tempfile
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -18,14 +22,17 @@ from matplotlib.figure import Figure
 
 import armflex
 
-MEASURED = Path(__file__).parents[2] / "tests" / "measured" / "ur5_tsinghua"
+TESTS = Path(__file__).parents[2] / "tests"
 COLOURS = {"nominal": "#7a8699", "calibrated": "#2a5d9c", "traced": "#c4502e"}
 
 
-def errors() -> dict[str, np.ndarray]:
+def errors(folder: Path) -> dict[str, np.ndarray]:
     """Return the 3-D errors [mm] of the nominal, the calibrated and the traced arm at the poses held out."""
-    arm = armflex.load_arm(MEASURED / "arm.toml")
-    rows = armflex.read_measurements(MEASURED / "campaign.csv", arm)
+    published = runpy.run_path(str(TESTS / "public.py"))["published"]
+    with tempfile.TemporaryDirectory() as converted:
+        file, table = published(folder, Path(converted))["ur5_tsinghua"]
+        arm = armflex.load_arm(file)
+        rows = armflex.read_measurements(table, arm)
     every = np.arange(len(rows))
     used, held_out = every[every % 4 == 0], every[every % 4 != 0]
     traced = armflex.trace(arm, rows, rows=used)
@@ -38,12 +45,12 @@ def errors() -> dict[str, np.ndarray]:
     return found
 
 
-def main(path: Path) -> None:
+def main(folder: Path, path: Path) -> None:
     """Draw the share of poses whose error is below a length."""
     matplotlib.rcParams["svg.hashsalt"] = "armflex"  # the same file each time
     figure = Figure(figsize=(7.2, 3.0), layout="constrained")
     axes = figure.subplots()
-    for name, values in errors().items():
+    for name, values in errors(folder).items():
         rms = np.sqrt(np.mean(values**2))
         label = f"{name}: {rms:.3f} mm RMS"
         axes.plot(np.sort(values), np.linspace(0.0, 100.0, len(values)), color=COLOURS[name], lw=2, label=label)
@@ -57,4 +64,4 @@ def main(path: Path) -> None:
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore", armflex.ArmflexWarning)
-    main(Path(sys.argv[1]))
+    main(*map(Path, sys.argv[1:]))

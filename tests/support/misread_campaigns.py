@@ -19,10 +19,10 @@ from armflex.laws.joint.carried import scaled
 from armflex.measured.measurements import Measurements
 from armflex.readings import Position, Readings
 from armflex.readings.sensor import Sensor
+from support import six_axes
 from support.campaigns import draw
 from support.plant import Array, turn
 
-UR5 = Path(__file__).parents[1] / "measured" / "ur5_tsinghua"
 SIGMA_R = 2e-4  # rad
 BESIDE, OTHER = np.array([0.0, 0.25, 0.1]), np.array([0.2, -0.2, 0.05])  # m, two more targets on the tool
 
@@ -53,30 +53,20 @@ def boom(kind: str = "none", seed: int = 3, arm: str = "boom") -> Written:
 
 @cache
 def ur5(seed: int = 0, wave: float = 0.0, count: int = 180) -> Written:
-    """Return the calibrated UR5 as the plant that a campaign of three sessions is read of, and the declared one.
+    """Return a simulated UR5 as declared and a campaign of three sessions, with orientations.
 
     `wave` is a hidden error of the second joint, once a turn [rad].
     """
-    arm = load_arm(UR5 / "arm.toml")
-    real = read_measurements(UR5 / "campaign.csv", arm)
-    truth = _calibrated().setup
-    rng = np.random.default_rng(seed)
-    rows = real.some(np.sort(rng.choice(len(real), count, replace=False)))
+    arm, rows = six_axes.campaign(count, seed)
+    rng = np.random.default_rng([seed, 1])
     session = tuple(f"s{3 * i // count}" for i in range(count))
     q = rows.q + wave * np.sin(rows.q[:, [1]] + 0.3) * np.eye(6)[1]
-    tip = np.asarray(truth.arm.deflection(q, enforce_limits=False).pose)
+    tip = np.asarray(six_axes.true_arm().deflection(q).pose)
     mounting = turn(rng.normal(0.0, 1.0, 3))
-    position = truth.instrument.readings(tip, session) + rng.normal(0.0, 1e-4, (count, 3))
-    axes = turn(rng.normal(0.0, SIGMA_R, (count, 3))) @ truth.instrument.axes(tip) @ mounting
-    sigma = {"sigma": np.full((count, 3), 1e-4), "sigma_r": np.full(count, SIGMA_R)}
+    position = six_axes.INSTRUMENT.readings(tip, session) + rng.normal(0.0, six_axes.SIGMA, (count, 3))
+    axes = turn(rng.normal(0.0, SIGMA_R, (count, 3))) @ six_axes.INSTRUMENT.axes(tip) @ mounting
     vectors = Rotation.from_matrix(axes).as_rotvec()
-    return arm, replace(rows, session=session, position=position, rotation=vectors, **sigma)
-
-
-@cache
-def _calibrated():
-    arm = load_arm(UR5 / "arm.toml")
-    return calibrate(arm, read_measurements(UR5 / "campaign.csv", arm), anyway=True).fit.view
+    return arm, replace(rows, session=session, position=position, rotation=vectors, sigma_r=np.full(count, SIGMA_R))
 
 
 def with_targets(arm: Arm, rows: Measurements, tracker: bool = False) -> Written:
@@ -142,7 +132,9 @@ def silent(arm: Arm, rows: Measurements) -> Iterator[Fault]:
     place = arm.joint_names.index(joint)
     turns = turn(rows.rotation) if rows.rotation is not None else None
 
-    def position(change: Callable[[Array], Array], some=slice(None)) -> Callable[[Arm, Measurements], Written]:
+    def position(
+        change: Callable[[Array], Array], some: slice | Array = slice(None)
+    ) -> Callable[[Arm, Measurements], Written]:
         def written(arm: Arm, rows: Measurements) -> Written:
             values = rows.position.copy()
             values[some] = change(values[some])

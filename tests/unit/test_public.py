@@ -1,72 +1,42 @@
-"""Real machines: the public UR5 and WAM, calibrated and traced, and the converters of published layouts."""
+"""Real machines: the public UR5 and WAM, where they are there, and the converters of published layouts."""
 
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
+import re
+import runpy
 from pathlib import Path
 
 import numpy as np
 import public as scoreboard
 import pytest
+from support import six_axes
 from support.effect_arms import quietly
-from support.public_campaigns import MEASURED, public
+from support.public_campaigns import campaign, where_published
+from support.small_arms import ROBOTS
 
 from armflex import calibrate, predict, trace
-from armflex.cli.calibrate_command import as_json
-from armflex.cli.trace_command import print_trace
-from armflex.errors import ConvergenceError
-from armflex.estimate.calibrate import Calibration
-from armflex.estimate.fit import Effort, fit
 from armflex.estimate.held_out import apart_folds
 
 
-@pytest.fixture(scope="module")
-def ur5() -> Calibration:
-    return calibrate(*public("ur5_tsinghua"))
+@where_published
+def test_the_ur5_is_calibrated_to_a_ninth_of_a_millimetre() -> None:
+    found = calibrate(*campaign("ur5_tsinghua"))
+    assert found.held_out is not None and 1e3 * found.held_out[1] < 0.115
 
 
-def test_the_ur5_is_calibrated_to_a_ninth_of_a_millimetre(ur5: Calibration) -> None:
-    assert ur5.held_out is not None and 1e3 * ur5.held_out[1] < 0.115
-
-
-def test_what_only_a_combination_tells_is_marked(ur5: Calibration) -> None:
-    """Axes 2, 3 and 4 are parallel: shifts along them add up, and each by itself is told by its prior alone."""
-    found, axes = {one.name: one for one in ur5.parameters}, ("shoulder_lift", "elbow", "wrist_1")
-    along = [found[f"geometry {joint}_joint dy"] for joint in axes]
-    assert all(one.determined and one.combined for one in along)
-    assert all({other.name for other in along} - {one.name} <= set(one.trades_against) for one in along)
-    assert found["geometry elbow_joint dz"].determined and not found["geometry elbow_joint dz"].combined
-    assert {one["name"] for one in as_json(ur5)["parameters"] if one["only_combined_with"]} >= {a.name for a in along}
-
-
-def test_a_fit_that_does_not_settle_names_what_resists(ur5: Calibration) -> None:
-    short = Effort(2, 0.0, content=False)
-    with pytest.raises(ConvergenceError, match=r"still moving: geometry .* left is at .*campaign.csv:\d+"):
-        fit(ur5.fit.declared, ur5.fit.blocks, ur5.measurements, effort=short)
-
-
-def test_poses_too_few_to_tell_an_effect_from_chance_are_said_to_be(capsys: pytest.CaptureFixture) -> None:
-    arm, measurements = public("ur5_tsinghua")
-    stiff = replace(arm, prior=replace(arm.prior, joint_offset=1e-5, geometry=0.0))
-    found = trace(stiff, measurements.some(np.arange(0, len(measurements), 150)))
-    assert not found.found and found.undecided is not None
-    assert found.undecided.poses == 7 and found.undecided.rms > 3.0 * found.undecided.stated
-    print_trace(found)
-    said = capsys.readouterr().out
-    assert "cannot decide what is missing: 0.893 mm RMS" in said and "No further effect" not in said
-
-
+@where_published
 @pytest.mark.slow
 def test_the_wam_is_calibrated_to_two_and_a_half_millimetres() -> None:
-    found = calibrate(*public("wam_tsinghua"))
+    found = calibrate(*campaign("wam_tsinghua"))
     assert found.held_out is not None and 1e3 * found.held_out[1] < 2.4
 
 
+@where_published
 @pytest.mark.slow
 def test_a_traced_ur5_predicts_poses_that_it_has_not_seen() -> None:
     """The published hybrid network: 0.155 mm, mean of 20 poses; calibrated kinematics alone: 0.103 mm."""
-    arm, measurements = public("ur5_tsinghua")
+    arm, measurements = campaign("ur5_tsinghua")
     learned = np.arange(0, len(measurements), 3)
     found = trace(arm, measurements, learned)
     rest = np.setdiff1d(np.arange(len(measurements)), learned)
@@ -78,26 +48,47 @@ def test_a_traced_ur5_predicts_poses_that_it_has_not_seen() -> None:
     assert found.at_every_drive and all(len(one.members) > 1 for one in found.at_every_drive)
 
 
-def test_the_published_layout_is_read(tmp_path: Path) -> None:
-    """Target and difference in mm, joints in degrees: the campaign that travels with the tests, to rounding."""
-    arm, measurements = public("wam_tsinghua")
-    folder = tmp_path / "published" / "WAM"
+@pytest.mark.parametrize(("name", "joints", "sigma"), [("UR5", 6, 1e-4), ("WAM", 7, 1e-3)])
+def test_the_published_layout_is_read(tmp_path: Path, name: str, joints: int, sigma: float) -> None:
+    """Target and difference in mm, joints in degrees, as they stand in the repository; test poses stay apart."""
+    rng = np.random.default_rng(0)
+    target, difference = rng.uniform(-800.0, 800.0, (5, 3)), rng.uniform(-20.0, 20.0, (5, 3))
+    q, folder = rng.uniform(-90.0, 90.0, (5, joints)), tmp_path / "serial_robots_datasets" / name
     folder.mkdir(parents=True)
-    rows = list(csv.DictReader((MEASURED / "wam_tsinghua" / "campaign.csv").open()))
-    head = ["step_order", "x_t", "y_t", "z_t", "x_dif", "y_dif", "z_dif", *(f"joint_{i + 1}" for i in range(7))]
-    with (folder / "3D_WAM_uncalibrated_grid_cleaned.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(head)
-        for number, row in enumerate(rows):
-            target = [round(float(row[f"{axis}_mm"])) for axis in "xyz"]
-            difference = [float(row[f"{axis}_mm"]) - one for axis, one in zip("xyz", target, strict=True)]
-            writer.writerow([number, *target, *difference, *(row[f"q_j{i + 1}_deg"] for i in range(7))])
-    scoreboard.from_tsinghua(tmp_path / "published", tmp_path / "converted")
-    ((name, file, table),) = scoreboard.campaigns(tmp_path / "converted")
-    assert name == "wam_tsinghua" and (file.parent / "LICENSE").exists()
-    again = scoreboard.read_measurements(table, arm)
-    np.testing.assert_allclose(again.q, measurements.q, atol=1e-12)
-    np.testing.assert_allclose(again.position, measurements.position, atol=1e-12)
+    (folder.parent / "LICENSE").write_text("MIT License\n")
+    head = ["step_order", *(f"{axis}_{of}" for of in ("t", "dif") for axis in "xyz")]
+    head += [f"joint_{i + 1}" for i in range(joints)]
+    for kind, some in (("grid", slice(0, 4)), ("random", slice(4, 5))):
+        with (folder / f"3D_{name}_uncalibrated_{kind}_cleaned.csv").open("w", newline="") as file:
+            table = np.column_stack([np.arange(5), target, difference, q])[some]
+            csv.writer(file).writerows([head, *table.tolist()])
+    found = scoreboard.published(tmp_path, tmp_path / "converted")
+    assert list(found) == [f"{name.lower()}_tsinghua"]
+    ((file, table),) = found.values()
+    assert (file.parent / "LICENSE").read_text() == "MIT License\n"
+    arm = quietly(file)
+    for path, some in ((table, slice(0, 4)), (table.parent / "test.csv", slice(4, 5))):
+        rows = scoreboard.read_measurements(path, arm)
+        np.testing.assert_allclose(rows.q, np.radians(q[some]), atol=1e-12)
+        np.testing.assert_allclose(rows.position, 1e-3 * (target + difference)[some], atol=1e-12)
+        np.testing.assert_allclose(rows.sigma, sigma)
+
+
+def test_a_folder_without_a_campaign_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    monkeypatch.setattr("sys.argv", ["public.py", str(tmp_path)])
+    with pytest.raises(SystemExit, match="2"):
+        scoreboard.main()
+    assert "no campaign beside an arm.toml" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_notebook_traces_what_it_hid(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.delenv("ARMFLEX_PUBLIC", raising=False)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    runpy.run_path(str(ROBOTS.parent / "docs" / "notebooks" / "plot_3_trace_a_real_robot.py"))
+    said = capsys.readouterr().out
+    assert "simulated: 200 poses used" in said
+    assert re.findall(r"^  (\w[\w ]+ at J\d)", said, re.M) == ["backlash at J2", "encoder eccentricity at J3"]
 
 
 def test_parts_of_joint_space_lie_apart() -> None:
@@ -115,9 +106,9 @@ def test_parts_of_joint_space_lie_apart() -> None:
 def test_decimal_commas_and_stations_are_read(tmp_path: Path) -> None:
     """The layouts of the UR10 (semicolons, mm, decimal commas) and of the lifting column (YAML by station)."""
     yaml = pytest.importorskip("yaml")
-    urdf = (MEASURED / "ur5_tsinghua" / "robot.urdf").read_text()
+    urdf = (six_axes.DECLARED.parent / "robot.urdf").read_text()
     (tmp_path / "ur10_robot.urdf").write_text(urdf)
-    arm = quietly(MEASURED / "ur5_tsinghua" / "arm.toml")
+    arm = six_axes.declared()
     series = tmp_path / "ipa" / "Series_B"
     series.mkdir(parents=True)
     head = [*arm.joint_names, *(f"measurement_{axis}" for axis in "xyz")]
