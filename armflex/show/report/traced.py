@@ -37,8 +37,11 @@ def account(trace: Trace) -> SimpleNamespace:
     left_over = view.residual[trace.judged_rows][:, view.foremost]
     places, used = trace.state.measurements.places, f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
     if trace.outliers:
-        out = len(trace.outliers) - trace.outlier_count("counted less")
-        used += f"; {len(trace.outliers)} outliers, in none of the errors here, {out} of them excluded from the fit"
+        less = trace.outlier_count("counted less")
+        out = len(trace.outliers) - less
+        used += (
+            f"; outliers: {out} excluded from the fit, {less} counted less; the errors on this page are without them"
+        )
     left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(
         title=f"{trace.arm.robot.urdf.name}: calibration and effects identified",
