@@ -29,6 +29,7 @@ templates_path: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 4
+smartquotes = False  # examples are copied from these pages
 suppress_warnings = [
     "config.cache",  # of the gallery, whose order of pages is a function
     "ref.python",  # attributes of one name in several classes, where an attribute is listed

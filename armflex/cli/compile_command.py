@@ -18,7 +18,7 @@ def command() -> None:
 
     Small jobs are answered without it.
     """
-    doing("compiling")
+    doing("compiling the engine for this machine")
     deque(in_order(compilations(), jobs=2), 0)
     options.conclude(lambda: {"compiled": True}, ())
     if is_kept():

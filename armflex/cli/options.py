@@ -150,7 +150,7 @@ class Command(click.Command):
         context.meta[__name__] = context.params.pop("json_path")
         each = [(one, path) for one, some in paths.items() for path in (some if isinstance(some, tuple) else (some,))]
         self._check_kinds([(_file(one), path) for one, path in each if path is not None and _file(one) in FILES])
-        with showing_stages("reading"):
+        with showing_stages(f"reading {listing((path.name for path in inputs), 3)}"):
             return super().invoke(context)
 
     def _check_kinds(self, given: Sequence[tuple[str, Path]]) -> None:

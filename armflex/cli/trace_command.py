@@ -254,11 +254,12 @@ def _remarks(found: Trace) -> Iterator[str]:
     if unknown := len(found.unjudged):
         yield f"{unknown} of the rows are not in the fit: the direction of a joint is not known before it first moves."
     yield from further(found)
-    for advice in found.next_measurement[:MOST_ADVICE]:
-        yield f"Next: {advice}"
     more = len(found.next_measurement) - MOST_ADVICE
-    if more > 0:
-        yield f"Next: {more} more in --report and --json."
+    shown = found.next_measurement[:MOST_ADVICE] if more > 1 else found.next_measurement
+    for advice in shown:
+        yield f"Next: {advice}"
+    if more > 1:
+        yield f"{more} further measurements are proposed in the files of --report and --json."
 
 
 def as_json(found: Trace) -> dict[str, Any]:

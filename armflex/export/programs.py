@@ -354,8 +354,10 @@ def path_of(
             raise InputError(f"{given} need --compensate: without it nothing depends on them")
         notes = "The path is written as it is; --compensate has the loaded tip where the rigid one would be."
         if path.is_moved:
-            notes = "The path is written as it is: off its target_ columns, as a path is that was compensated."
-        what = "Off its target_ columns, as compensated before" if path.is_moved else "Not compensated"
+            notes = (
+                "The path is written as it is. Its joints differ from its target_ columns: it is compensated already."
+            )
+        what = "Compensated before: the joints differ from the target_ columns" if path.is_moved else "Not compensated"
         return path, (notes,), (), _head(path, what, arm_file)
     path, flags = (path, ()) if table_path is None else path.under(read_force_table(table_path, arm), arm)
     found = compensated(arm, path, covariates=covariates)

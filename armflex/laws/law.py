@@ -481,7 +481,7 @@ def unturned(size: int, wrench: Array) -> tuple[Flag, ...]:
     moment = float(np.linalg.norm(wrench[size:]))
     if moment <= ROUNDING * float(np.linalg.norm(wrench)):
         return ()
-    text = f"carries a moment of {moment:.3g} Nm, but was trained on forces alone: it does not turn under any load"
+    text = "carries a moment, but was trained on forces alone: it does not turn under any load"
     return (Flag("does_not_turn", text),)
 
 

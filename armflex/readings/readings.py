@@ -94,7 +94,7 @@ class Readings:
         if not kinds or not kinds[0].name:
             return "3-D position error"
         several = any(kind.dimension > 1 for kind in kinds)
-        return f"error of {listing(kind.title for kind in kinds)}{', each by its norm' if several else ''}"
+        return f"{'norm of the ' if several else ''}error of {listing(kind.title for kind in kinds)}"
 
     def row_squares(self, errors: Array) -> Array:
         """Return the (N,) squared error of each row [unit^2], zero where no foremost number was read.

@@ -543,6 +543,7 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
             the CoM of what the chain carries lies more than ten link lengths away.
     """
     flags: list[Flag] = []
+    impossible: dict[str, str] = {}
     moving = [joint for joint in urdf.joints.values() if joint.kind in MOVING]
     moved = {joint.child for joint in moving}
     for link in urdf.links.values():
@@ -550,6 +551,8 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
             continue
         if inertial.mass > 0.0:
             flags += _check_link(urdf, link, inertial, link.name in scope.carried)
+            if not inertial.point and (problem := _impossible(inertial.inertia)):
+                impossible[link.name] = f"{inertial.place}: link {link.name!r}: {problem}"
         elif link.name in moved and link.name in scope.chain and not allow_massless:
             text = f"link {link.name!r}: mass is {inertial.mass:g} kg, expected more than 0"
             raise UrdfError(inertial.place, text + ("" if inertial.mass else "; or set allow_massless = true"))
@@ -560,7 +563,8 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
     for joint in moving:
         link, (masses[joint.child], inertia) = urdf.links[joint.child], _body(urdf, joint.child)
         if masses[link.name] and (link.inertial is None or (inertia != link.inertial.inertia).any()):
-            flags += _check_inertia(f"{link.name} and what is fixed to it", inertia, link.place)
+            if link.name not in impossible and (problem := _impossible(inertia)):
+                impossible[link.name] = f"{link.place}: link {link.name!r} and what is fixed to it: {problem}"
         elif not (masses[link.name] or link.between):
             text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
             ends = urdf.children[link.name]
@@ -574,13 +578,18 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
         if mass and not median / MASS_RATIO < mass < median * MASS_RATIO:
             text = f"{urdf.links[name].place}: link {name!r} is {mass:g} kg, the median is {median:g} kg"
             flags.append(Flag("implausible_mass", text))
+    if impossible:
+        (_, text), *others = impossible.items()
+        likewise = f"; likewise {listing(name for name, _ in others)}" if others else ""
+        text += f"{likewise}; where an arm rests does not depend on them, how it moves does"
+        flags.append(Flag("impossible_inertia", text))
     return tuple(flags)
 
 
 def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> list[Flag]:
     """Return the flags about one body; raise where the CoM of one that is carried is far beyond it."""
     where, mass = inertial.place, inertial.mass
-    flags = [] if inertial.point else _check_inertia(link.name, inertial.inertia, where)
+    flags = []
     # The roots are taken first, because masses may be next to nothing.
     gyration = float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0) / np.sqrt(mass))
     # A length that the link's CoM should not exceed much: its joints, travel, shapes, or 2 % of the robot.
@@ -617,15 +626,10 @@ def _volume(visual: Visual) -> float:
     return 4.0 / 3.0 * np.pi * size[0] ** 3 if visual.kind == "sphere" else 0.0
 
 
-def _check_inertia(name: str, inertia: Array, place: Place) -> list[Flag]:
-    problem = _impossible(inertia)
-    text = f"{place}: link {name!r}: {problem}; where an arm rests does not depend on them, how it moves does"
-    return [Flag("impossible_inertia", text)] if problem else []
-
-
 def _impossible(inertia: Array, least: float = 0.0) -> str:
     """Return what no body's (3, 3) inertia is; a `least` share of the largest moment may be missing to a needle's 0."""
     moments = np.linalg.eigvalsh(inertia)
+    moments[np.abs(moments) < 1e-12 * np.abs(moments).max()] = 0.0  # rounding
     text = f"principal moments {', '.join(f'{m:.4g}' for m in moments)} kg m^2 "
     if moments[0] < -least * moments[2] or (least == 0.0 and moments[0] == 0.0):
         return text + "are not all positive"

@@ -28,6 +28,8 @@ from numba.core.serialize import dumps
 from numba.core.sigutils import normalize_signature
 from numba.core.typing.templates import builtin_registry
 
+from armflex.progress import interlude
+
 log = logging.getLogger(__name__)
 
 WAITED = 10.0
@@ -182,8 +184,9 @@ def compiled_once(*functions: Any) -> Iterator[None]:
     try:
         lock.acquire(timeout=0)
     except Timeout:
-        log.warning("another process compiles: waiting for it, %g s at most", WAITED)
-        with suppress(Timeout):
+        waiting = f"another process compiles: waiting for it, {WAITED:g} s at most"
+        log.warning(waiting)
+        with interlude(waiting), suppress(Timeout):
             lock.acquire(timeout=WAITED)
     except (OSError, NotImplementedError):  # read-only, or without locks
         pass

@@ -180,8 +180,8 @@ def check(
     held: tuple[Flag, ...] = ()
     if against is not None:
         if against.is_moved:
-            text = "the desired path has joints elsewhere than its target_ columns, as one that was compensated: it is"
-            held = (Flag("desired_moved", f"{text} its joints that count here; are the two paths exchanged?"),)
+            text = "the joints of the desired path differ from its target_ columns, as after a compensation; its joints"
+            held = (Flag("desired_moved", f"{text} count here: are the two paths exchanged?"),)
         trajectory = trajectory.towards(against)
         trajectory.check_targets(arm, against.places or [f"row {i} of the desired path" for i in range(len(against))])
     elif trajectory.is_moved:

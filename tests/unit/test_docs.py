@@ -106,6 +106,18 @@ def test_every_block_says_why_it_is_not_run() -> None:
                 assert re.search(r"<!-- not run: \w.* -->", said), (page.name, text)
 
 
+def test_lines_of_code_fit_the_page() -> None:
+    """What is copied from a page is in sight without scrolling: a window of 1280 pixels shows 88 characters."""
+    wide = [
+        (page.name, line)
+        for page in PAGES
+        for _, language, text in BLOCK.findall(page.read_text())
+        for line in text.splitlines()
+        if language in RUN and len(line) > 88
+    ]
+    assert not wide
+
+
 @pytest.mark.filterwarnings("ignore:partly_certain:armflex.ArmflexWarning")
 def test_every_key_and_column_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the readers ask for while they read docs/formats stands in `docs/_ext/keys.py`."""

@@ -71,7 +71,7 @@ def errors_of(view: View, groups: np.ndarray, judged: np.ndarray) -> Errors:
 def size_title(readings: Readings) -> str:
     """Return what errors are sizes of, for a card: in 3-D, or of which instruments."""
     title = readings.error_title
-    return "RMS in 3-D" if readings.of(Position) else f"RMS of a reading ({title.removeprefix('error of ')})"
+    return "RMS in 3-D" if readings.of(Position) else f"RMS of a reading ({title.partition('error of ')[2]})"
 
 
 def error_title(readings: Readings) -> str:
@@ -233,7 +233,7 @@ def account(found: Calibration) -> SimpleNamespace:
     what = "poses held out" if several else "the poses fitted"
     return SimpleNamespace(
         title=f"{found.arm.robot.urdf.name}: calibration",
-        headline=f"{title[0].upper()}{title[1:]} {next(rms)} as declared, {next(rms)} calibrated (RMS, {what}).",
+        headline=f"{title[0].upper()}{title[1:]}: {next(rms)} as declared, {next(rms)} calibrated (RMS, {what}).",
         error_title=error_title(view.readings),
         lead=f"{len(moved)} parameters were further from their declared values than their priors allow."
         if moved

@@ -38,9 +38,10 @@ def account(trace: Trace) -> SimpleNamespace:
     places, used = trace.state.measurements.places, f"{len(trace.rows)} of {len(trace.state.measurements)} rows driven"
     if trace.outliers:
         less = trace.outlier_count("counted less")
-        counts = {"excluded from the fit": len(trace.outliers) - less, "down-weighted in it": less}
-        said = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-        used += f"; outliers, which no error includes: {said}"
+        out = len(trace.outliers) - less
+        used += (
+            f"; outliers: {out} excluded from the fit, {less} counted less; the errors on this page are without them"
+        )
     left = localise(trace.state.fit, trace.state.context, project(trace.state.fit), trace.state.groups)
     return SimpleNamespace(
         title=f"{trace.arm.robot.urdf.name}: calibration and effects identified",

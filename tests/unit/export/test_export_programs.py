@@ -263,11 +263,11 @@ def test_the_head_says_what_was_written_from_what(language: str, mark: str, tmp_
     ready = read_trajectory(file, bundled("heavy_six"))
     write_trajectory(compensate(bundled("heavy_six"), ready).trajectory, tmp_path / "ready.csv")
     before = getattr(programs, language)(bundled("heavy_six"), tmp_path / "ready.csv", arm_file="my/arm.toml")
-    assert "off its target_ columns, as a path is that was compensated" in before.notes[0]
+    assert "Its joints differ from its target_ columns: it is compensated already" in before.notes[0]
     said = (
         (write(), "Not compensated"),
         (write(compensate=True), "Compensated"),
-        (before, "Off its target_ columns, as compensated before"),
+        (before, "Compensated before: the joints differ from the target_ columns"),
     )
     for found, what in said:
         head = [line.strip() for line in found.text.splitlines()[:4] if line.strip().startswith(mark)]

@@ -605,3 +605,13 @@ def test_row18_meshes_are_not_opened(tmp_path, file):
     text = changed(('<box size="1.0 0.1 0.1"/>', f'<mesh filename="{file}" scale="1 1 1"/>'))
     loaded = load_robot(write(tmp_path, text))
     assert loaded.flags == () and loaded.urdf.links["upper"].visuals[0].mesh == file
+
+
+def test_impossible_moments_are_said_once(tmp_path):
+    """Of a link, of the body that it is part of and of the others: one flag, in which rounding is 0."""
+    rod = '<inertial><mass value="1"/><inertia ixx="0" iyy="2.167e-33" izz="1e-3"/></inertial>'
+    text = changed(('<link name="tool"/>', f'<link name="tool">{rod}</link>'))
+    text = text.replace("</robot>", f'<link name="probe">{rod}</link><joint name="probe" type="fixed"><parent '
+                        'link="tool"/><child link="probe"/></joint></robot>')  # fmt: skip
+    found = [flag for flag in load_robot(write(tmp_path, text), tip="tool").flags if flag.code == "impossible_inertia"]
+    assert len(found) == 1 and "principal moments 0, 0, 0.001" in found[0].text and "likewise probe;" in found[0].text

@@ -276,16 +276,14 @@ FORCES_ALONE = LinearLaw(
 )
 
 
-@pytest.mark.parametrize(
-    ("law", "moment"), [(FORCES_ALONE, "78.5"), (AtNode(FORCES_ALONE, np.array([0.2, 0.0, 0.0])), "58.9")]
-)
+@pytest.mark.parametrize("law", [FORCES_ALONE, AtNode(FORCES_ALONE, np.array([0.2, 0.0, 0.0]))])
 @pytest.mark.filterwarnings("ignore:tolerance:armflex.ArmflexWarning")
-def test_a_law_of_forces_alone_says_that_it_does_not_turn(tmp_path: Path, law: LinearLaw | AtNode, moment: str) -> None:
+def test_a_law_of_forces_alone_says_that_it_does_not_turn(tmp_path: Path, law: LinearLaw | AtNode) -> None:
     """Upright, the weight goes straight through the joint and there is no moment to be silent about."""
     soft = one_joint(tmp_path, np.zeros((6, 6)), (0.8, 0.0, 0.0), 10.0)
     arm = replace(soft, flexures=(replace(soft.flexures[0], law=law),))
-    assert [flag.code for flag in arm.deflection([0.0]).flags] == ["does_not_turn"]
-    assert f"moment of {moment} Nm" in arm.deflection([0.0]).flags[0].text
+    flags = [arm.deflection(q).flags for q in ([0.0], [0.4])]
+    assert [flag.code for flag in flags[0]] == ["does_not_turn"] and flags[0] == flags[1]  # said once of all rows
     assert "does_not_turn" in {flag.code for flag in check(arm, two_rows(arm, [0.0], [0.1]), 0.1).flags}
     assert not arm.deflection([np.pi / 2]).flags
     for q in ([0.0], [[0.0], [0.1]]):

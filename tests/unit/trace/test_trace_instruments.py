@@ -78,7 +78,7 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
     files = ("-o", "traced.toml", "--report", "r.html", "--json", "t.json")
     done = fine(run_here(tmp_path, "trace", "arm.toml", "rows.csv", *files))
     assert "all rows mrad" in done.stdout and "mm" not in done.stdout.partition("Next:")[0]
-    assert "at the target" not in done.stdout and "RMS of the error of level3 (inclination)" in done.stdout
+    assert "at the target" not in done.stdout and "RMS of the norm of the error of level3 (inclination)" in done.stdout
     told = strict_json(tmp_path / "t.json")
     assert told["unit"] == "rad" and told["rms"]["after"] == pytest.approx(1e-3 * told["rms_mm"]["after"])
     assert told["held_out_rms"].keys() == told["held_out_rms_mm"].keys() and told["noise_rms"] < 1e-4
@@ -87,7 +87,7 @@ def test_a_page_of_levels_alone_says_milliradians(folder: Path, tmp_path: Path) 
     files = ("-o", "c.toml", "--json", "c.json", "--report", "c.html")
     fine(run_here(tmp_path, "calibrate", "arm.toml", "rows.csv", *files))
     assert re.search(
-        r"Error of level3 \(inclination\), each by its norm [\d.]+ mrad as decl", (tmp_path / "c.html").read_text()
+        r"Norm of the error of level3 \(inclination\): [\d.]+ mrad as decl", (tmp_path / "c.html").read_text()
     )
     fitted = strict_json(tmp_path / "c.json")
     assert fitted["unit"] == "rad" and fitted["rms_mm"] is None
