@@ -159,7 +159,7 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
         away, turned = ["xyz"[i] for i in range(3) if order[i] != i], ["xyz"[i] for i in range(3) if signs[i] < 0.0]
-        unread = any(not axes_read["xyz".index(axis)] for axis in (*away, *turned))
+        unread = any(axis not in columns for axis in (*away, *turned))
         if len(away) + len(turned) in (1, 2) and not (away and turned) and not unread:
             hand = f"{away[0]} and {away[1]} are exchanged" if away else f"{' and '.join(turned)} reversed"
             name = f"{columns} {are} a left-handed frame's, {hand}" if np.linalg.det(axes) < 0.0 else f"{hand}"
