@@ -375,7 +375,7 @@ def _unit(value: float, known: dict[str, float], alike: float) -> tuple[float, s
     name = min(known, key=lambda one: abs(np.log(known[one] / abs(value))))
     if abs(known[name] / value - 1.0) < alike:
         return known[name], name
-    if known is LOGGED_LENGTHS or abs(value) > np.pi / 200.0:
+    if known is LOGGED_LENGTHS or not 1e-9 < abs(value) < np.pi / 200.0:  # finer than any encoder's, or coarser
         return value, f"a unit of {value:.4g} {'m' if known is LOGGED_LENGTHS else 'rad'}"
     count = 2.0 * np.pi / value
     power, digits = 2.0 ** round(np.log2(abs(count))), float(f"{abs(count):.2g}")
