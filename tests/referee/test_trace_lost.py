@@ -89,7 +89,7 @@ def test_every_figure_is_over_the_same_rows_and_the_others_are_told(found, slipp
     print_trace(found)
     said = capsys.readouterr().out
     assert f"over {count - 2} rows" in said and "2 readings excluded as lost beams" in said
-    assert "2 of them excluded from the fit" in render_report(found)
+    assert "outliers: 2 excluded from the fit" in render_report(found)
 
 
 def test_rows_far_off_together_that_nothing_explains_are_left_out_at_last_and_said(slipped):

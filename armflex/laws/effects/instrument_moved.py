@@ -5,8 +5,8 @@ A campaign that says so has sessions, which have frames of their own; this is fo
 
 from armflex.laws.effects.context import AXES
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
-from armflex.laws.effects.location import BASE
-from armflex.laws.effects.shapes import ON_THE_FLOOR, singly_and_together
+from armflex.laws.effects.location import BASE, Location
+from armflex.laws.effects.shapes import ON_THE_FLOOR
 from armflex.laws.effects.slip_step import times
 from armflex.laws.terms import UNITS, Factor, Of, Term
 
@@ -15,9 +15,9 @@ INSTRUMENT_MOVED = TwistLaw(
     words=Words("instrument moved", "the instrument or the base moved once and stayed there", "a frame from then on"),
     instead=ON_THE_FLOOR,
     plausible=Plausible(0.005, 0.005, "an instrument that somebody knocked"),
-    places=lambda records: (
-        singly_and_together((BASE,), (0, 1, 2), tuple(range(6)), covariates=("time",)) if records.timed else []
-    ),
+    places=lambda records: [
+        Location(BASE, None, ("time",), terms) for terms in ((0, 1, 2), tuple(range(6))) if records.timed
+    ],  # nobody knocks it along a single axis
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
     terms=lambda here, inner: [[Term(unit, factors=(Factor(Of.STEP, "time", (inner[0],)),))] for unit in UNITS],
     inner=(Inner("at", "s", times, positive=False, smooth=False),),

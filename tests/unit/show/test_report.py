@@ -102,7 +102,7 @@ def test_every_section_and_figure_is_there(page: str) -> None:
     outline = Outline(page)
     ids = {attributes.get("id") for tag, attributes in outline.tags if tag == "section"}
     assert ids == {*SECTIONS, "kinds", "effect-1"}
-    assert sum(tag == "svg" for tag, _ in outline.tags) == 8
+    assert sum(tag == "svg" for tag, _ in outline.tags) == 9
 
 
 def test_the_cover_says_what_a_boss_and_a_metrologist_ask_for(page: str) -> None:
@@ -151,7 +151,7 @@ def test_a_wave_has_amplitude_and_phase(found: Trace) -> None:
 def test_a_calibration_has_its_page(found: Trace, tmp_path: Path) -> None:
     text = write_report(found.calibration, tmp_path / "calibration.html").read_text()
     said = Outline(text).text
-    assert re.search(r"3-D position error .* mm as declared, .* mm calibrated \(RMS, poses held out\)", said)
+    assert re.search(r"3-D position error: .* mm as declared, .* mm calibrated \(RMS, poses held out\)", said)
     assert re.search(r"joint_offset J\d [+−][\d.]+ ± [\d.]+ (mrad|µrad)", said)
     assert re.search(r"compliance J\d r\w ×[\d.]+ ± [\d.]+ [\d.]+ ± [\d.]+ [kMG]?Nm/rad", said)
     assert "//" not in text.replace("http://www.w3.org", "").split("<style>")[0] and EVIL not in text
