@@ -91,7 +91,9 @@ def c_names(folder: Path, text: str, array: str) -> list[str]:
         [str(COMPILER), "-std=c99", "-O0", *files, "-lm"], capture_output=True, text=True, timeout=300
     )
     assert made.returncode == 0, made.stderr
-    return subprocess.run([folder / "show"], capture_output=True, check=True).stdout.decode().split("\0")[:-1]
+    return (
+        subprocess.run([folder / "show"], capture_output=True, check=True, timeout=600).stdout.decode().split("\0")[:-1]
+    )
 
 
 @pytest.mark.parametrize("language", ["urscript", "krl", "rapid", "ls", "val3"])

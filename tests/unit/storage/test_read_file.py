@@ -92,7 +92,7 @@ def test_streams_of_the_shell_are_tables(tmp_path: Path) -> None:
         "rows = armflex.read_measurements(Path('/dev/stdin'), arm, inputs_only=True); print(len(rows), rows.sha256)"
     )
     text, command = (HEAVY / "trajectory.csv").read_bytes(), [sys.executable, "-c", script, str(HEAVY / "arm.toml")]
-    said = subprocess.run(command, input=text, capture_output=True, check=True).stdout.split()
+    said = subprocess.run(command, input=text, capture_output=True, check=True, timeout=600).stdout.split()
     assert int(said[0]) == text.count(b"\n") - 1 and len(said[1]) == 64
 
 

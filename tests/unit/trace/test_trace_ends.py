@@ -140,7 +140,9 @@ def test_an_interrupt_ends_a_trace_with_what_it_has(folder: Path, tmp_path: Path
     """In a script's background, too, where a shell has SIGINT ignored."""
     files = ["-o", "t.toml", "--json", "t.json", "--report", "t.html"]
     asked = [str(folder / "arm.toml"), str(folder / "rows.csv"), *files, "SIG_IGN", how]
-    ended = subprocess.run([sys.executable, "-c", INTERRUPTED, *asked], cwd=tmp_path, capture_output=True, text=True)
+    ended = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, *asked], cwd=tmp_path, capture_output=True, text=True, timeout=600
+    )
     assert ended.returncode == 1, ended.stderr
     assert "Accepted so far, not compared: backlash at J2 (ry)." in ended.stdout
     assert "The search was ended by an interrupt: more effects may be missing." in ended.stdout
@@ -200,7 +202,7 @@ def test_a_random_twist_that_is_set_aside_leaves_an_account(folder: Path, tmp_pa
     state = begin(calibrate(arm, read_measurements(folder / "rows.csv", arm), keep=True, as_stated=True))
     groups = state.context.column(POSE).astype(int)
     aside = with_random(state, PoseBlock("J3", "ry", 1e-4, groups))
-    found = so_far(aside, linear(aside).places, "by hand")
+    found = so_far(aside, linear(aside).places, "by hand", None)
     assert found.unexplained is not None and found.unexplained.site == "J3"
     assert conclude(standing(aside), found.places).arm.certainty is not None
 
