@@ -158,23 +158,24 @@ class _Problem:
                 if part.family == name:
                     done = self.columns[:, place] @ amplitudes[place]
                     places[part.site, part.axis] = places.get((part.site, part.axis), 0.0) + done
-            sizes = [FamilyPlace(*place, self.rms(done)) for place, done in places.items()]
+            left = {place: self.projection.left_of(done) for place, done in places.items()}  # by what is fitted anyway
+            sizes = [FamilyPlace(*place, self.rms(done)) for place, done in left.items()]
             sizes = tuple(sorted((size for size in sizes if size.rms > 0.0), key=lambda size: -size.rms))
-            rms = self.rms(np.sum(list(places.values()), axis=0))
+            rms = self.rms(np.sum(list(left.values()), axis=0))
             found.append(FamilyFound(name, rms, evidence, self.held_out(without), sizes))
         found.sort(key=lambda family: -family.evidence)
         none = self.model.at(np.zeros(len(self.components)))
         return Families(tuple(found), (self.held_out(none), self.held_out(self.fitted)), self.fitted.noise)
 
     def rms(self, whitened: Array) -> float:
-        """Return the RMS at what is read foremost of a (n,) change that what is fitted anyway does not take over."""
+        """Return the RMS of what (n,) whitened errors are of what is read foremost, in its unit."""
         errors = np.zeros(self.fit.view.residual.shape)
-        errors[:, self.fit.view.foremost] = errors_of(self.fit, self.projection.left_of(whitened))
+        errors[:, self.fit.view.foremost] = errors_of(self.fit, whitened)
         return self.fit.view.rms(errors)
 
     def held_out(self, sizes: Components) -> float:
         """Return the RMS of the error of every row, predicted from the other folds with these sizes."""
-        fit, depth = self.fit, self.fit.view.residual.shape[1]
+        depth = self.fit.view.residual.shape[1]
         some = sizes.columns
         columns = np.hstack([self.projection.regressors, self.columns[:, some] * sizes.spread[some]])
         precision = np.concatenate([self.projection.precision, np.ones(len(some))])  # by the noise's variance
@@ -185,9 +186,7 @@ class _Problem:
             own = np.repeat(self.folds == number, depth)
             held = LinearGaussian(gram - columns[own].T @ columns[own] + np.diag(precision))
             left[own] = data[own] - columns[own] @ held.solve(score - columns[own].T @ data[own])
-        errors = np.zeros(fit.view.residual.shape)
-        errors[:, fit.view.foremost] = errors_of(fit, left)
-        return fit.view.rms(errors)
+        return self.rms(left)
 
 
 def _with_constants(fit: Fit) -> Projection:
