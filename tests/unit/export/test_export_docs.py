@@ -12,7 +12,8 @@ from support.command_line import fine, run_here
 from support.small_arms import ROBOTS
 
 TEXT = (ROBOTS.parent / "docs" / "export.md").read_text()
-COMMANDS = [line for block in re.findall(r"```console\n(.*?)```", TEXT, re.S) for line in block.splitlines()]
+BLOCKS = re.findall(r"```console\n(.*?)```", TEXT, re.S)
+COMMANDS = [line for block in BLOCKS for line in re.sub(r"\\\n\s*", "", block).splitlines()]
 
 
 def test_every_format_has_an_example() -> None:
