@@ -23,6 +23,7 @@ from armflex.declaration import DEEP, MAX_BYTES
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
 from armflex.laws.effects.in_arm import settled_covariates
+from armflex.measured.clock import as_in
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.joined import joined
 from armflex.measured.measurements import Measurements, read_measurements
@@ -244,6 +245,23 @@ def arm(function: Callable) -> Callable:
         return function(load_arm(arm_path, preset=preset, tip=tip, strict=not lax), **rest)
 
     return with_arm
+
+
+def as_in_campaign(function: Callable) -> Callable:
+    """Add `--as-in`; the command, whose arm comes first, is called with the arm on that campaign's clock."""
+
+    @click.option(
+        "--as-in",
+        "campaign_path",
+        type=InputPath,
+        metavar="CAMPAIGN.csv",
+        help="Times are those of this campaign, which ARM was fitted to; else the arm is meant as it was left.",
+    )
+    @functools.wraps(function)
+    def on_clock(arm: Arm, campaign_path: Path | None, **rest: Any) -> Any:
+        return function(arm if campaign_path is None else as_in(arm, campaign_path), **rest)
+
+    return on_clock
 
 
 keep = click.option(
