@@ -94,9 +94,10 @@ def runs_by_clock(arm: Arm, rows: Measurements) -> Iterator[tuple[float | None, 
     same = [one.later for one in arm.clock if one.is_that_of(own[0])]
     if same or not left:
         if own[0].begins and not same and not dated:
-            text = f"rows have dates in column 'time', {arm.clock[0].campaign or 'the campaign'} has none"
+            place = f"{rows.places[0]}: " if rows.places else ""
+            text = f"{place}column 'time' has dates, that of {arm.clock[0].campaign or 'the campaign'} has seconds"
             raise InputError(f"{text}: give the seconds of its clock")
-        yield None, same[0] if same else sum((one.later + since for one, since in dated[:1]), 0.0), rows
+        yield None, same[0] if same else arm.clock[0].later + (dated[0][1] if dated else 0.0), rows
         return
     if not dated:
         yield np.inf, 0.0, rows

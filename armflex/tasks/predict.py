@@ -36,7 +36,7 @@ from armflex.parallel import in_threads
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
-from armflex.rows.rows import LEVEL_OF, numbered
+from armflex.rows.rows import LEVEL_OF, TIME, numbered
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Trajectory
 
@@ -223,8 +223,8 @@ class _Runs:
             self._arms[after, later] = arm, without_declared_uncertainty(arm)
         arm, certain = self._arms[after, later]
         known = rows.known.keys() - set(rows.derived)
-        dated = rows.clock and rows.clock[0].begins and arm.clock and arm.clock[0].begins
-        flags = about_time(arm, known, rows.time if "time" in known and not dated else None)
+        dated = all(clock and clock[0].begins for clock in (rows.clock, arm.clock))
+        flags = about_time(arm, known, rows.time if TIME in known else None, dated)
         found, batch, fitted = _predicted(arm, certain, rows)
         return found, batch, (*fitted, *flags)
 

@@ -239,19 +239,22 @@ OF_TIME = ("as_left", "begins_anew", "clock_unknown")
 OWN_CLOCK = "rows of its campaign's own clock: --as-in CAMPAIGN.csv, or dates in 'time'"
 
 
-def about_time(arm: Manipulator, given: Iterable[str], time: Array | None = None) -> tuple[Flag, ...]:
+def about_time(
+    arm: Manipulator, given: Iterable[str], time: Array | None = None, dated: bool = False
+) -> tuple[Flag, ...]:
     """Return flags about an arm whose effects depend on time, where that changes what it does.
 
     Args:
         arm: The arm.
         given: Names of what is known of the rows.
         time: (N,) their own time [s], None where they have none.
+        dated: Whether it is known how that is to the campaigns of the arm, so that steps are as they were then.
     """
     left, anew, unknown, given = list[str](), list[str](), list[str](), set(given)
     for effect in arm.effects:
         if effect.moments and effect.law.afterwards is not Afterwards.STAYS:
             left.append(f"{effect.title} is not carried on, which widens sigma")
-        elif effect.moments and _changes(effect, arm, time):
+        elif effect.moments and not dated and _changes(effect, arm, time):
             left.append(f"{effect.title} stays")
         elif effect.of_time and not effect.moments and (effect.span is None or not arm.clock):
             unknown.append(effect.title)
