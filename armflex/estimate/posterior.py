@@ -201,6 +201,9 @@ def _unforeseen(arm: Arm, view: View) -> Array:
     prior, sessions = arm.prior, view.setup.instrument.sessions
     new = np.array([bool(sessions) and session not in sessions for session in view.sessions])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
+    if len(sessions) > 1:  # one in so many was off by what was found
+        frames = [np.array(one.values) for one in arm.effects if one.law.of_session]
+        std = np.sqrt(std**2 + sum((one**2 for one in frames), np.zeros(6)) / len(sessions))
     assert arm.certainty is not None
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
     anew = np.array([session not in view.setup.instrument.targets for session in view.sessions])

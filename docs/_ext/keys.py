@@ -290,8 +290,8 @@ KEYS: dict[str, dict[str, Key]] = {
         "parameters": Key("values by name, see the catalogue of effects", "as listed there"),
         "std": Key("one standard uncertainty of each", "as the parameter's"),
         "seen": Key(
-            "range of each covariate in which it was found, of `time` the campaign's first and last moment; outside it a "
-            "result is flagged",
+            "range of each covariate in which it was found, of `time` the campaign's first and last moment; outside it "
+            "a result is flagged",
             "the covariate's",
         ),
         "earlier": Key("its campaign was before that of [calibration]: it is as it was left, whatever rows say"),

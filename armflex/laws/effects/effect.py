@@ -25,7 +25,7 @@ from armflex.laws.effects.location import Here, Location, link_of
 from armflex.laws.terms import LEAST, Terms, twists_of
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
-from armflex.rows.rows import APPROACH, TIME
+from armflex.rows.rows import APPROACH, HOLD, TIME
 
 if TYPE_CHECKING:
     from armflex.laws.declared import Flexure
@@ -366,6 +366,12 @@ class Effect:
     def of_time(self) -> bool:
         """Whether it holds for its campaign's clock."""
         return TIME in self.location.covariates and self.law.afterwards is not Afterwards.ANEW
+
+    @property
+    def another_day(self) -> str:
+        """What becomes of it on another day in words, '' where it does not depend on time."""
+        lags = self.remembers and not self.law.remembers_load(self.location)
+        return self.law.afterwards.value if self.of_time or lags or HOLD in self.location.covariates else ""
 
     @property
     def span(self) -> tuple[float, float] | None:
