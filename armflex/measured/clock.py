@@ -49,8 +49,9 @@ def as_in(arm: Arm, campaign: Measurements | Tabular) -> Arm:
 
 
 def _like(one: Period, other: Period) -> bool:
+    """Return whether two are of one campaign in files that are written otherwise: by dates, else by name and moments."""
     ends = abs(one.first - other.first), abs(one.last - other.last)
-    return max(ends) < TICK and one.begins == other.begins
+    return max(ends) < TICK and one.begins == other.begins and bool(one.begins or one.campaign == other.campaign)
 
 
 def on_its_clock(arm: Arm, campaign: Measurements) -> Arm:
@@ -61,10 +62,8 @@ def on_its_clock(arm: Arm, campaign: Measurements) -> Arm:
     """
     if _same(arm.clock, campaign.clock):
         return replace(arm, clock=campaign.clock).on_clock()
-    left = tuple(replace(one, earlier=bool(one.moments)) for one in arm.left().effects)
-    return (
-        replace(arm, clock=campaign.clock, effects=left) if left != arm.effects else replace(arm, clock=campaign.clock)
-    )
+    effects = tuple(replace(one, earlier=bool(one.moments)) for one in arm.left().effects)
+    return replace(arm, clock=campaign.clock, effects=effects)
 
 
 def _same(clock: Sequence[Period], other: Sequence[Period]) -> bool:
@@ -109,10 +108,8 @@ def runs_by_clock(arm: Arm, rows: Measurements) -> Iterator[tuple[float | None, 
     for one, since in dated:
         inside = (rows.time + since > one.first - TICK) & (rows.time + since < one.last + TICK)
         later[inside & np.isnan(later)] = one.later + since
-    key = np.where(np.isnan(later), after, later)
-    cuts = np.flatnonzero((np.diff(np.isnan(later)) != 0) | (key[1:] != key[:-1])) + 1
+    inside, key = np.isfinite(later), np.where(np.isfinite(later), later, after)
+    cuts = np.flatnonzero((inside[1:] != inside[:-1]) | (key[1:] != key[:-1])) + 1
     for some in np.split(np.arange(len(rows)), cuts):
-        outside = bool(np.isnan(later[some[0]]))
-        yield (
-            (float(after[some[0]]), 0.0, rows.some(some)) if outside else (None, float(later[some[0]]), rows.some(some))
-        )
+        here, part = float(key[some[0]]), rows.some(some)
+        yield (None, here, part) if inside[some[0]] else (here, 0.0, part)

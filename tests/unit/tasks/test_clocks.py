@@ -217,9 +217,12 @@ def test_other_files_of_the_clock_are_refused_by_name(folder: Path) -> None:
     dated.write_text(text.replace("time+00:00", "time"))
     with pytest.raises(InputError, match="the rows' dates in column 'time' say how far they are from UTC"):
         predict(load_arm(folder / "dated.toml"), dated)
-    again = folder / "again.csv"  # the same campaign, written by another program
+    (folder / "again").mkdir()
+    again = folder / "again" / "slip.csv"  # the same campaign, written by another program
     again.write_text((folder / "slip.csv").read_text().replace("5e-05", "0.00005"))
     assert as_in(arm, again).effects[0].left is None
+    with pytest.raises(InputError, match="other.csv .* is none of"):  # of another day, at the same pace
+        as_in(arm, again.rename(folder / "other.csv"))
 
 
 def write_path(folder: Path) -> None:
@@ -269,6 +272,10 @@ def test_maps_programs_and_c_mean_the_arm_as_it_was_left(folder: Path) -> None:
         ran = run_here(folder, "export", "slip.toml", "--to", "c", "-o", "arm.c", "--json", "said.json", *more)
         assert ran.returncode == 0 and len(said(ran, "as_left")) == (not more), ran.stderr
         assert json.loads((folder / "said.json").read_text())["covariates"] == columns
+    for command in ("deflect", "modes"):
+        for more in ([], ["--as-in", "slip.csv", "--covariates", "time=0"]):
+            ran = run_here(folder, command, "slip.toml", *more)
+            assert ran.returncode == 0 and len(said(ran, "as_left")) == (not more), ran.stderr
     write_path(folder)
     ran = run_here(folder, "export", "slip.toml", *SITUATIONS["export"])
     assert ran.returncode == 0 and len(said(ran, "as_left")) == 1, ran.stderr
