@@ -221,7 +221,7 @@ def test_other_files_of_the_clock_are_refused_by_name(folder: Path) -> None:
     again = folder / "again" / "slip.csv"  # the same campaign, written by another program
     again.write_text((folder / "slip.csv").read_text().replace("5e-05", "0.00005"))
     assert as_in(arm, again).effects[0].left is None
-    with pytest.raises(InputError, match="other.csv .* is none of"):  # of another day, at the same pace
+    with pytest.raises(InputError, match=r"other.csv .* is none of"):  # of another day, at the same pace
         as_in(arm, again.rename(folder / "other.csv"))
 
 
@@ -311,6 +311,17 @@ def test_campaigns_that_were_fitted_together_have_one_clock(folder: Path, tmp_pa
         np.testing.assert_allclose(predict(there, rows).position, where(machine, ASKED, EARLY), atol=CLOSE)
     again = predict(arm, second)
     np.testing.assert_allclose(again.position, where(slipped, POSES[::-1], TIMES), atol=CLOSE)
+
+
+@pytest.mark.slow
+def test_a_traced_slip_says_what_becomes_of_it(folder: Path) -> None:
+    ran = run_here(folder, "trace", "arm.toml", "slip.csv", "-o", "traced.toml")
+    assert ran.returncode == 0, ran.stderr
+    assert "On another day, of slip at J2 (ry): it stays as it was at the end." in " ".join(ran.stdout.split())
+    arm, truth = load_arm(folder / "traced.toml"), load_arm(folder / "slip_true.toml")
+    assert arm.effects[0].span == (0.0, TIMES[-1]) and arm.clock[0].campaign == "slip.csv"
+    rows = write_rows(folder / "rows.csv", ASKED, None)
+    np.testing.assert_allclose(predict(arm, rows).position, where(truth, ASKED, np.full(8, 1e4)), atol=CLOSE)
 
 
 FACTORS = [
