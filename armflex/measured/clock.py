@@ -51,7 +51,8 @@ def as_in(arm: Arm, campaign: Measurements | Tabular) -> Arm:
 def _like(one: Period, other: Period) -> bool:
     """Return whether two are of one campaign whose file was written anew: by its moments, and its dates or its name."""
     ends = abs(one.first - other.first), abs(one.last - other.last)
-    return max(ends) < TICK and one.begins == other.begins and bool(one.begins or one.campaign == other.campaign)
+    named = one.begins or (one.campaign and one.campaign == other.campaign)
+    return max(ends) < TICK and one.begins == other.begins and bool(named)
 
 
 def on_its_clock(arm: Arm, campaign: Measurements) -> Arm:

@@ -181,7 +181,7 @@ class Measurements(Rows, Result):
         if self.periods or "time" in self.derived or not len(self):
             return self.periods
         file = self.places[0].file if self.places else ""
-        name = file.name if isinstance(file, Path) else str(file)
+        name = file.name if isinstance(file, Path) else ""
         sha256 = self.sha256 or hashlib.sha256(self.time.tobytes() + self.q.tobytes()).hexdigest()
         return (Period(name, sha256, float(self.time.min()), float(self.time.max()), self.begins),)
 
