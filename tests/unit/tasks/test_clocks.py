@@ -15,6 +15,7 @@ import pytest
 from support import three_joint_plant
 from support.campaign_files import numbers, write_columns
 from support.command_line import run_here
+from support.compiled_arm import COMPILER, compiled
 
 from armflex import Arm, calibrate, load_arm, map_workspace, predict, read_measurements
 from armflex.errors import ArmFileError, InputError
@@ -322,6 +323,22 @@ def test_a_traced_slip_says_what_becomes_of_it(folder: Path) -> None:
     assert arm.effects[0].span == (0.0, TIMES[-1]) and arm.clock[0].campaign == "slip.csv"
     rows = write_rows(folder / "rows.csv", ASKED, None)
     np.testing.assert_allclose(predict(arm, rows).position, where(truth, ASKED, np.full(8, 1e4)), atol=CLOSE)
+
+
+@pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
+def test_a_controller_has_the_arm_as_it_was_left(folder: Path) -> None:
+    arm, payload = load_arm(folder / "both.toml"), np.zeros(8, dtype=int)
+    code = compiled(arm, folder)
+    assert code.covariates == []
+    codes, poses = code.tips(ASKED, payload)
+    assert not codes.any()
+    np.testing.assert_allclose(poses[:, :, 3], arm.deflection(ASKED).pose[:, :3, 3], atol=1e-9)
+    there = as_in(arm, folder / "both.csv").on_clock(later=100.0)  # ahead of what the controller sets
+    code = compiled(there, folder)
+    for time in (0.0, 450.0):
+        code.know({"time": time})
+        own = there.deflection(ASKED, covariates={"time": time}).pose[:, :3, 3]
+        np.testing.assert_allclose(code.tips(ASKED, payload)[1][:, :, 3], own, atol=1e-9)
 
 
 FACTORS = [
