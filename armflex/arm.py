@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import sys
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
 from typing import Any, TypedDict, Unpack, cast, overload
@@ -31,6 +31,7 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws.declared import Flexure as Flexure
+from armflex.laws.effects.context import begun_anew
 from armflex.laws.effects.effect import Effect, Model
 from armflex.laws.effects.in_arm import Pulling, pulling, with_twists
 from armflex.mechanics.certificate import NEAR
@@ -65,6 +66,7 @@ from armflex.readings.instrument import Instrument
 from armflex.readings.sensor import Sensor
 from armflex.robot import Corrections, Robot, Site
 from armflex.robot.urdf import Joint
+from armflex.rows.clock import Period
 from armflex.rows.wrench import Wrench
 
 SOME_NEAR = (Flag("near_buckling", f"in some rows {NEAR:g} times the loads would make the arm buckle; see `flags`"),)
@@ -179,6 +181,8 @@ class Arm:
         instrument: Where the instrument stands that measured this arm, None when it was not calibrated.
         sensors: Instruments beside that one, by name, as declared and with what calibration found of them.
         effects: What it does beyond its flexures, as measurements showed.
+        clock: When the campaigns were that it was fitted to, on whose clock effects of time hold; empty where their
+            rows were not timed, or nobody says.
         certainty: How well everything that was fitted is known, None where nothing was, or where nobody says.
         flags: Flags about the arm as declared.
         damping_ratio: Damping of its vibrations over the critical one, None when not stated.
@@ -198,6 +202,7 @@ class Arm:
     instrument: Instrument | None = None
     sensors: Mapping[str, Sensor] = field(default_factory=dict)
     effects: tuple[Effect, ...] = ()
+    clock: tuple[Period, ...] = ()
     certainty: Certainty | None = None
     flags: tuple[Flag, ...] = ()
     damping_ratio: float | None = None
@@ -323,6 +328,21 @@ class Arm:
             pairs += [(parameter, old.label) for parameter, old in zip(own, first, strict=True) if number > 1]
         return named(labels, pairs)
 
+    def left(self, after: float = math.inf) -> Arm:
+        """Return the arm as its campaigns left it, after a moment of their clock [s]; see `Afterwards`.
+
+        Where nobody says when the campaign of an effect was, the effect stays on the clock of rows.
+        """
+        return self._with_effects(lambda one: replace(one, left=math.inf if one.earlier else after, later=0.0))
+
+    def on_clock(self, later: float = 0.0) -> Arm:
+        """Return the arm as it was in its last campaigns, for rows whose clock is behind theirs by so much [s]."""
+        return self._with_effects(lambda one: one if one.earlier else replace(one, left=None, later=later))
+
+    def _with_effects(self, change: Callable[[Effect], Effect]) -> Arm:
+        effects = tuple(change(one) if one.of_time and (self.clock or one.earlier) else one for one in self.effects)
+        return self if effects == self.effects else replace(self, effects=effects)
+
     @cached_property
     def weight(self) -> float:
         """Weight of everything that moves [N]."""
@@ -446,6 +466,7 @@ class Arm:
         single = positions.ndim != 2
         count, given = 0 if single else len(positions), covariates.items() if covariates else ()
         known = {name: covariate_array(values, name, count) for name, values in given}
+        known = begun_anew(self, known, np.zeros(count) if count else np.array(0.0)) if self.effects else known
         wrenches = tuple([one.under(self.robot.gravity) for one in wrenches]) if wrenches else ()
         if v is not None or a is not None:
             self.robot.check_motion()

@@ -22,6 +22,7 @@ from armflex.trajectory import read_trajectory
 
 @click.command(cls=options.Command)
 @options.arm
+@options.as_in_campaign
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=options.InputPath)
 @click.option("--tolerance", required=True, type=options.Quantity("length"), metavar="5mm",
               help="Largest displacement of the tip, with unit.")  # fmt: skip

@@ -25,6 +25,7 @@ MOST_ROWS = 40
 
 @click.command(cls=options.Command)
 @options.arm
+@options.as_in_campaign
 @click.argument("trajectory_path", metavar="TRAJ.csv", type=options.InputPath)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Compensated trajectory to write.")
 @click.option("--match", type=options.Choice(["position", "pose"]), default="position", show_default=True,

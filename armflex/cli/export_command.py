@@ -54,6 +54,7 @@ FORMATS = {
 
 @click.command(cls=options.Command)
 @options.arm
+@options.as_in_campaign
 @click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True,
               help="sheet: what is typed into a controller; yaml: calibrations for ROS; c: C99 without dependencies; "
                    "shaper: C99 with the impulses that calm the path of --traj; the last six: a program with "

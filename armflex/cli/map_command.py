@@ -29,6 +29,7 @@ Output = options.OutputPath
 
 @click.command(cls=options.Command)
 @options.arm
+@options.as_in_campaign
 @click.option("-o", "--output", required=True, type=Output(), help="MAP.safetensors (everything) or MAP.csv.")
 @click.option("--rows", type=int, default=1 << 16, show_default=True, help="Number of configurations, within limits.")
 @click.option("--payload", "payloads", default="none", show_default=True, metavar="A,B", help="Each in turn.")

@@ -22,13 +22,15 @@ from armflex.conventions import NUMBER, WRENCH_NAMES, Array, parse_quantity
 from armflex.declaration import DEEP, MAX_BYTES
 from armflex.errors import Flag, InputError, UnknownNameError, did_you_mean, listing
 from armflex.files.arm_file import ROBOTS, load_arm
-from armflex.laws.effects.in_arm import settled_covariates
+from armflex.laws.effects.in_arm import about_time, settled_covariates
+from armflex.measured.clock import as_in
 from armflex.measured.forces import FORCE_AXES, FORCE_KINDS, UNLOADED, Unnamed, read_force_table
 from armflex.measured.joined import joined
 from armflex.measured.measurements import Measurements, read_measurements
 from armflex.measured.points import PointExport, read_points
 from armflex.result import plain
 from armflex.robot.robot import lock_side_joints
+from armflex.rows.rows import TIME
 from armflex.rows.wrench import Wrench
 from armflex.storage.read_file import read_file
 from armflex.storage.whole_file import is_replaced, is_stdout, write_whole
@@ -244,6 +246,23 @@ def arm(function: Callable) -> Callable:
         return function(load_arm(arm_path, preset=preset, tip=tip, strict=not lax), **rest)
 
     return with_arm
+
+
+def as_in_campaign(function: Callable) -> Callable:
+    """Add `--as-in`; the command, whose arm comes first, is called with the arm on that campaign's clock."""
+
+    @click.option(
+        "--as-in",
+        "campaign_path",
+        type=InputPath,
+        metavar="CAMPAIGN.csv",
+        help="Times are those of this campaign, which ARM was fitted to; else the arm is meant as it was left.",
+    )
+    @functools.wraps(function)
+    def on_clock(arm: Arm, campaign_path: Path | None, **rest: Any) -> Any:
+        return function(arm if campaign_path is None else as_in(arm, campaign_path), **rest)
+
+    return on_clock
 
 
 keep = click.option(
@@ -501,6 +520,7 @@ def configuration(function: Callable) -> Callable:
     """
 
     @arm
+    @as_in_campaign
     @click.option("--q", "positions", multiple=True, metavar="A1=0.3,A4=-10deg",
                   help="Joint positions; others are 0, or in the middle of limits that 0 is outside of.")  # fmt: skip
     @click.option("--payload", default="none", show_default=True, metavar="NAME", help="Payload of ARM.")
@@ -516,6 +536,7 @@ def configuration(function: Callable) -> Callable:
         covariates: dict[str, float],
         **rest: Any,
     ) -> Any:
+        show_flags(about_time(arm, (TIME, *covariates)))
         wrenches = [parse_force(text, arm) for text in forces]
         q, arm = parse_positions(",".join(positions), arm)
         return function(arm, q, payload, wrenches=wrenches, covariates=settled_covariates(arm, covariates), **rest)

@@ -16,6 +16,7 @@ from armflex.tasks.predict import predict_file
 
 @click.command(cls=options.Command)
 @options.arm
+@options.as_in_campaign
 @click.argument("rows_path", metavar="ROWS.csv", type=options.InputPath)
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Table to write.")
 @options.loads

@@ -238,15 +238,16 @@ class EffectBlock(Block):
 
 def effect_jacobian(effect: Effect, free: tuple[int, ...], view: View, context: Context) -> Array:
     """Return (M, d, k) changes of the readings: exact per amplitude, central differences per free inner parameter."""
-    location, law = effect.location, effect.law
-    jacobian = [view.effect_jacobian(effect, context)]
+    law, jacobian = effect.law, [view.effect_jacobian(effect, context)]
     for i in free:
         step = QUOTIENT_STEP if law.inner[i].positive else QUOTIENT_STEP * max(abs(effect.inner[i]), QUOTIENT_STEP)
         ends = []
         for side in (1.0, -1.0):
             moved = list(effect.inner)
             moved[i] = law.inner[i].moved(effect.inner[i], side * step)
-            ends.append(view.jacobian(law, location, tuple(moved), context) @ effect.acting)
+            ends.append(
+                view.effect_jacobian(replace(effect, values=(*effect.amplitudes, *moved)), context) @ effect.acting
+            )
         jacobian.append(((ends[0] - ends[1]) / (2.0 * step))[:, :, None])
     return np.concatenate(jacobian, axis=2)
 

@@ -34,9 +34,10 @@ from armflex.files.calibration_table import Campaign
 from armflex.laws.declared import soft
 from armflex.laws.effects.catalogue import CATALOGUE
 from armflex.laws.effects.effect import Act
-from armflex.laws.effects.in_arm import derived_directions, without_direction
+from armflex.laws.effects.in_arm import about_time, derived_directions, without_direction
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Seen
+from armflex.measured.clock import on_its_clock
 from armflex.measured.data_flags import check_joint_units
 from armflex.measured.joined import as_campaign
 from armflex.measured.measurements import Measurements
@@ -196,7 +197,7 @@ class Calibration(Result):
             UnsupportedError: No arm.toml declares the arm, or it was changed in Python after it was read.
             FileError: It cannot be written.
         """
-        campaign = Campaign(self.measurements.sha256, len(self.fit.view.rows), self.rms)
+        campaign = Campaign(self.measurements.sha256, len(self.fit.view.rows), self.rms, self.measurements.clock)
         return write_arm(self.arm, campaign, Path(path))
 
 
@@ -271,6 +272,7 @@ def fitted_to(
         arm, measurements, rows, progress, keep, as_stated, seen: See there.
         about: Flags on conventions and instruments that are implausible.
     """
+    arm = on_its_clock(arm, measurements)
     used, derived = _usable(arm, measurements, rows)
     declared, placed = _placed(arm if keep else replace(arm, certainty=None), measurements, used, keep)
     blocks = [block for block in declared_blocks(declared, measurements) if not keep or block.kind in FRAMES]
@@ -301,8 +303,10 @@ def fitted_to(
     calibrated = replace(calibrated, instrument=found.setup.instrument)
     errors = _held_out(placed, found, measurements, scattered or found)
     judgement = tuple(wrong_sigma(found, about, as_stated))
+    timed = None if "time" in measurements.derived else measurements.time
     flags = (
         *derived,
+        *about_time(declared.arm, measurements.known, timed),
         *about,
         *(_apart(declared) if declared.arm.measurement.frame != "base" else ()),
         *flags,
@@ -314,7 +318,7 @@ def fitted_to(
         *(() if about or judgement or scattered or keep else worse_than_declared(errors, found.view.readings.unit)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
-    return Calibration(calibrated, found, placed.view, measurements, flags, errors, scattered)
+    return Calibration(calibrated.left(), found, placed.view, measurements, flags, errors, scattered)
 
 
 def far_from_declared(fitted: Fit, some: Sequence[ArmParameter], arm: Arm) -> Iterator[Flag]:

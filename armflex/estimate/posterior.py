@@ -87,7 +87,7 @@ def fitted_variance(arm: Arm, rows: Rows, readings: Readings) -> tuple[Array | N
     variance = np.einsum("ndp,pq,ndq->nd", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     left = arm.certainty.leaves_open(jacobian)
     variance = np.where(left, np.inf, np.maximum(variance, 0.0)) + _unforeseen(arm, view)
-    variance += (_extrapolated(view) ** 2).sum(axis=0)
+    variance += (_extrapolated(view) ** 2).sum(axis=0) + (view.wandered() ** 2).sum(axis=0)
     flags = (_open(arm.certainty),) if left.any() else ()
     return variance, (*flags, *_lacking(arm.certainty))
 
@@ -121,7 +121,8 @@ def displacement_covariance(arm: Arm, rows: Rows, relative: bool = False) -> tup
     jacobian = np.einsum("de,nep->ndp", turn, np.where(counted, jacobian, 0.0))
     covariance = np.einsum("ndp,pq,neq->nde", jacobian, arm.certainty.covariance, jacobian, optimize=True)
     covariance[:, view.foremost, view.foremost] += arm.certainty.misfit**2 * np.eye(3)
-    unknown = [unclear_shifts(view.setup, rows, tip), _extrapolated(view), view.at_random(arm.certainty.unexplained)]
+    unknown = [unclear_shifts(view.setup, rows, tip), _extrapolated(view), view.wandered()]
+    unknown.append(view.at_random(arm.certainty.unexplained))
     shifts = np.concatenate(unknown) @ turn.T
     covariance += np.einsum("knd,kne->nde", shifts, shifts)
     left = arm.certainty.leaves_open(jacobian)
@@ -200,6 +201,9 @@ def _unforeseen(arm: Arm, view: View) -> Array:
     prior, sessions = arm.prior, view.setup.instrument.sessions
     new = np.array([bool(sessions) and session not in sessions for session in view.sessions])
     std = np.repeat([prior.session_translation, prior.session_rotation], 3)
+    if len(sessions) > 1:  # one in so many was off by what was found
+        frames = [np.array(one.values) for one in arm.effects if one.law.of_session]
+        std = np.sqrt(std**2 + sum((one**2 for one in frames), np.zeros(6)) / len(sessions))
     assert arm.certainty is not None
     variance = ((view.by_session * std) ** 2).sum(axis=2) * new[:, None]
     anew = np.array([session not in view.setup.instrument.targets for session in view.sessions])
@@ -226,7 +230,7 @@ def _extrapolated(view: View) -> Array:
     """
     found, row = [np.zeros((0, *view.residual.shape))], view.line.row
     for effect in view.arm.effects:
-        beyond = [np.clip(excess(row, *one), 0.0, 1.0) for one in effect.seen if not effect.law.physical]
+        beyond = [np.clip(excess(row, *one), 0.0, 1.0) for one in effect.ranges if not effect.law.physical]
         if beyond and np.any(beyond):
             motion = view.effect_jacobian(effect, view.context) @ effect.acting
             found.append((np.max(beyond, axis=0)[:, None] * motion)[None])

@@ -215,7 +215,21 @@ class View:
         per = self.per(law, location)
         if law.act is Act.FRAME:
             per = per @ twist_per_value(np.array(effect.amplitudes))
-        return per @ law.features(location, effect.inner, self, context).transpose(0, 2, 1)
+        each = effect.each(self, context)
+        return per @ (each[0] if len(each) == 1 else np.mean(each, axis=0)).transpose(0, 2, 1)
+
+    def wandered(self) -> Array:
+        """Return (K, M, d) changes of the readings by what wandered in a campaign, from its mean [m, rad].
+
+        The sum of their squares is the variance of what no other day is known to have.
+        """
+        found = [np.zeros((0, *self.residual.shape))]
+        for effect in self.arm.effects:
+            if len(effect.moments) > 1:
+                twists = np.array([effect.acting @ one for one in effect.each(self, self.context)])
+                twists = (twists - twists.mean(axis=0)) / np.sqrt(len(twists))
+                found.append((self.per(effect.law, effect.location) @ twists[..., None])[..., 0])
+        return np.concatenate(found)
 
     def per(self, law: EffectLaw, location: Location) -> Array:
         """Return (M, d, n) changes of the readings per unit of the features that a law has at a location."""

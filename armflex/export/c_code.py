@@ -22,12 +22,13 @@ from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
-from armflex.laws.effects.in_arm import BoundTwist, Pulling, depended_on
+from armflex.laws.effects.in_arm import BoundTwist, Pulling, about_time, depended_on
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
 from armflex.laws.terms import Factor, Of, Term
 from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree, link_frame
+from armflex.rows.rows import HOLD, TIME
 from armflex.version import __version__
 
 TEMPLATE = Path(__file__).with_name("arm.c")
@@ -94,7 +95,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "covariates": list(tables.covariates),
         "stack_bytes": stack,
     }
-    return Exported(text, tuple(notes), numbers)
+    return Exported(text, tuple(notes), numbers, about_time(arm, (TIME, HOLD)))
 
 
 def check_name(name: str) -> None:

@@ -257,7 +257,7 @@ def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
         return _with_effects(arm, effects)
     table = root.sub("calibration")
     arm = with_certainty(table, _with_effects(read_calibration(table, arm), effects))
-    return replace(arm, flags=(*arm.flags, *doubts(table, arm)))
+    return replace(arm, flags=(*arm.flags, *doubts(table, arm))).left()
 
 
 def _along(robot: Robot, bent: Sequence[Flexure], declared: Sequence[Flexure]) -> list[Flexure]:
@@ -547,6 +547,9 @@ def write_arm(
     document.pop("calibration", None)
     _check_declared(arm, arm.source, document, fitted)
     _move_files(document, arm.source.path.parent.resolve(), path.parent.resolve())
+    for table, effect in zip(document.get("effect", ()), arm.effects, strict=False):
+        if effect.earlier:
+            table["earlier"] = True
     if effects and "effect" not in document:
         document.append("effect", tomlkit.aot())
     for effect in effects:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,7 @@ from armflex.parameters import (
 )
 from armflex.readings.instrument import Instrument, frame_of, motion_of
 from armflex.robot import Corrections
+from armflex.rows.clock import Period
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
 
@@ -75,11 +77,13 @@ class Campaign:
         sha256: Of the measurements.
         rows: How many of them its error is over.
         rms: RMS of the 3-D position error over those [m].
+        clock: When they were taken.
     """
 
     sha256: str
     rows: int
     rms: float
+    clock: tuple[Period, ...] = ()
 
 
 def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) -> dict[str, Any]:
@@ -107,6 +111,9 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "compliance": {name: values.tolist() for name, values in arm.factors.items()},
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
+    if campaign.clock:
+        periods = [{name: value for name, value in vars(one).items() if value != ""} for one in campaign.clock]
+        table["clock"] = [one if one["later"] else {k: v for k, v in one.items() if k != "later"} for one in periods]
     if arm.masses:
         table["mass"] = dict(arm.masses)
     springs = {one.name: list(one.law.found) for one in arm.springs if any(one.law.found)}
@@ -155,6 +162,7 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
     for key in ("rows", "rms_m"):  # of which, as of the digest, nothing is computed
         if table.number(key, 0.0) < 0.0:
             raise table.fail(key, f"expected 0 or more, got {table.number(key):g}")
+    clock = tuple(_read_period(one) for one in (table.array_of("clock") if table.has("clock") else ()))
     flags = (Flag("unfinished", f"{table.place()}: {UNFINISHED}"),) if table.flag("unfinished") else ()
     factors = compliance.by_name(6)
     for name, found in factors.items():
@@ -179,9 +187,24 @@ def read_calibration(table: Declaration, arm: Arm) -> Arm:
         corrections=corrections,
         factors=factors,
         instrument=instrument,
+        clock=clock,
         sensors=sensors,
         flags=(*arm.flags, *flags),
     )
+
+
+def _read_period(table: Declaration) -> Period:
+    names = [table.text(name, "") for name in ("campaign", "sha256", "begins")]
+    first, last, later = table.number("first"), table.number("last"), table.number("later", 0.0)
+    if last < first:
+        raise table.fail("last", f"expected the {first:g} s of 'first' or later, got {last:g} s")
+    if names[2]:
+        try:
+            datetime.fromisoformat(names[2])
+        except ValueError:
+            raise table.fail("begins", f"expected a date (ISO 8601), got {names[2]!r}") from None
+    table.finish()
+    return Period(names[0], names[1], first, last, names[2], later)
 
 
 def _read_instrument(table: Declaration) -> Instrument:

@@ -33,7 +33,7 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     """Return the effect that a [[effect]] table declares.
 
     Args:
-        table: Its keys name, shape, site, axis, partner, covariates, derived, seen, parameters and std.
+        table: Its keys name, shape, site, axis, partner, covariates, derived, seen, earlier, parameters and std.
         arm: The arm, its payloads included.
 
     Raises:
@@ -90,9 +90,14 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
         if low > high:
             raise ranges.fail(name, f"expected the smaller first, got {low:g} and {high:g}")
         seen.append((name, low, high))
+    earlier = table.flag("earlier")
+    if earlier and "time" not in ranges.table:
+        text = "of a campaign before the last: [effect.seen] must have its first and last moment, time = [FIRST, LAST]"
+        raise table.fail("earlier", text)
     table.finish()
     amplitudes = np.array([values[law.amplitudes[i].name] for i in terms])
-    return Effect(law, location, (*full(amplitudes, location, len(law.amplitudes)), *inner), derived, tuple(seen))
+    own = (*full(amplitudes, location, len(law.amplitudes)), *inner)
+    return Effect(law, location, own, derived, tuple(seen), np.inf if earlier else None, earlier=earlier)
 
 
 def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -101,7 +106,7 @@ def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict
     table = {"name": name, "shape": shape, "site": location.place, "axis": location.axis, "partner": location.partner}
     table |= {"covariates": list(location.covariates), "derived": list(effect.derived)}
     table |= {"seen": {name: [low, high] for name, low, high in effect.seen}}
-    table |= {"parameters": effect.named, "std": dict(std or {})}
+    table |= {"earlier": effect.earlier, "parameters": effect.named, "std": dict(std or {})}
     return {key: value for key, value in table.items() if value or key == "parameters"}
 
 

@@ -170,7 +170,10 @@ class Factor:
 
     def at(self, row: Row) -> Array:
         """Return its (...,) value; raise `MissingCovariateError` where the row lacks the column."""
-        x = np.asarray(row.column(self.column), dtype=float)
+        return self.of(np.asarray(row.column(self.column), dtype=float))
+
+    def of(self, x: Array) -> Array:
+        """Return its (...,) value for (...,) numbers of the column."""
         a, b, c, d = (*self.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
         match self.kind:
             case Of.POWER:
@@ -193,6 +196,23 @@ class Factor:
                 return np.polynomial.chebyshev.chebval((x - a) / b, np.eye(int(c) + 1)[-1])
             case _:
                 return np.ones_like(x)
+
+    def later(self, by: float) -> list[tuple[float, Factor]]:
+        """Return shares of factors whose sum at x is this factor at x + by."""
+        numbers = list(self.numbers)
+        match self.kind:
+            case Of.SINE | Of.COSINE:
+                angle, sign = numbers[0] * by, 1.0 if self.kind is Of.SINE else -1.0
+                other = Of.COSINE if self.kind is Of.SINE else Of.SINE
+                return [(float(np.cos(angle)), self), (sign * float(np.sin(angle)), replace(self, kind=other))]
+            case Of.CREEP:
+                raise UnsupportedError("creep depends on how long a load has stood, which no other clock changes")
+            case Of.OVERLAP:
+                moved = (1,)
+            case _:
+                moved = (0, 1) if self.kind is Of.TENT else (0,)
+        shifted = tuple(x - by if i in moved else x for i, x in enumerate(numbers))
+        return [(1.0, replace(self, numbers=shifted))]
 
 
 def powers(column: str, exponent: int, above: float = 0.0) -> tuple[Factor, ...]:

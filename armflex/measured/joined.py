@@ -81,8 +81,11 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
         return [name if len(set(one.session)) == 1 else f"{name}/{session}" for session in one.session]
 
     first, timed, times = campaigns[0], not any("time" in one.derived for one in campaigns), [campaigns[0].time]
+    periods = list(first.clock)
     for one in campaigns[1:]:  # none earlier than any of the campaign before
-        times.append(one.time + max(times[-1].max() - one.time.min(), 0.0))
+        later = max(float(times[-1].max() - one.time.min()), 0.0)
+        times.append(one.time + later)
+        periods += [replace(period, later=later) for period in one.clock]
     covariates, flags = _columns(given, arm)
     if any(one.hold is None for one in campaigns) and any(one.hold is not None for one in campaigns):
         flags.append(_lacking("hold", [name for name, one in given.items() if one.hold is None]))
@@ -107,7 +110,7 @@ def joined(campaigns: Sequence[Measurements], arm: Arm) -> Measurements:
             [replace(flag, text=f"{name}: {flag.text}") for name, one in given.items() for flag in one.flags] + flags
         ),
         frame=first.frame if all(one.frame == first.frame for one in campaigns) else "",
-        dates=(min(dates), max(dates)) if (dates := [date for one in campaigns for date in one.dates]) else (),
+        periods=tuple(periods) if timed else (),
         units={
             name: unit for name, unit in first.units.items() if all(one.units.get(name) == unit for one in campaigns)
         },

@@ -55,6 +55,7 @@ from armflex.measured.table import (
 from armflex.readings import Camera, Kind, Orientation, Position, Readings, touched
 from armflex.result import Result
 from armflex.rows import Rows
+from armflex.rows.clock import Period
 from armflex.rows.rows import APPROACH, MOST_LEVELS, last_motion, level_columns
 
 POSITION, ROTATION, EACH = ("x", "y", "z"), ("rx", "ry", "rz"), ("sigma_x", "sigma_y", "sigma_z")
@@ -91,7 +92,8 @@ class Measurements(Rows, Result):
         flags: Flags about the table.
         frame: Name of the frame that the positions are in, '' where the files do not say.
         units: Units that the file has its columns in, by column; those in SI are left out.
-        dates: The first and the last date of `time`, ISO 8601, empty where it has none.
+        begins: The date at which `time` is 0, ISO 8601, '' where it has no dates.
+        periods: When each of several campaigns was that were joined.
     """
 
     readings: Readings
@@ -99,7 +101,8 @@ class Measurements(Rows, Result):
     flags: tuple[Flag, ...] = ()
     frame: str = ""
     units: Mapping[str, str] = field(default_factory=dict)
-    dates: tuple[str, ...] = ()
+    begins: str = ""
+    periods: tuple[Period, ...] = ()
 
     FIELDS = ("table", "sha256", "frame", "flags")
     ROWS = "table"
@@ -151,7 +154,8 @@ class Measurements(Rows, Result):
         flags: tuple[Flag, ...] = (),
         frame: str = "",
         units: Mapping[str, str] | None = None,
-        dates: tuple[str, ...] = (),
+        begins: str = "",
+        periods: tuple[Period, ...] = (),
         **rows: Any,
     ) -> None:
         """Take the attributes of `Rows`, and readings as they are or by number.
@@ -162,7 +166,7 @@ class Measurements(Rows, Result):
         loose = {name: rows.pop(name) for name in ("position", "sigma", "rotation", "sigma_r") if name in rows}
         super().__init__(**rows)
         own: dict[str, Any] = {"readings": _with(len(self), readings or Readings(len(self)), loose), "sha256": sha256}
-        own |= {"flags": flags, "frame": frame, "units": dict(units or {}), "dates": dates}
+        own |= {"flags": flags, "frame": frame, "units": dict(units or {}), "begins": begins, "periods": periods}
         for name, value in own.items():
             object.__setattr__(self, name, value)
 
@@ -170,6 +174,22 @@ class Measurements(Rows, Result):
     def of(cls, rows: Rows, readings: Readings) -> Measurements:
         """Return rows and what was read there as a campaign."""
         return cls(readings=readings, **{one.name: getattr(rows, one.name) for one in fields(Rows)})
+
+    @property
+    def clock(self) -> tuple[Period, ...]:
+        """When it was, or each of its campaigns; empty where it has no column `time`."""
+        if self.periods or "time" in self.derived or not len(self):
+            return self.periods
+        file = self.places[0].file if self.places else ""
+        name = file.name if isinstance(file, Path) else ""
+        sha256 = self.sha256 or hashlib.sha256(self.time.tobytes() + self.q.tobytes()).hexdigest()
+        return (Period(name, sha256, float(self.time.min()), float(self.time.max()), self.begins),)
+
+    @property
+    def dates(self) -> tuple[str, ...]:
+        """The first and the last date of `time`, ISO 8601, empty where it has none."""
+        found = sorted(one.at(end) for one in self.clock if one.begins for end in (one.first, one.last))
+        return (found[0], found[-1]) if found else ()
 
     @property
     def position(self) -> Array:
@@ -318,7 +338,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
         if turned is not None:
             warn((turned,))
         asked.append(unit_flags(table, arm))
-        earliest += [datetime.fromisoformat(one) for one in found.dates[:1]]
+        earliest += [datetime.fromisoformat(found.begins)] if found.begins else []
         for name in (name for name in table.columns if name not in known):
             seen.setdefault(name, _Covariate(name)).add(table)
         odd, there = np.flatnonzero(in_other_units(found.q, arm).any(axis=1)), np.flatnonzero(found.positioned)
@@ -333,7 +353,10 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
     check_one_unit(np.vstack(positions), np.arange(len(places)), places)
     warn(asked[0] if all(asked) and not places else ())
     before: tuple[Array, Array] | None = None
-    first = 0
+    first, sha256 = 0, ""
+    if arm.clock:
+        with path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     for table in read_pieces(path, kinds, most):
         found, _ = _measurements(table, arm, unnamed, first, before, min(earliest, default=None))
         known = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
@@ -341,7 +364,7 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
             if not column.numeric:
                 known |= level_columns(name, table.texts(name), column.levels)
         first, before = first + len(table), (found.q[-1], last_motion(found.q, before)[-1])
-        yield replace(found, covariates=known)
+        yield replace(found, covariates=known, sha256=sha256)
 
 
 class _Covariate:
@@ -509,7 +532,7 @@ def _measurements(
         places=tuple(Place(table.path, line) for line in table.lines),
         derived=tuple(name for name in ("time", *directions) if name not in table.columns),
         wrenches=read_loads(table, arm, unnamed.force),
-        dates=() if dates is None else (min(dates).isoformat(), max(dates).isoformat()),
+        begins="" if start is None or dates is None else start.isoformat(),
     )
     return rows, turned_flag
 

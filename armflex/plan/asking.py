@@ -275,7 +275,7 @@ def _reach(before: Before, effects: Sequence[Effect], settable: Mapping[str, Seq
     assert before.measured is not None
     campaign, arm = before.measured.campaign, before.setup.arm
     known = campaign.known
-    needed = {name for one in (*arm.effects, *effects) for name in one.location.covariates}
+    needed = {name for one in (*arm.effects, *effects) for name in one.columns}
     needed = {name for name in needed if not name.startswith(("q_", APPROACH)) and name != MASS}
     levels = {name: settable.get(name, (float(known[name][-1]),)) for name in sorted(needed) if name != "time"}
     if "hold" in levels and "hold" not in settable:  # waiting needs nothing

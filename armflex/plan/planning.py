@@ -281,7 +281,7 @@ def _approached(arm: Arm, effects: Sequence[Effect], covariates: Mapping[str, Se
     needed = [  # beside joint positions and payloads
         (effect, name)
         for effect in (*arm.effects, *effects)
-        for name in effect.location.covariates
+        for name in effect.columns
         if not name.startswith("q_") and name != MASS
     ]
     settable = list(dict.fromkeys(name for _, name in needed if not name.startswith(APPROACH)))

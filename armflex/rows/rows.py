@@ -23,6 +23,12 @@ STILL = 1e-9
 POSE = "pose_number"
 """Column that numbers the poses; for random twists, not a candidate, and not among what is known of rows by itself."""
 
+TIME = "time"
+"""Column of when a row was, on the clock of its table [s]."""
+
+HOLD = "hold"
+"""Column of how long the load has stood [s]."""
+
 APPROACH = "approach_"
 """Begins the name of a column that says from which side a joint came: 1 upwards, -1 downwards, 0 neither."""
 

@@ -15,6 +15,7 @@ from armflex.conventions import Array, number
 from armflex.errors import ArmflexError, Flag, InputError, JointLimitError, SmallDisplacementError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import AT_REST, flagged_covariance, tip_covariance
+from armflex.laws.effects.in_arm import about_time
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.equilibrium import MAX_ROTATION
@@ -187,7 +188,8 @@ def check(
     elif trajectory.is_moved:
         trajectory.check_targets(arm)
         held = (Flag("target", "the tip is compared with the rigid tip at the joints of the target_ columns"),)
-    derived, trajectory = trajectory.derived_directions(arm), trajectory.prepared(arm)
+    derived = (*trajectory.derived_directions(arm), *about_time(arm, trajectory.known, trajectory.time))
+    trajectory = trajectory.prepared(arm)
     _check_steps(arm, trajectory)
     certain, count = without_declared_uncertainty(arm), len(trajectory)
 

@@ -20,6 +20,7 @@ from armflex.conventions import RESOLUTION, Array, as_pose, number, real_array
 from armflex.errors import Flag, InputError, UnreachableError, naming
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import flagged_covariance
+from armflex.laws.effects.in_arm import about_time
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
 from armflex.mechanics.many_rows import kernel_pays, rigid_tips
@@ -205,7 +206,8 @@ def compensate(
         gaps = _gaps(arm, moved)
     widest = None if gaps is None else float(gaps.max(initial=0.0))
     rows, uncertain = _with_sigmas(arm, moved, rows)
-    flags = [*again, *moved.derived_directions(arm), *_flags_about(arm, trajectory, moved, rows), *uncertain]
+    timed = about_time(arm, trajectory.known, trajectory.time)
+    flags = [*again, *moved.derived_directions(arm), *timed, *_flags_about(arm, trajectory, moved, rows), *uncertain]
     turned = Compensation(moved, rows, match, widest, ()).turns_rad
     if match == "position" and len(arm.joint_names) >= 6:
         flags += turned_further(*turned)

@@ -17,6 +17,8 @@ from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory,
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import gravity_in, look, unclear_shifts
 from armflex.laws.effects.in_arm import (
+    OF_TIME,
+    about_time,
     check_approaches,
     check_covariates,
     derived_direction,
@@ -24,6 +26,7 @@ from armflex.laws.effects.in_arm import (
     directions,
     remembers,
 )
+from armflex.measured.clock import runs_by_clock
 from armflex.measured.forces import UNLOADED, Unnamed, read_force_table
 from armflex.measured.measurements import Measurements, as_measurements, read_measurements, stream_inputs
 from armflex.measured.table import Tabular, writing_table
@@ -33,7 +36,7 @@ from armflex.parallel import in_threads
 from armflex.readings import Kind, Orientation, Position, Postures, Readings
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
-from armflex.rows.rows import LEVEL_OF, numbered
+from armflex.rows.rows import LEVEL_OF, TIME, numbered
 from armflex.rows.wrench import wrenches_in
 from armflex.trajectory import Trajectory
 
@@ -107,14 +110,14 @@ def predict(
         ArmflexError: A row cannot be computed; its file and line are named.
     """
     rows = as_measurements(rows, arm, inputs_only=True)
-    met = _Flags(arm)
-    pieces, found = [rows], []
+    met, found = _Flags(arm), []
+    named = replace(rows, sha256=rows.clock[0].sha256) if rows.clock and not rows.periods else rows  # as its parts are
+    pieces, run = [named], _Runs(arm, covariates or {})
     if not remembers(arm):
-        levelled, cuts = rows.levelled(), range(TOGETHER, len(rows), TOGETHER)
+        levelled, cuts = named.levelled(), range(TOGETHER, len(rows), TOGETHER)
         pieces = (levelled.some(some) for some in np.split(np.arange(len(rows)), cuts))
-    certain = without_declared_uncertainty(arm)
-    for piece in (run for every in pieces for run in _in_one_base(arm, every)):
-        one, batch, fitted = _predicted(arm, certain, _with_constants(arm, piece, covariates or {}))
+    for piece in (piece for every in pieces for piece in run.of(every)):
+        one, batch, fitted = run.predicted(piece)
         met.add(one, batch, fitted)
         found.append(one)
         if progress:
@@ -167,7 +170,7 @@ def predict_file(
         OutOfMemoryError: Where memory runs out; the rows are named.
         ArmflexError: As `predict`.
     """
-    met, certain = _Flags(arm), without_declared_uncertainty(arm)
+    met, run = _Flags(arm), _Runs(arm, covariates or {})
     about: tuple[Flag, ...] = ()
     if table_path is None and not remembers(arm):
         pieces = stream_inputs(path, arm, TOGETHER, unnamed)
@@ -181,10 +184,7 @@ def predict_file(
         cuts = [] if remembers(arm) else range(TOGETHER, len(rows), TOGETHER)
         pieces = (rows.some(some) for some in np.split(np.arange(len(rows)), cuts))
 
-    def predicted(rows: Measurements) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
-        return _predicted(arm, certain, _with_constants(arm, rows, covariates or {}))
-
-    answers = in_threads(predicted, (run for piece in pieces for run in _in_one_base(arm, piece)))
+    answers = in_threads(run.predicted, (piece for every in pieces for piece in run.of(every)))
     with writing_table(output) as write, closing(answers):
         while True:
             with enough_memory(f"rows from {met.rows} on"):
@@ -196,6 +196,37 @@ def predict_file(
                 write(_columns(found))
             if progress:
                 progress(met.rows, None)
+
+
+Piece = tuple[float | None, float, Measurements]
+"""Rows in which the arm is the same, and on which clock they are; see `runs_by_clock`."""
+
+
+class _Runs:
+    """Rows in pieces in which the arm is the same, and what is predicted of them."""
+
+    def __init__(self, arm: Arm, constants: Mapping[str, float]) -> None:
+        self._arm, self._constants = arm, constants
+        self._arms: dict[tuple[float | None, float], tuple[Arm, Arm]] = {}
+
+    def of(self, rows: Measurements) -> Iterator[Piece]:
+        """Yield the pieces in the order of the rows."""
+        rows = _with_constants(self._arm, rows, self._constants)
+        for part in _in_one_base(self._arm, rows):
+            yield from runs_by_clock(self._arm, part)
+
+    def predicted(self, piece: Piece) -> tuple[Prediction, DeflectionBatch, tuple[Flag, ...]]:
+        """Return what `_predicted` does of a piece, and what is to be said of its clock."""
+        after, later, rows = piece
+        if (after, later) not in self._arms:
+            arm = self._arm.on_clock(later) if after is None else self._arm.left(after)
+            self._arms[after, later] = arm, without_declared_uncertainty(arm)
+        arm, certain = self._arms[after, later]
+        known = rows.known.keys() - set(rows.derived)
+        dated = all(clock and clock[0].begins for clock in (rows.clock, arm.clock))
+        flags = about_time(arm, known, rows.time if TIME in known else None, dated)
+        found, batch, fitted = _predicted(arm, certain, rows)
+        return found, batch, (*fitted, *flags)
 
 
 def _in_one_base(arm: Arm, rows: Measurements) -> Iterator[Measurements]:
@@ -265,7 +296,7 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
             sensors.append((own, None if variance is None else np.sqrt(variance[:, place])))
     sigma = None if variance is None else np.sqrt(variance[:, tip])
     outside: tuple[tuple[Flag, ...], ...] = ()
-    if arm.stack.trained or any(effect.seen for effect in arm.effects):
+    if arm.stack.trained or any(effect.ranges for effect in arm.effects):
         beyond = dict(found.unseen())
         outside = tuple(beyond.get(i, ()) for i in range(len(rows)))
     return Prediction(rows, position, rotation, sigma, found.displacement, (), tuple(sensors), outside), found, about
@@ -305,6 +336,7 @@ class _Flags:
         self._first: dict[str, Flag] = {}
         self._worst: dict[tuple[str, str], tuple[int, int, Flag]] = {}
         self._fitted: dict[Flag, None] = {}
+        self._timed: dict[str, Flag] = {}
 
     def add(self, predicted: Prediction, found: DeflectionBatch, fitted: tuple[Flag, ...]) -> None:
         """Add what is doubtful about the next rows."""
@@ -326,7 +358,11 @@ class _Flags:
                 count, row, worst = self._worst.get(key, (0, self.rows + number, own))
                 row, worst = (self.rows + number, own) if own.size > worst.size else (row, worst)
                 self._worst[key] = (count + 1, row, worst)
-        self._fitted |= dict.fromkeys(fitted)
+        for flag in fitted:  # of what is not the same in all pieces the most
+            if flag.code not in OF_TIME:
+                self._fitted[flag] = None
+            elif len(flag.text) > len(self._timed[flag.code].text if flag.code in self._timed else ""):
+                self._timed[flag.code] = flag
         self.rows += len(rows)
 
     @property
@@ -348,7 +384,7 @@ class _Flags:
         for rows, number, flag in self._worst.values():
             more = f" (the worst of {rows} rows)" if rows > 1 else ""
             worst.append(replace(flag, text=f"row {number}: {flag.text}{more}"))
-        return (*derived, *(self._first | about).values(), *worst, *self._fitted)
+        return (*derived, *(self._first | about).values(), *worst, *self._fitted, *self._timed.values())
 
 
 def _via(rows: Measurements) -> dict[str, list]:

@@ -192,7 +192,7 @@ def _errors(state: State, seen: Validated | None = None) -> dict:
     # A random twist stays behind, because nobody can foresee it.
     effects = (*calibration.arm.effects, *state.fitted)
     return {
-        "arm": replace(arm, effects=effects, instrument=fit.setup.instrument),
+        "arm": replace(arm, effects=effects, instrument=fit.setup.instrument).left(),
         "state": state,
         "held_out_before": held_out(state.calibrated, folds, judged=judged).rms,
         "held_out_after": held_out(fit, folds, judged=judged).rms,

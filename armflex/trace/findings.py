@@ -478,7 +478,7 @@ class Trace(Result):
             FileError: It cannot be written.
         """
         fit, state = self.state.fit, self.state
-        campaign = Campaign(state.measurements.sha256, len(self.rows), self.rms)
+        campaign = Campaign(state.measurements.sha256, len(self.rows), self.rms, state.measurements.clock)
         effects = [
             effect_table(effect, {name: one for name, one in state.std_of(block).items() if np.isfinite(one)})
             for block, effect in zip(state.effects, state.fitted, strict=True)

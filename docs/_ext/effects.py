@@ -18,8 +18,9 @@ import armflex
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.catalogue import CATALOGUE, NAMED
 from armflex.laws.effects.context import Records
-from armflex.laws.effects.effect import Amplitude, EffectLaw, Inner
+from armflex.laws.effects.effect import Afterwards, Amplitude, EffectLaw, Inner
 from armflex.laws.effects.location import BASE, LINK, TOOL, Location, drive_axis
+from armflex.rows.rows import TIME
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import hypotheses
 from armflex.trace.screen import Screen
@@ -241,6 +242,8 @@ def page(found: dict[str, Shown], records: Records, folder: Path) -> str:
         parameters = [*law.amplitudes, *law.inner]
         lines += [f"| parameters | {'<br>'.join(map(parameter, parameters))} |"]
         lines += [f"| needs | {needs(law, one)} |"]
+        if law.afterwards is Afterwards.ANEW or any(TIME in one.covariates for one in law.places(records)):
+            lines += [f"| on another day | {law.afterwards.value} |"]
         if law.instead:
             tilts = f"; where gravity turns with the joint, {law.level}" if law.level else ""
             lines += [f"| other ways to distinguish it | {law.instead}{tilts} |"]

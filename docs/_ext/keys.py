@@ -289,7 +289,12 @@ KEYS: dict[str, dict[str, Key]] = {
         "derived": Key("directions `approach_<joint>` that are derived from the order of the rows"),
         "parameters": Key("values by name, see the catalogue of effects", "as listed there"),
         "std": Key("one standard uncertainty of each", "as the parameter's"),
-        "seen": Key("range of each covariate in which it was found; outside it a result is flagged", "the covariate's"),
+        "seen": Key(
+            "range of each covariate in which it was found, of `time` the campaign's first and last moment; outside it "
+            "a result is flagged",
+            "the covariate's",
+        ),
+        "earlier": Key("its campaign was before that of [calibration]: it is as it was left, whatever rows say"),
     },
     "effect.parameters": {"NAME": Key("value of the parameter", "as listed in the catalogue")},
     "effect.std": {"NAME": Key("one standard uncertainty", "as the parameter's")},
@@ -310,6 +315,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "sessions": Key("shift and rotation vector of the instrument's frame, by session", "m, rad"),
         "targets": Key("shift and rotation vector of the target on the tool, by session", "m, rad"),
         "campaigns": Key("names of campaigns that were fitted together; their frames are among those of sessions"),
+        "clock": Key("when the campaigns were whose rows were timed, one table each: effects of time hold for theirs"),
         "sensors": Key("fitted parameters of the instruments other than the tracker, by instrument", "each its own"),
         "law": Key("learned laws, by flexure"),
         "misfit_m": Key(
@@ -328,6 +334,14 @@ KEYS: dict[str, dict[str, Key]] = {
     "calibration.mass": {"NAME": Key("of this link, or `payload NAME`", "1")},
     "calibration.spring": {"NAME": Key("of this spring", "1, m")},
     "calibration.compliance": {"NAME": Key("of this flexure's six axes", "1")},
+    "calibration.clock": {
+        "campaign": Key("name of its file"),
+        "sha256": Key("digest of the file"),
+        "first": Key("its first moment, as its column `time` has it", "s"),
+        "last": Key("its last moment", "s"),
+        "begins": Key("the date at which its time is 0, ISO 8601, where it has dates"),
+        "later": Key("by how much times of effects are ahead of its own, as it was fitted after another one", "s"),
+    },
     "calibration.sessions": {"NAME": Key("of this session", "m, rad")},
     "calibration.targets": {"NAME": Key("of this session", "m, rad")},
     "calibration.unexplained": {

@@ -154,7 +154,8 @@ def judge(result: Score, drawn: Drawn, truth: Truth, account: Trace) -> None:
     rows = armflex.read_measurements(truth.test, arm)
     believed = rows.measured & ~truth.lost
     result.floor = 1e3 * _rms((rows.position - truth.clean)[believed])
-    predicted = [armflex.predict(one, rows) for one in (account.calibration.arm, account.arm)]
+    arms = [armflex.as_in(one, truth.train) for one in (account.calibration.arm, account.arm)]  # held out of that clock
+    predicted = [armflex.predict(one, rows) for one in arms]
     errors = [(one.position - rows.position)[believed] for one in predicted]
     result.before, result.after = (1e3 * _rms(one) for one in errors)
     if (sigma := predicted[1].sigma) is not None:

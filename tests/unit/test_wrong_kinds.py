@@ -69,6 +69,7 @@ FINE: dict[str, Callable[[armflex.Arm, Path], dict[str, object]]] = {
     },
     "Reading": lambda arm, to: {"q": arm.position(), "position": [1, 2, 3]},
     "Tracker": lambda arm, to: {"arm": arm},
+    "as_in": lambda arm, to: {"arm": arm, "campaign": to / "few.csv"},
     "bundled_robot": lambda arm, to: {"name": "tarm_like"},
     "calibrate": lambda arm, to: {"arm": arm, "measurements": to / "few.csv"},
     "check": lambda arm, to: {"arm": arm, "trajectory": to / "path.csv", "tolerance": 0.1},

@@ -1,7 +1,7 @@
 """A base (or an instrument) that drifts: v t, along or about one axis, or any."""
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
 from armflex.laws.effects.shapes import ON_THE_FLOOR, singly_and_together
 from armflex.laws.terms import UNITS, Term, powers
@@ -16,5 +16,5 @@ BASE_DRIFT = TwistLaw(
     ),
     amplitudes=tuple(Amplitude(f"v_{axis}", "m/s" if axis[0] == "d" else "rad/s") for axis in AXES),
     terms=lambda here, inner: [[Term(unit, factors=powers("time", 1))] for unit in UNITS],
-    timed=True,
+    afterwards=Afterwards.WANDERS,
 )

@@ -1,7 +1,7 @@
 """A base that moves as it warms: beta (T - Tref), along or about one axis, or any."""
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE
 from armflex.laws.effects.shapes import LAGGED, WARM, shows_lag, singly_and_together, warm, with_temperature
 from armflex.laws.terms import UNITS, Term
@@ -18,5 +18,6 @@ BASE_THERMAL = TwistLaw(
     terms=lambda here, inner: [[Term(unit, factors=warm(here, *inner))] for unit in UNITS],
     inner=WARM,
     memory=LAGGED,
+    afterwards=Afterwards.ANEW,
     possible=shows_lag,
 )

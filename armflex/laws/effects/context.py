@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -15,10 +15,12 @@ from armflex.laws import Row
 from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, path_to, resolve, site_names
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
-from armflex.rows.rows import LEVEL_OF, POSE
+from armflex.rows.rows import HOLD, LEVEL_OF, POSE, TIME
 
 if TYPE_CHECKING:
     from armflex.laws.effects.effect import Manipulator, Memory, Solved, Values
+
+Known = TypeVar("Known", float, Array)
 
 TEMPERATURE = re.compile(r"temp|^T$|^T_|deg_?c$|celsius", re.IGNORECASE)
 """Names of columns that count as a temperature."""
@@ -147,6 +149,18 @@ class Context:
         """Return the (N,) values of a column or of a joint's position ('q_J')."""
         return self.row.column(name)
 
+    def at_time(self, moment: float) -> Context:
+        """Return the context as if all rows were at a moment [s]."""
+        known = {**self.row.covariates, TIME: np.full(len(self.payloads), moment)}
+        return replace(self, row=replace(self.row, covariates=known))
+
+    def later(self, seconds: float) -> Context:
+        """Return the context on a clock that is ahead."""
+        if not seconds:
+            return self
+        known = {**self.row.covariates, TIME: self.column(TIME) + seconds}
+        return replace(self, row=replace(self.row, covariates=known))
+
     def here(self, location: Location, arm: Manipulator) -> Here:
         """Return what is known about the arm at a location."""
         known = self._heres.get(location)
@@ -228,6 +242,12 @@ def survey(
     )
 
 
+def begun_anew(arm: Manipulator, known: Mapping[str, Known], none: Known) -> dict[str, Known]:
+    """Return what is known, and `none` for how long a load has stood where effects depend on it and it is not."""
+    needed = any(HOLD in effect.location.covariates for effect in arm.effects)
+    return {HOLD: none, **known} if needed else dict(known)
+
+
 def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
     """Return everything that is known of rows by name, each payload's mass included, (N,) numbers each.
 
@@ -235,7 +255,7 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
     """
     keys = [one if isinstance(one, str) else id(one) for one in rows.payload]  # a payload has arrays
     weights = {key: arm.payload(one).mass for key, one in dict(zip(keys, rows.payload, strict=True)).items()}
-    known = {**rows.known, MASS: np.array([weights[key] for key in keys])}
+    known = begun_anew(arm, rows.known, np.zeros(len(rows.q))) | {MASS: np.array([weights[key] for key in keys])}
     if isinstance(rows, Rows) and any(POSE in effect.location.covariates for effect in arm.effects):
         known[POSE] = rows.pose_number.astype(float)
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}

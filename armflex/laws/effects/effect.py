@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
-from armflex.conventions import Array
+from armflex.conventions import Array, cached_property
 from armflex.laws import Row
 from armflex.laws.effects.location import Here, Location, link_of
 from armflex.laws.terms import LEAST, Terms, twists_of
 from armflex.readings.instrument import Instrument
 from armflex.robot import Corrections, Robot
-from armflex.rows.rows import APPROACH
+from armflex.rows.rows import APPROACH, HOLD, TIME
 
 if TYPE_CHECKING:
     from armflex.laws.declared import Flexure
@@ -124,6 +124,18 @@ class Act(Enum):
     SCALE = "the share by which the instrument's distances are too long"
 
 
+class Afterwards(Enum):
+    """What becomes of an effect of time beyond the campaign that showed it: its clock is that campaign's."""
+
+    STAYS = "it stays as it was at the end"
+    WANDERS = "it is not carried on: its mean over the campaign stands in for it, and sigma has its scatter"
+    ANEW = "it begins anew, by the clock of the rows"
+
+
+INSTANTS = 24
+"""Moments of a campaign that what wandered is averaged over."""
+
+
 class Manipulator(Protocol):
     """What effects know of the arm that they are in; `armflex.Arm` is one.
 
@@ -131,6 +143,7 @@ class Manipulator(Protocol):
         robot: The robot.
         flexures, modelled: Where it gives and how, without effects and with them.
         effects: What it does beyond them.
+        clock: When the campaigns were that it was fitted to.
         corrections: Of geometry and masses that were found.
         springs: Between points of its links; see `armflex.mechanics.spring`.
         weight: Of everything that moves [N].
@@ -144,6 +157,8 @@ class Manipulator(Protocol):
     def modelled(self) -> Sequence[Flexure]: ...
     @property
     def effects(self) -> Sequence[Effect]: ...
+    @property
+    def clock(self) -> Sequence[object]: ...
     @property
     def corrections(self) -> Corrections: ...
     @property
@@ -217,7 +232,7 @@ class EffectLaw(ABC):
         memory: State it needs, if any.
         possible: Whether it is plausible of a context and an arm with its values, beyond the bounds of its amplitudes.
         constant: Whether it depends on nothing: nothing is plainer.
-        timed: Whether it depends on time alone: in a single session time runs along with the poses.
+        afterwards: Of one that depends on time, for which clock it holds.
         spatial: Whether a place in space is searched for it, with which it bends like a free shape.
         physical: Whether it is physics rather than a free shape, whether or not the catalogue names it.
         sought: Whether it is tried only where the residual points.
@@ -244,7 +259,7 @@ class EffectLaw(ABC):
     memory: Memory | None = None
     possible: Callable[[Effect, Context, Manipulator], bool] = lambda effect, context, arm: True
     constant: bool = False
-    timed: bool = False
+    afterwards: Afterwards = Afterwards.WANDERS
     spatial: bool = False
     physical: bool = True
     sought: bool = False
@@ -325,7 +340,11 @@ class Effect:
             directions `approach_<joint>`. Where the rows asked about do not give one it is derived in the same way, and
             before a joint has moved it is either: halfway on average, and as uncertain as both are apart.
         seen: Columns and joints' positions ('q_J') with the smallest and largest value that they had in the rows where
-            it was found; beyond those it is an extrapolation.
+            it was found; beyond those it is an extrapolation. Of time they are the campaign's first and last moment.
+        left: Moment of its campaign's clock [s] as it was after which it is in all rows, infinity for the end; None
+            where it is as it was at the time of each row.
+        later: By how much its campaign's clock is ahead of that of rows [s], where it is at their time.
+        earlier: Whether its campaign was before that which the arm was fitted to last: it is left for good.
     """
 
     law: EffectLaw
@@ -333,14 +352,57 @@ class Effect:
     values: Values
     derived: tuple[str, ...] = ()
     seen: tuple[tuple[str, float, float], ...] = ()
+    left: float | None = None
+    later: float = 0.0
+    earlier: bool = False
 
     def seen_in(self, context: Context, rows: np.ndarray) -> Effect:
-        """Return the effect as found in (M,) rows of a campaign; a moment, or a direction, has no range."""
-        law, columns = self.law, self.location.covariates
-        at_a_moment = law.timed and law.physical and bool(law.inner)
-        names = [one for one in columns if not (one.startswith(APPROACH) or (one == "time" and at_a_moment))]
-        ranges = {name: context.column(name)[rows] for name in names}
+        """Return the effect as found in (M,) rows of a campaign; a direction has no range."""
+        names = [name for name in self.location.covariates if not name.startswith(APPROACH)]
+        ranges = {name: context.column(name) if name == TIME else context.column(name)[rows] for name in names}
         return replace(self, seen=tuple((name, float(x.min()), float(x.max())) for name, x in ranges.items()))
+
+    @property
+    def of_time(self) -> bool:
+        """Whether it holds for its campaign's clock."""
+        return TIME in self.location.covariates and self.law.afterwards is not Afterwards.ANEW
+
+    @property
+    def another_day(self) -> str:
+        """What becomes of it on another day in words, '' where it does not depend on time."""
+        lags = self.remembers and not self.law.remembers_load(self.location)
+        return self.law.afterwards.value if self.of_time or lags or HOLD in self.location.covariates else ""
+
+    @property
+    def span(self) -> tuple[float, float] | None:
+        """First and last moment of its campaign [s], None where it holds for no clock, or nobody says for which."""
+        return next(((low, high) for name, low, high in self.seen if name == TIME), None) if self.of_time else None
+
+    @cached_property
+    def moments(self) -> Values:
+        """Moments of its campaign's clock [s] that it is the mean over in every row, none where rows have their own."""
+        if self.left is None or self.span is None:
+            return ()
+        low, high = self.span
+        if self.law.afterwards is Afterwards.STAYS:
+            return (min(max(self.left, low - 1.0), high),)
+        return tuple((low + (high - low) * (np.arange(INSTANTS) + 0.5) / INSTANTS).tolist())
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """The covariates that it takes from rows."""
+        return tuple(name for name in self.location.covariates if not (self.moments and name == TIME))
+
+    @property
+    def ranges(self) -> tuple[tuple[str, float, float], ...]:
+        """Those of `seen` beyond which it is an extrapolation in rows."""
+        stays = self.moments or self.law.afterwards is Afterwards.STAYS
+        return tuple(one for one in self.seen if not (stays and one[0] == TIME))
+
+    def each(self, view: Solved, context: Context) -> list[Array]:
+        """Return (M, k, n) what its law does in some rows per acting amplitude, at each of its `moments`."""
+        clocks = [context.at_time(moment) for moment in self.moments] or [context.later(self.later)]
+        return [self.law.features(self.location, self.inner, view, one) for one in clocks]
 
     @property
     def amplitudes(self) -> Values:

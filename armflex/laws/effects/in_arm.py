@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 from typing import cast
 
 import numpy as np
@@ -17,13 +18,14 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean, listing, naming
 from armflex.laws import Law, Row
 from armflex.laws.declared import Flexure
-from armflex.laws.effects.effect import Act, Effect, LoadLaw, Manipulator, TwistLaw, Values
+from armflex.laws.effects.context import begun_anew
+from armflex.laws.effects.effect import Act, Afterwards, Effect, LoadLaw, Manipulator, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.law import Composed, Ranges, WithoutParameters
-from armflex.laws.terms import UNITS, Factor, Terms
+from armflex.laws.terms import UNITS, Factor, Neurons, Term, Terms
 from armflex.robot import Robot
 from armflex.rows import Rows
-from armflex.rows.rows import APPROACH
+from armflex.rows.rows import APPROACH, HOLD, TIME
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,9 @@ class BoundTwist(WithoutParameters):
     def terms(self) -> Terms:
         """Return the terms of the effect's law times its amplitudes."""
         known = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
-        return [term.times(value) for value, each in known if value for term in each]
+        return [
+            one for value, each in known if value for term in each for one in _timed(term.times(value), self.effect)
+        ]
 
     @cached_property
     def proportional(self) -> bool:
@@ -72,6 +76,22 @@ class BoundTwist(WithoutParameters):
         """Return zero where the effect does not depend on the load."""
         terms = self.known_terms
         return None if terms is None or any(term.loaded for term in terms) else np.zeros((2, 2))
+
+
+def _timed(term: Term | Neurons, effect: Effect) -> Terms:
+    """Return a term of an effect as it is in rows: at the effect's moments, or by the clock of the rows."""
+    over = [factor for factor in term.factors if factor.column == TIME]
+    if not over or not (effect.moments or effect.later):
+        return [term]
+    bare = replace(term, factors=tuple(factor for factor in term.factors if factor.column != TIME))
+    if effect.moments:
+        moments = np.array(effect.moments)
+        return [bare.times(float(np.mean(np.prod([factor.of(moments) for factor in over], axis=0))))]
+    found = []
+    for pairs in product(*(factor.later(effect.later) for factor in over)):
+        shares, factors = zip(*pairs, strict=True)
+        found.append(bare.times(float(np.prod(shares)), *factors))
+    return found
 
 
 @dataclass(frozen=True)
@@ -138,7 +158,7 @@ def beyond_seen(effects: Sequence[Effect], row: Row) -> dict[int, list[Flag]]:
     """
     found: dict[int, list[Flag]] = {}
     for effect in effects:
-        for name, low, high in effect.seen:
+        for name, low, high in effect.ranges:
             values, size = np.atleast_1d(row.column(name)), np.atleast_1d(excess(row, name, low, high))
             for i in np.flatnonzero(size > MARGIN).tolist():
                 text = f"{name} = {values[i]:.4g} is outside the {low:.4g} to {high:.4g} it was found in"
@@ -211,6 +231,57 @@ def depended_on(arm: Manipulator) -> tuple[str, ...]:
         if effect.state:
             names[effect.state] = None
     return tuple(names)
+
+
+OF_TIME = ("as_left", "begins_anew", "clock_unknown")
+"""Codes of the flags of `about_time`."""
+
+OWN_CLOCK = "rows of its campaign's own clock: --as-in CAMPAIGN.csv, or dates in 'time'"
+
+
+def about_time(
+    arm: Manipulator, given: Iterable[str], time: Array | None = None, dated: bool = False
+) -> tuple[Flag, ...]:
+    """Return flags about an arm whose effects depend on time, where that changes what it does.
+
+    Args:
+        arm: The arm.
+        given: Names of what is known of the rows.
+        time: (N,) their own time [s], None where they have none.
+        dated: Whether it is known how that is to the campaigns of the arm, so that steps are as they were then.
+    """
+    left, anew, unknown, given = list[str](), list[str](), list[str](), set(given)
+    for effect in arm.effects:
+        if effect.moments and effect.law.afterwards is not Afterwards.STAYS:
+            left.append(f"{effect.title} is not carried on, which widens sigma")
+        elif effect.moments and not dated and _changes(effect, arm, time):
+            left.append(f"{effect.title} stays")
+        elif effect.of_time and not effect.moments and (effect.span is None or not arm.clock):
+            unknown.append(effect.title)
+        if HOLD in effect.location.covariates and HOLD not in given:
+            anew.append(f"{effect.title} without a column {HOLD!r}: its load has just been put on")
+        elif effect.remembers and not effect.law.remembers_load(effect.location) and TIME not in given:
+            anew.append(f"{effect.title} without a column {TIME!r}: it has settled")
+    flags = []
+    if left:
+        flags.append(Flag("as_left", f"the arm is meant as it was left: {listing(left, 4)} ({OWN_CLOCK})"))
+    if anew:
+        flags.append(Flag("begins_anew", listing(anew, 4)))
+    if unknown:
+        text = (
+            f"the arm file does not say when {listing(unknown, 4)} was found: {TIME!r} of the rows counts as its clock"
+        )
+        flags.append(Flag("clock_unknown", text))
+    return tuple(flags)
+
+
+def _changes(effect: Effect, arm: Manipulator, time: Array | None) -> bool:
+    """Return whether a step would be another one at (N,) times of its campaign's clock than as it was left."""
+    if time is None:
+        return True
+    terms = cast(TwistLaw, effect.law).terms(resolve(effect.location, arm.robot, arm.flexures), effect.inner)
+    over = {factor for each in terms for term in each for factor in term.factors if factor.column == TIME}
+    return any((factor.of(time) != factor.of(np.array(effect.moments[0]))).any() for factor in over)
 
 
 def check_covariates(arm: Manipulator, given: Iterable[str]) -> None:
@@ -290,7 +361,7 @@ def settled_covariates(arm: Manipulator, given: Mapping[str, float]) -> dict[str
     if given:
         check_approaches(given, arm.robot.joint_names)
         check_covariates(arm, given)
-    known = dict(given)
+    known = begun_anew(arm, given, 0.0)
     for effect in arm.effects:
         state, columns = effect.state, effect.location.covariates
         if state is None or not columns:

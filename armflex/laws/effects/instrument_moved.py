@@ -4,7 +4,7 @@ A campaign that says so has sessions, which have frames of their own; this is fo
 """
 
 from armflex.laws.effects.context import AXES
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import BASE, Location
 from armflex.laws.effects.shapes import ON_THE_FLOOR
 from armflex.laws.effects.slip_step import times
@@ -21,5 +21,5 @@ INSTRUMENT_MOVED = TwistLaw(
     amplitudes=tuple(Amplitude(axis, "m" if axis[0] == "d" else "rad") for axis in AXES),
     terms=lambda here, inner: [[Term(unit, factors=(Factor(Of.STEP, "time", (inner[0],)),))] for unit in UNITS],
     inner=(Inner("at", "s", times, positive=False, smooth=False),),
-    timed=True,
+    afterwards=Afterwards.STAYS,
 )

@@ -13,6 +13,7 @@ from armflex.laws.effects.context import AXES, AXES_TURN, Context, Records
 from armflex.laws.effects.effect import Effect, Inner, Manipulator, Memory, Values
 from armflex.laws.effects.location import TOOL, Here, Location, drive_axis
 from armflex.laws.terms import UNITS, Factor, Term, powers, straight
+from armflex.rows.rows import TIME
 
 LAGS = (600.0, 1800.0, 5400.0, 10800.0)
 """Time constants to begin a search with [s]: hours for links of a tonne."""
@@ -87,11 +88,12 @@ def lagged_name(location: Location, inner: Values) -> str:
 
 
 def lagged(here: Here, wrench: Array, row: Row, inner: Values) -> Array:
-    """Return (N,) the location's column behind a first-order lag, `inner[-1]` seconds; at rest at the first row."""
+    """Return (N,) the location's column behind a first-order lag, `inner[-1]` seconds; at rest at the first row.
+
+    Rows without time are each at rest.
+    """
     values, lag = row.column(here.location.covariates[0]), inner[-1]
-    if lag <= 0.0:
-        return values
-    return follow(row.covariate("time"), values, lag)
+    return follow(row.covariate(TIME), values, lag) if lag > 0.0 and row.has(TIME) else values
 
 
 def follow(time: Array, values: Array, lag: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import Context
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import at_joints, on_axis, twists
 from armflex.laws.terms import Factor, Of
@@ -39,5 +39,5 @@ SLIP_STEP = TwistLaw(
     terms=lambda here, inner: twists(here.direction, (Factor(Of.STEP, "time", (inner[0],)),)),
     direction=on_axis,
     inner=(Inner("at", "s", times, positive=False, smooth=False),),
-    timed=True,
+    afterwards=Afterwards.STAYS,
 )

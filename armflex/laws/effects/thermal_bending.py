@@ -10,7 +10,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.effects.context import AXES_TURN, Context
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import LINK, Here, Location, joint_named, path_to
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, shows_lag, twists, warm
 
@@ -53,5 +53,6 @@ THERMAL_BENDING = TwistLaw(
         *WARM,
     ),
     memory=LAGGED,
+    afterwards=Afterwards.ANEW,
     possible=shows_lag,
 )

@@ -1,6 +1,6 @@
 """A link that grows as it warms: alpha L (T - Tref) along the link."""
 
-from armflex.laws.effects.effect import Amplitude, Plausible, TwistLaw, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Plausible, TwistLaw, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import LAGGED, ON_THE_LINK, WARM, shows_lag, twists, warm
 
@@ -15,5 +15,6 @@ THERMAL_GROWTH = TwistLaw(
     direction=lambda here, inner: here.stretch,
     inner=WARM,
     memory=LAGGED,
+    afterwards=Afterwards.ANEW,
     possible=shows_lag,
 )

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from armflex.laws.effects.context import Context, Records
-from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
+from armflex.laws.effects.effect import Afterwards, Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import TOOL, Here, Location
 from armflex.laws.terms import UNITS, Factor, Of, Term
 
@@ -43,6 +43,6 @@ TOOL_SHIFT = TwistLaw(
     amplitudes=tuple(Amplitude(axis, "m") for axis in ("dx", "dy", "dz")),
     terms=_terms,
     inner=(Inner("since", "s", _starts, positive=False, polished=False, default=ALWAYS),),
-    timed=True,
+    afterwards=Afterwards.STAYS,
     stands_for=("tool", "session_target"),
 )

@@ -66,6 +66,9 @@ def further(trace: Trace) -> list[str]:
             said.append(f"These data do not distinguish {called(one.effect, one.number)} from {joined(shown)}.")
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
+    for one in trace.found:
+        if one.effect.another_day:
+            said.append(f"On another day, of {called(one.effect, one.number)}: {one.effect.another_day}.")
     for family in trace.at_every_drive:
         size = measure(family.size, None, family.unit)
         said.append(

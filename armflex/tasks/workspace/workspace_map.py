@@ -20,12 +20,13 @@ from armflex.conventions import Array, number
 from armflex.errors import NO_ANSWER, FileError, Flag, InputError, Place, UnknownNameError
 from armflex.estimate.draw import draw_arms
 from armflex.estimate.posterior import without_declared_uncertainty
-from armflex.laws.effects.in_arm import settled_covariates
+from armflex.laws.effects.in_arm import about_time, settled_covariates
 from armflex.measured.table import write_table
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order, in_pieces
 from armflex.progress import Progress
 from armflex.result import Result
+from armflex.rows.rows import TIME
 from armflex.rows.wrench import Wrench
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.digest import digest
@@ -287,7 +288,7 @@ def map_workspace(
         rows=rows,
         seed=seed,
         draws=draws,
-        flags=(*flags, *met, *own),
+        flags=(*flags, *about_time(arm, {TIME, *known}), *met, *own),
     )
 
 

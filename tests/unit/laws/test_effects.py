@@ -111,7 +111,8 @@ def test_a_missing_covariate_is_named_with_the_effect(name, stage):
             continue  # moved for the whole campaign: no time is asked for
         asked = needs(effect, stage.with_effect(effect).arm, stage.rows)
         joints = {f"q_{joint}" for joint in stage.context.joints}
-        wanted = set(effect.location.covariates) - joints - {"payload_mass"} if law.act is Act.TWIST else set()
+        known = {*joints, "payload_mass", "hold"}  # without a time under load it has just been put on
+        wanted = set(effect.location.covariates) - known if law.act is Act.TWIST else set()
         remembered = law.memory is not None
         if remembered and (not effect.location.covariates or effect.inner[-1] > 0.0):
             wanted = {law.memory.name(effect.location, effect.inner)}

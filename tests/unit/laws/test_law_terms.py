@@ -114,9 +114,9 @@ def test_a_law_by_its_terms_alone_is_exported(tmp_path: Path) -> None:
 
 
 def test_a_missing_column_of_a_term_is_named_with_its_effect(tmp_path: Path) -> None:
-    law = LAWS["creep"]
+    law = LAWS["slip_step"]
     arm = replace(plain(), effects=(Effect(law, locations(law)[0], (1e-9, 10.0)),))
-    with pytest.raises(MissingCovariateError, match="creep"):
+    with pytest.raises(MissingCovariateError, match="slip_step"):
         arm.deflection(np.zeros((500, 6)))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,6 @@ BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.
 TIMED = {
     "base_drift": 'site = "base"\naxis = "rz"\nparameters = { v_rz = 1e-9 }',
     "slip_step": 'site = "J2"\naxis = "ry"\nparameters = { size = 1e-4, at = 20.0 }',
-    "base_thermal": 'site = "base"\naxis = "rx"\nparameters = { beta_rx = 1e-6, lag = 60.0 }',
     "tool_shift": 'site = "tool"\nparameters = { dx = 1e-4, since = 30.0 }',
 }
 
@@ -73,6 +73,25 @@ def test_an_effect_of_time_in_rows_without_one_is_an_error(tmp_path: Path, name:
     with pytest.raises(MissingCovariateError, match=rf"rows.csv:\d.*effect '{name}.*'time', which is not given"):
         predict(arm, rows_of(tmp_path, arm, "time", temperature=25.0))
     assert np.isfinite(predict(arm, rows_of(tmp_path, arm, temperature=25.0)).position).all()
+
+
+def test_what_lags_or_creeps_begins_anew_in_rows_without_time(tmp_path: Path) -> None:
+    lagging = 'name = "base_thermal"\nsite = "base"\naxis = "rx"\nparameters = { beta_rx = 1e-6, lag = 60.0 }'
+    arm = arm_with(tmp_path, lagging, 'name = "creep"\nsite = "J2"\naxis = "ry"\nparameters = { c = 1e-9, t0 = 10.0 }')
+    warm = 20.0 + np.arange(8.0)
+    rows = rows_of(tmp_path, arm, "time", count=8)
+    rows = replace(rows, covariates={**rows.covariates, "temperature": warm})
+    found = predict(arm, rows)
+    (flag,) = [one for one in found.flags if one.code == "begins_anew"]
+    assert "base thermal at base (rx) without a column 'time': it has settled" in flag.text
+    assert "creep at J2 (ry) without a column 'hold': its load has just been put on" in flag.text
+    settled = [  # each row by itself
+        arm.deflection(q, name, covariates={"temperature_lagged_60s": value, "hold": 0.0}).displacement
+        for q, name, value in zip(rows.q, rows.payload, warm, strict=True)
+    ]
+    np.testing.assert_allclose(found.displacement, settled, atol=1e-12)
+    timed = rows_of(tmp_path, arm, temperature=25.0, hold=0.0)
+    assert not [one for one in predict(arm, timed).flags if one.code == "begins_anew"]
 
 
 @pytest.mark.slow
