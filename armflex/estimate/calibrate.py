@@ -21,7 +21,7 @@ from armflex.estimate.fit import Fit, Weighed, fit, realise
 from armflex.estimate.held_out import POSE_FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import check_conventions, wrong_sigma
+from armflex.estimate.misread import check_conventions, check_scatter, wrong_sigma
 from armflex.estimate.misreadings import USUAL_PRIOR
 from armflex.estimate.outliers import DOUBTED, Outlier, fit_without_lost, outliers_of
 from armflex.estimate.placement import FEWEST_ROWS, check_enough, first_guess
@@ -231,7 +231,8 @@ def calibrate(
         anyway: Take the campaign as it is, also where it is plausible only in another convention.
 
     Raises:
-        ConventionError: The campaign is implausible for this arm, and plausible in another convention.
+        ConventionError: The campaign is implausible for this arm, and plausible in another convention; or readings
+            scatter a hundred times as far as they state.
         InputError: Too few rows were measured, or they do not determine where the instrument stands.
         MissingCovariateError: An effect of the arm depends on what the campaign does not give.
         UnsupportedError: The arm has effects that change how the instrument stands or reads.
@@ -252,7 +253,10 @@ def calibrate(
                 raise
             found = (Flag("convention", error.problem),)
         about += tuple(replace(flag, text=f"{name}: {flag.text}") if name else flag for flag in found)
-    return fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
+    calibrated = fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
+    if not (anyway or as_stated):
+        check_scatter(calibrated.fit)
+    return calibrated
 
 
 def fitted_to(
