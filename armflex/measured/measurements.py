@@ -49,6 +49,7 @@ from armflex.measured.table import (
     check_same_arm,
     check_unknown,
     joint_kinds,
+    other_joints,
     read_pieces,
     read_table,
 )
@@ -395,10 +396,10 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     check_asked(table, arm, unknown)
     for name in (name for name in unknown if name.startswith(APPROACH)):
         raise table.fail(f"unknown column {table.columns[name].header!r}{did_you_mean(name, meant)}")
-    check_unknown(table, unknown, meant, [*arm.joint_names, *arm.robot.locked])
+    check_unknown(table, unknown, meant, [*arm.joint_names, *arm.robot.locked], recorded=True)
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
-    return known
+    return known + other_joints(table, arm)
 
 
 def _undeclared(name: str, arm: Arm) -> str:
