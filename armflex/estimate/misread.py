@@ -426,8 +426,7 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
     ranked = sorted(named.values(), key=lambda one: -one.gain)
     likeliest = [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
     return [
-        replace(one, then=_off_placed(case.meant(*meant[one.name]), one.hypothesis.of) or one.then)
-        for one in likeliest
+        replace(one, then=_off_placed(case.meant(*meant[one.name]), one.hypothesis.of) or one.then) for one in likeliest
     ]
 
 
