@@ -534,4 +534,5 @@ def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
         try:
             arm.payload(name or "none")
         except UnknownNameError as error:
-            raise TableError(Place(table.path, first[name]), str(error)) from None
+            remedy = f"declare it in the arm file, [payload.{name}] with its mass and com, or leave the cell empty"
+            raise TableError(Place(table.path, first[name]), f"{error}: {remedy}") from None
