@@ -32,7 +32,6 @@ from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
 from armflex.estimate.misreadings import (
     USUAL_PRIOR,
-    WRITTEN_IN,
     Misreading,
     elsewhere,
     misreadings,
@@ -374,11 +373,7 @@ def _spread(count: int, most: int) -> np.ndarray:
 
 def _read(kind: Kind) -> Kind:
     """Return a kind without coordinates of a point that were not read: those beside which others are in no unit."""
-    if not isinstance(kind, Position):
-        return kind
-    units = WRITTEN_IN[kind.unit].values()
-    unread = kind.sigma > max(units) / min(units) * kind.sigma.min(axis=1, keepdims=True)
-    return replace(kind, sigma=np.where(unread, np.inf, kind.sigma))
+    return replace(kind, sigma=np.where(kind.read, kind.sigma, np.inf)) if isinstance(kind, Position) else kind
 
 
 def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:

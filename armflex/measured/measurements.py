@@ -72,6 +72,9 @@ NO_NUMBERS = ("nan", "inf", "infinity")
 """What programs write, but for its sign, for a number that they could not compute: an error in a covariate of numbers,
 in which another word for nothing is a gap."""
 
+ALONE = ': one coordinate alone is read as an [instrument.NAME], such as one of kind = "height" in the column NAME'
+"""What is said where only some coordinates of a point are there."""
+
 FEW_ROWS = 0.25
 """Tolerance: share of a column's rows below which those far beyond its limits are in another unit than the others."""
 
@@ -385,7 +388,8 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     known = [*column_kinds(arm), *TEXTS, *(f"{APPROACH}{joint}" for joint in arm.joint_names)]
     needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
     check_same_arm(table, arm)
-    table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
+    some = any(name in table.columns for name in POSITION)
+    table.require([*needed, *(() if inputs_only or points or sensed or some else POSITION)])
     for name, column in table.columns.items():
         if name not in known and (sensor := _undeclared(name, arm)):
             text = f"column {column.header!r}: the arm file declares no [instrument.{sensor}]"
@@ -623,8 +627,11 @@ def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
     """Return which rows have all n numbers of columns that may be left out, and these with zeros elsewhere."""
     if not any(name in table.columns for name in names):
         return np.zeros(len(table), dtype=bool), np.zeros((len(table), len(names)))
+    hint = ALONE if names == POSITION else ""
+    if hint and (missing := [name for name in names if name not in table.columns]):
+        raise table.fail(f"has no column {listing(map(repr, missing))}{hint}")
     table.require(names)
-    there = table.given(names)
+    there = table.given(names, hint)
     empty = ": leave the cell empty where nothing was read"
     return there, np.column_stack([table.numbers_where(name, there, empty) for name in names])
 

@@ -110,12 +110,12 @@ class Table:
         """Return the error that says what is wrong with a row, or with the header where none is named."""
         return TableError(Place(self.path, 1 if row is None else self.lines[row]), problem)
 
-    def given(self, names: Sequence[str]) -> np.ndarray:
+    def given(self, names: Sequence[str], hint: str = "") -> np.ndarray:
         """Return (N,) in which rows the cells of some columns are all given; raise `TableError` where only some are."""
         cells = np.array([[bool(cell) for cell in self.texts(name)] for name in names]).T
         there = np.all(cells, axis=1)
         for row in np.flatnonzero(np.any(cells, axis=1) & ~there)[:1]:
-            raise self.fail(f"only some of {', '.join(names)} are given", row)
+            raise self.fail(f"only some of {', '.join(names)} are given{hint}", row)
         return there
 
     def numbers(self, name: str, beyond: str = BEYOND, hint: str = "") -> Array:

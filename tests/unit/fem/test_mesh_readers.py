@@ -373,7 +373,7 @@ def gmsh(folder: Path, text: str) -> Mesh:
 def test_a_mesh_of_gmsh_holds_its_counts(version: str, tmp_path: Path) -> None:
     text = TEXTS[version]
     remarks = "$Comments\n$Nodes\n$EndComments\n" + text + '$NodeData\n1\n"u"\n$EndNodeData\n'
-    for good in (text, text.replace("\n", "\r\n"), remarks if version == "4.1" else text):
+    for good in (text, text.replace("\n", "\r\n"), text.replace("\n", "\n\n"), remarks if version == "4.1" else text):
         mesh = gmsh(tmp_path, good)
         assert numbers(mesh, "foot end") == [1, 2, 3, 4] and [block.ids.tolist() for block in mesh.blocks] == [[2]]
         assert mesh.blocks[0].nodes.tolist() == [[0, 1, 3, 2, 4, 5, 7, 6]]
