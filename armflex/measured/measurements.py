@@ -388,8 +388,11 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     known = [*column_kinds(arm), *TEXTS, *(f"{APPROACH}{joint}" for joint in arm.joint_names)]
     needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
     check_same_arm(table, arm)
-    some = any(name in table.columns for name in POSITION)
-    table.require([*needed, *(() if inputs_only or points or sensed or some else POSITION)])
+    missing = [name for name in POSITION if name not in table.columns]
+    alike = {name[:1].lower() for name in table.columns if name[:1] in "XYZ"}
+    if not points and 0 < len(missing) < len(POSITION) and alike.isdisjoint(missing):
+        raise table.fail(f"has no column {listing(map(repr, missing))}{ALONE}")
+    table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
     for name, column in table.columns.items():
         if name not in known and (sensor := _undeclared(name, arm)):
             text = f"column {column.header!r}: the arm file declares no [instrument.{sensor}]"
@@ -627,11 +630,8 @@ def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
     """Return which rows have all n numbers of columns that may be left out, and these with zeros elsewhere."""
     if not any(name in table.columns for name in names):
         return np.zeros(len(table), dtype=bool), np.zeros((len(table), len(names)))
-    hint = ALONE if names == POSITION else ""
-    if hint and (missing := [name for name in names if name not in table.columns]):
-        raise table.fail(f"has no column {listing(map(repr, missing))}{hint}")
     table.require(names)
-    there = table.given(names, hint)
+    there = table.given(names, ALONE if names == POSITION else "")
     empty = ": leave the cell empty where nothing was read"
     return there, np.column_stack([table.numbers_where(name, there, empty) for name in names])
 
