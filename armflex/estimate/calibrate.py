@@ -238,6 +238,23 @@ def calibrate(
         UnsupportedError: The arm has effects that change how the instrument stands or reads.
         ConvergenceError: The fit did not settle.
     """
+    calibrated = fit_campaign(arm, measurements, rows, progress, keep, as_stated, seen, anyway)
+    if not (anyway or as_stated):
+        check_scatter(calibrated.fit)
+    return calibrated
+
+
+def fit_campaign(
+    arm: Arm,
+    measurements: Measurements | Tabular | Sequence[Measurements | Tabular],
+    rows: np.ndarray | None = None,
+    progress: Progress | None = None,
+    keep: bool = False,
+    as_stated: bool = False,
+    seen: Mapping[str, Seen] | None = None,
+    anyway: bool = False,
+) -> Calibration:
+    """Return what `calibrate` does, also where readings scatter a hundred times as far as they state; see there."""
     measurements = as_campaign(measurements, arm)
     used, _ = _usable(arm, measurements, rows)
     about: tuple[Flag, ...] = ()
@@ -253,10 +270,7 @@ def calibrate(
                 raise
             found = (Flag("convention", error.problem),)
         about += tuple(replace(flag, text=f"{name}: {flag.text}") if name else flag for flag in found)
-    calibrated = fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
-    if not (anyway or as_stated):
-        check_scatter(calibrated.fit)
-    return calibrated
+    return fitted_to(arm, measurements, rows, progress, keep, as_stated, seen, about)
 
 
 def fitted_to(

@@ -25,9 +25,6 @@ from armflex.readings import Position
 from armflex.readings.end import rigid_motion
 from armflex.readings.instrument import Instrument, rigid_fit
 
-NEAR_HOMES = (-8.0, -4.0, -2.0, 2.0, 4.0, 8.0)
-"""Tolerance: zeros [deg] to begin from between those that are 15 degrees apart, each nearer to what it is than 0 is."""
-
 HEADERS = {"degrees": "deg", "mrad": "mrad", "mm": "mm", "cm": "cm", "um": "um"}
 """Units that a header can state."""
 
@@ -413,7 +410,8 @@ def _homes(seen: Seen) -> Iterator[Family]:
             mistakes = turned + 2 * bool(degrees or not turned)
             return np.array([np.radians(degrees)]), " and ".join(wrong), ", then ".join(remedy), mistakes
 
-        degrees = [*range(-165, 181, 15)] if sign < 0.0 else [*range(-165, 0, 15), *range(15, 181, 15), *NEAR_HOMES]
+        near = (-8, -4, -2, 2, 4, 8)  # each nearer to what it may be than 0 is
+        degrees = [*range(-165, 181, 15)] if sign < 0.0 else [*range(-165, 0, 15), *near, *range(15, 181, 15)]
         yield Family(map_, [np.radians([one]) for one in degrees], named)
 
 
