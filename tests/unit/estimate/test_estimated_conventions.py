@@ -98,3 +98,12 @@ def test_what_is_far_beyond_limits_in_no_unit_is_refused_by_its_line(campaign: t
     q = 1e3 * np.random.default_rng(0).normal(size=rows.q.shape)
     with pytest.raises(ValueError, match=r"q_.* is .* rad \(limits"):
         calibrate(arm, replace(rows, q=q), anyway=True)
+
+
+def test_what_scatters_a_hundred_times_as_stated_is_refused_in_python_too(campaign: tuple[Arm, Measurements]) -> None:
+    """A wrist that is counted from the level moves this tip by little: no convention is named."""
+    arm, rows = campaign
+    q = rows.q - (rows.q[:, [1]] + rows.q[:, [2]]) * np.eye(6)[3]
+    with pytest.raises(ConventionError, match=r"its readings scatter by .* times as much"):
+        calibrate(arm, replace(rows, q=q))
+    assert calibrate(arm, replace(rows, q=q), anyway=True).scatter > 100.0
