@@ -110,17 +110,20 @@ def from_ipa(source: Path, target: Path) -> None:
     def number(text: str) -> float:
         return float(text.replace(",", "."))
 
-    for file in files:
-        found = list(csv.DictReader(file.open(encoding="utf-8-sig"), delimiter=";"))
-        if not found or any(joint not in found[0] for joint in joints):
-            continue  # goals, not joint positions
+    tables = {file: list(csv.DictReader(file.open(encoding="utf-8-sig"), delimiter=";")) for file in files}
+    # Others have goals, not joint positions.
+    tables = {file: found for file, found in tables.items() if found and {*joints} <= found[0].keys()}
+    for file, found in tables.items():
+        series = file.parent.name.replace("Series", "series")
+        if sum(other.parent == file.parent for other in tables) > 1:
+            series += file.stem.removeprefix("measurements")
         rows = (
             [f"p{i}", file.parent.name, 10.0 * i, *(number(row[joint]) for joint in joints)]
             + [1e-3 * number(row[f"measurement_{axis}"]) for axis in "xyz"]
             + [5e-5]
             for i, row in enumerate(found)
         )
-        write_campaign(folder / f"{file.parent.name.replace('Series', 'series')}.csv", joints, rows)
+        write_campaign(folder / f"{series}.csv", joints, rows)
 
 
 def from_hilti(source: Path, target: Path) -> None:

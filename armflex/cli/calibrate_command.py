@@ -19,7 +19,6 @@ from armflex.estimate.block import learned_laws
 from armflex.estimate.held_out import OfCampaign
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.learn import LearnedAxis, learned_axes
-from armflex.estimate.misread import check_scatter
 from armflex.estimate.outliers import Outlier
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
@@ -67,8 +66,6 @@ def command(
     measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), progress("calibrating: steps of the fit") as tick:
         found = calibrate(arm, measurements, progress=lambda done, most: tick(done, None), keep=keep, anyway=anyway)
-    if not anyway:
-        check_scatter(found.fit)
     samples = None
     if sample:
         with progress("sampling") as tick:

@@ -100,7 +100,7 @@ def command(
         write_part(part, output)
         options.conclude(lambda: {**part.to_dict(), "flags": []}, part.flags)
     print_part(part)
-    say(f'Written to {output}. In an arm.toml: [flexure.NAME] with joint = "..." and file = "{output.name}".')
+    say(f'Written to {output}. In an arm.toml: file = "{output.name}" in a [flexure.NAME] or a [link.NAME].')
 
 
 def _bounds(text: str | None, kind: str) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from armflex.estimate.fit import Fit, Weighed, fit, realise
 from armflex.estimate.held_out import POSE_FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
 from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
-from armflex.estimate.misread import check_conventions, wrong_sigma
+from armflex.estimate.misread import check_conventions, check_scatter, wrong_sigma
 from armflex.estimate.misreadings import USUAL_PRIOR
 from armflex.estimate.outliers import DOUBTED, Outlier, fit_without_lost, outliers_of
 from armflex.estimate.placement import FEWEST_ROWS, check_enough, first_guess
@@ -232,12 +232,30 @@ def calibrate(
         anyway: Take the campaign as it is, also where it is plausible only in another convention.
 
     Raises:
-        ConventionError: The campaign is implausible for this arm, and plausible in another convention.
+        ConventionError: The campaign is implausible for this arm, and plausible in another convention; or readings
+            scatter a hundred times as far as they state.
         InputError: Too few rows were measured, or they do not determine where the instrument stands.
         MissingCovariateError: An effect of the arm depends on what the campaign does not give.
         UnsupportedError: The arm has effects that change how the instrument stands or reads.
         ConvergenceError: The fit did not settle.
     """
+    calibrated = fit_campaign(arm, measurements, rows, progress, keep, as_stated, seen, anyway)
+    if not (anyway or as_stated):
+        check_scatter(calibrated.fit)
+    return calibrated
+
+
+def fit_campaign(
+    arm: Arm,
+    measurements: Measurements | Tabular | Sequence[Measurements | Tabular],
+    rows: np.ndarray | None = None,
+    progress: Progress | None = None,
+    keep: bool = False,
+    as_stated: bool = False,
+    seen: Mapping[str, Seen] | None = None,
+    anyway: bool = False,
+) -> Calibration:
+    """Return what `calibrate` does, also where readings scatter a hundred times as far as they state; see there."""
     measurements = as_campaign(measurements, arm)
     used, _ = _usable(arm, measurements, rows)
     about: tuple[Flag, ...] = ()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +17,7 @@ import pinocchio as pin
 from armflex.arm import Arm
 from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, RESOLUTION, ROUND, UNITS, Array
 from armflex.errors import FEW, listing
-from armflex.estimate.misreadings import Misreading, joints_as
+from armflex.estimate.misreadings import USUAL_PRIOR, Misreading, joints_as
 from armflex.estimate.robust import TAILS
 from armflex.estimate.view import LARGEST_MOTION
 from armflex.measured.measurements import Measurements
@@ -135,6 +135,26 @@ class Family:
     named: Callable[[Array, float], Called | None]
 
 
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """A family at the numbers that readings give it, what it then costs, and the convention that this is."""
+
+    family: Family
+    numbers: Array
+    cost: float
+    misreading: Misreading
+
+    @property
+    def by(self) -> Array:
+        """(nq, nq) A of the positions that are meant, q A + b."""
+        return self.family.map(self.numbers)[0]
+
+    @property
+    def shift(self) -> Array:
+        """(nq,) b of them."""
+        return self.family.map(self.numbers)[1]
+
+
 def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misreading]:
     """Yield the conventions that bring a campaign's positions near those of the rigid arm.
 
@@ -156,26 +176,45 @@ def estimated(arm: Arm, every: Measurements, rows: np.ndarray) -> Iterator[Misre
 
 
 def _columns(seen: Seen, every: Measurements) -> Iterator[Misreading]:
-    """Yield the likeliest of the families, each refined, and of two at once where one alone leaves much."""
+    """Yield the likeliest of the families, each refined, and of several at once where one alone leaves much."""
     before = seen.cost(seen.placed(seen.q).left)
     units = {joint.name: every.units.get(f"q_{joint.name}", "") for joint in seen.arm.robot.moving}
     found = _fitted(seen, [*_scales(seen, units), *_couplings(seen), *_homes(seen)], before)
-    yield from (one for _, one, _ in found)
+    yield from (one.misreading for one in found)
     for _ in range(FEW - 1):
         if not found:
             return
-        cost, one, after = found[0]
-        found = []
-        for lower, other, then in _fitted(after, [*_couplings(after), *_homes(after)], cost):
-            change = lambda rows, first=one, last=other: last.rows(first.rows(rows))  # noqa: E731
-            more = {"mistakes": one.mistakes + other.mistakes, "whole": True}
-            both = Misreading(f"{one.name}, and {other.name}", f"{one.remedy}; {other.remedy}", change, **more)
-            found.append((lower, both, then))
-        yield from (one for _, one, _ in found[:1])
+        first = found[0]
+        after = replace(seen, q=seen.q @ first.by + first.shift)
+        left = np.median(np.linalg.norm(seen.placed(after.q).left, axis=1))
+        if left < USUAL_PRIOR.joint_offset * seen.arm.robot.reach:  # no more than an arm lacks
+            return
+        further = _fitted(after, [*_couplings(after), *_homes(after)], first.cost)
+        # What one alone is estimated at makes up for the other.
+        found = _fitted(seen, [_both(first, other) for other in further], first.cost)
+        yield from (one.misreading for one in found[:1])
 
 
-def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple[float, Misreading, Seen]]:
-    """Return the likeliest families refined, the best first: the cost, the hypothesis, and the rows so meant."""
+def _both(first: Fitted, other: Fitted) -> Family:
+    """Return the family of two, the second one of positions that the first has rewritten."""
+    apart = len(first.numbers)
+
+    def map_(numbers: Array) -> tuple[Array, Array]:
+        (by, shift), (more, further) = first.family.map(numbers[:apart]), other.family.map(numbers[apart:])
+        return by @ more, shift @ more + further
+
+    def named(numbers: Array, alike: float) -> Called | None:
+        one, last = first.family.named(numbers[:apart], alike), other.family.named(numbers[apart:], alike)
+        if one is None or last is None:
+            return None
+        both = np.concatenate([one[0], last[0]])
+        return both, f"{one[1]}, and {last[1]}", f"{one[2]}; {last[2]}", one[3] + last[3]
+
+    return Family(map_, [np.concatenate([first.numbers, other.numbers])], named)
+
+
+def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[Fitted]:
+    """Return the likeliest families refined, the best first."""
     from scipy.optimize import least_squares  # not needed to import the package
 
     def left(family: Family, numbers: Array) -> Array:
@@ -187,7 +226,7 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple
         for number, family in enumerate(families)
         for place, start in enumerate(family.starts)
     ]
-    likely, found = dict[int, int](), list[tuple[float, Misreading, Seen]]()
+    likely, found = dict[int, int](), list[Fitted]()
     for cost, number, place in sorted(looked):
         if cost < before - 1.0 and len(likely) < 2 * FEW:
             likely.setdefault(number, place)
@@ -207,9 +246,9 @@ def _fitted(seen: Seen, families: Sequence[Family], before: float) -> list[tuple
             by, shift = family.map(numbers)
             if (cost := seen.cost(left(family, numbers))) < least + 1.0 or alike == ROUND:
                 hypothesis = Misreading(name, remedy, joints_as(by, shift), mistakes=mistakes, whole=True)
-                found.append((cost, hypothesis, replace(seen, q=seen.q @ by + shift)))
+                found.append(Fitted(family, numbers, cost, hypothesis))
                 break
-    return sorted(found, key=lambda one: one[0] + one[1].mistakes)[:FEW]
+    return sorted(found, key=lambda one: one.cost + one.misreading.mistakes)[:FEW]
 
 
 def _scales(seen: Seen, units: dict[str, str]) -> Iterator[Family]:
@@ -346,28 +385,34 @@ def _couplings(seen: Seen) -> Iterator[Family]:
             text = f"q_{other} is counted with {part}q_{one} {how} ({sum_}{note})"
             return np.array([share]), text, f"write {sum_} into the column", 1
 
-        yield Family(map_, [np.array([1.0]), np.array([-1.0])], named)
+        yield Family(map_, [np.array([share]) for share in (1.0, -1.0, 0.5, -0.5)], named)
 
 
 def _homes(seen: Seen) -> Iterator[Family]:
-    """Yield the families in which one turning joint's zero is somewhere else."""
+    """Yield the families in which one turning joint's zero is somewhere else, its sign as it is or turned."""
     robot, count = seen.arm.robot, seen.q.shape[1]
-    for i, joint in enumerate(robot.moving):
+    for (i, joint), sign in product(enumerate(robot.moving), (1.0, -1.0)):
         if joint.kind == "prismatic":
             continue
+        by = np.diag(np.where(np.arange(count) == i, sign, 1.0))
 
-        def map_(numbers: Array, i: int = i) -> tuple[Array, Array]:
-            return np.eye(count), np.where(np.arange(count) == i, numbers[0], 0.0)
+        def map_(numbers: Array, i: int = i, by: Array = by) -> tuple[Array, Array]:
+            return by, np.where(np.arange(count) == i, numbers[0], 0.0)
 
-        def named(numbers: Array, alike: float, name: str = joint.name) -> Called:
+        def named(numbers: Array, alike: float, name: str = joint.name, turned: bool = sign < 0.0) -> Called:
             degrees = (float(np.degrees(numbers[0])) + 180.0) % 360.0 - 180.0
             near = 5.0 * round(degrees / 5.0)
-            degrees = near if abs(degrees - near) < np.degrees(ROUND) and near else round(degrees, 1)
-            text = f"the home position of {name} is {degrees:+g} degrees from the URDF's"
-            remedy = f"add {degrees:+g} degrees to q_{name}, or turn the joint's origin in the URDF"
-            return np.array([np.radians(degrees)]), text, remedy, 2
+            degrees = near if abs(degrees - near) < np.degrees(ROUND) and (near or turned) else round(degrees, 1)
+            wrong, remedy = [f"the sign of q_{name} is turned"] * turned, [f"turn the signs of q_{name}"] * turned
+            if degrees or not turned:
+                wrong.append(f"the home position of {name} is {degrees:+g} degrees from the URDF's")
+                remedy.append(f"add {degrees:+g} degrees to q_{name}, or turn the joint's origin in the URDF")
+            mistakes = turned + 2 * bool(degrees or not turned)
+            return np.array([np.radians(degrees)]), " and ".join(wrong), ", then ".join(remedy), mistakes
 
-        yield Family(map_, [np.array([np.radians(one)]) for one in range(-165, 181, 15) if one], named)
+        near = (-8, -4, -2, 2, 4, 8)  # each nearer to what it may be than 0 is
+        degrees = [*range(-165, 181, 15)] if sign < 0.0 else [*range(-165, 0, 15), *near, *range(15, 181, 15)]
+        yield Family(map_, [np.radians([one]) for one in degrees], named)
 
 
 def _unit(value: float, known: dict[str, float], alike: float) -> tuple[float, str]:

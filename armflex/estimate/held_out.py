@@ -16,6 +16,7 @@ from armflex.estimate.robust import EVEN, huber_weights, outlier_limit, robust_l
 from armflex.estimate.view import View, foremost_rms
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
 from armflex.parameters import OF_SESSION, Group, ParameterKind
+from armflex.readings import Position
 from armflex.rows.rows import STILL, numbered
 
 POSE_FOLDS = 5
@@ -32,11 +33,14 @@ def near(*views: View) -> np.ndarray:
     """Return (M, d) readings that one or more of several views of the same rows come near, by the limit of the closest.
 
     A reading that only an effect explains speaks for it, one that it alone spoils against it, and a beam that every
-    view misses about none of them.
+    view misses about none of them. Nor is an error that of a coordinate that nobody read.
     """
+    read = np.isfinite(views[0].sigma)
+    for kind, place in views[0].readings.placed:
+        read[:, place] &= kind.read if isinstance(kind, Position) else True
     limit = np.min([robust_limit(view) for view in views], axis=0)
     close = np.any([huber_weights(view, limit) > DOUBTED for view in views], axis=0)
-    return close & np.isfinite(views[0].sigma)
+    return close & read
 
 
 def judged_by(*fits: Fit) -> np.ndarray:

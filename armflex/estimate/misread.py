@@ -32,7 +32,6 @@ from armflex.estimate.fit import Fit, realise
 from armflex.estimate.fit import moved as moved_by
 from armflex.estimate.misreadings import (
     USUAL_PRIOR,
-    WRITTEN_IN,
     Misreading,
     elsewhere,
     misreadings,
@@ -114,11 +113,11 @@ class Misfit:
         read = np.isfinite(kind.sigma).any(axis=1)
         return float(np.median(np.linalg.norm(errors[read, place], axis=1))) if read.any() else 0.0
 
-    def said(self, of: str) -> str:
-        """Return how far off is what a hypothesis is about with the instruments placed, in words."""
+    def said(self, of: str, errors: Array | None = None) -> str:
+        """Return how far off is what a hypothesis is about, in words: (M, d) errors, or the instruments placed."""
         turned = [i for i, kind in enumerate(self.kinds) if isinstance(kind, Orientation) and not kind.name]
         number = turned[0] if of == "orientation" and turned else 0
-        return said_of(self.off(self.view.residual, number), self.kinds[number].unit)
+        return said_of(self.off(self.view.residual if errors is None else errors, number), self.kinds[number].unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -340,7 +339,8 @@ def check_conventions(
     else:
         of = "orientation" if found.suspects == (None,) else ""
         sensors = ", ".join(kind.title for kind in found.kinds if kind.name and kind.name in found.suspects)
-        begun = f"{of or 'reading'}s are {found.said(of)} off the arm{f' ({sensors})' if sensors else ''}"
+        off = _off_placed(case, of) or found.said(of)
+        begun = f"{of or 'reading'}s are {off} off the arm{f' ({sensors})' if sensors else ''}"
         begun += ", further than [prior] explains"
     if named:
         said = "; or ".join(one.said for one in named)
@@ -373,11 +373,7 @@ def _spread(count: int, most: int) -> np.ndarray:
 
 def _read(kind: Kind) -> Kind:
     """Return a kind without coordinates of a point that were not read: those beside which others are in no unit."""
-    if not isinstance(kind, Position):
-        return kind
-    units = WRITTEN_IN[kind.unit].values()
-    unread = kind.sigma > max(units) / min(units) * kind.sigma.min(axis=1, keepdims=True)
-    return replace(kind, sigma=np.where(unread, np.inf, kind.sigma))
+    return replace(kind, sigma=np.where(kind.read, kind.sigma, np.inf)) if isinstance(kind, Position) else kind
 
 
 def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
@@ -402,11 +398,6 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
             return charge, misfit(other.only(some), known and known.some(some), near, rounds=1), words
         return np.inf, None, ""
 
-    def placed(hypothesis: Misreading, own: np.ndarray | None) -> str:
-        """Return how far off readings are with the instrument and its target placed, in words."""
-        fitted = misfit(case.meant(hypothesis, own), rounds=ROUNDS, placing=True)
-        return said_of(fitted.off(fitted.left), fitted.kinds[0].unit)
-
     if len(tried) > 2 * FEW:
         read = (np.flatnonzero(np.isfinite(kind.sigma).any(axis=1)) for kind in case.rows.readings.kinds)
         some = np.unique(np.concatenate([own[_spread(len(own), ROWS_LOOKED_AT // 4)] for own in read]))
@@ -429,7 +420,17 @@ def _named(case: Case, found: Misfit | None, searched: bool) -> list[Named]:
             meant[name] = hypothesis, own
     ranked = sorted(named.values(), key=lambda one: -one.gain)
     likeliest = [one for one in ranked if one.gain > ranked[0].gain + np.log(DOUBT)][:FEW]
-    return [replace(one, then=placed(*meant[one.name])) if one.hypothesis.whole else one for one in likeliest]
+    return [
+        replace(one, then=_off_placed(case.meant(*meant[one.name]), one.hypothesis.of) or one.then) for one in likeliest
+    ]
+
+
+def _off_placed(case: Case, of: str) -> str:
+    """Return how far off is what a hypothesis is about with instrument and target placed, in words; '' unknown."""
+    with suppress(ArmflexError):
+        fitted = misfit(case, rounds=ROUNDS, placing=True)
+        return fitted.said(of, fitted.left)
+    return ""
 
 
 def _charge(case: Case, hypothesis: Misreading, own: np.ndarray | None) -> tuple[str, float]:

@@ -139,6 +139,8 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     if (position := measurements.readings.of(Position)) is None:
         return
     axes_read = np.isfinite(position.sigma).any(axis=0)  # one that nobody read is in no unit
+    fixed = axes_read & (np.ptp(position.values, axis=0) == 0.0)
+    axes_read &= ~fixed
     if not (columns := _columns_read(measurements)):
         return
     are = "are" if "," in columns else "is"
@@ -152,8 +154,14 @@ def _of_positions(arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
         yield Misreading(f"{name}, and so is sigma", remedy, _positions(every, factor), volume=volume)
         for i in np.flatnonzero(axes_read) if axes_read.sum() > 1 else ():  # one column has no other unit than its own
             scale = np.diag(np.where(np.arange(3) == i, factor, 1.0))
-            name = f"{'xyz'[i]} alone is in {unit}, read as {taken}"
-            yield Misreading(name, remedy, _positions(scale), mistakes=2, volume=float(np.log(factor)) / 3.0)
+            name, alone = f"{'xyz'[i]} alone is in {unit}, read as {taken}", f"write {'xyz'[i]}_{unit} into its header"
+            alone = f"convert it to {taken}" if unit == "inches" else alone
+            yield Misreading(name, alone, _positions(scale), mistakes=2, volume=float(np.log(factor)) / 3.0)
+    if fixed.any() and axes_read.any():
+        still = listing(np.array(list("xyz"))[fixed].tolist())
+        name = f"{still} {'was' if fixed.sum() == 1 else 'were'} not read, as the same number is in every row"
+        remedy = 'declare what was read as [instrument.NAME], such as kind = "height" in the column NAME'
+        yield Misreading(name, remedy, _read(lambda kind, _: _without(kind, fixed)))
     smaller = "write sigma_mm into the header"
     yield Misreading("sigma is in mm", smaller, lambda one: replace(one, sigma=1e-3 * one.sigma), mistakes=2)
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
@@ -391,6 +399,12 @@ def _values(name: str, change: Callable[[Array], Array], of: type[Kind] = Kind, 
             else kind
         )
     )
+
+
+def _without(kind: Kind, fixed: np.ndarray) -> Kind:
+    """Return a kind as it is, but positions of the tip without (3,) some coordinates."""
+    tip = isinstance(kind, Position) and not kind.name
+    return replace(kind, sigma=np.where(fixed, np.inf, kind.sigma)) if tip else kind
 
 
 def _positions(by: Array, sigma: float = 1.0) -> Rewriting:

@@ -91,7 +91,7 @@ def _krl_move(row: int, at: Mapping[str, str], time: float | None, blend: float)
 
 
 def _krl_lost(name: str, times: int, blends: int) -> tuple[str, ...]:
-    notes = (f"A KRL file must have the name of its program: {name}.src.",)
+    notes = (f"The program is called {name}, and so must its file be: {name}.src.",)
     lost = [f"{times} times between rows"] * bool(times) + [f"{blends} blends"] * bool(blends)
     if not lost:
         return notes

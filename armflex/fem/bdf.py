@@ -129,7 +129,7 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
             if not young or not (shear or cells[3]):
                 draft.fail("MAT1 needs E, and G or NU", line)
             poisson = poisson if cells[3] else 0.5 * young / shear - 1.0
-            draft.material(cells[0], young=young, poisson=poisson, **{"density": mass} if mass else {})
+            draft.material(cells[0], line, young=young, poisson=poisson, density=mass)
         elif word in ("SPC", "SPC1"):
             nodes = [cells[1], cells[4]] if word == "SPC" else cells[2:]
             held.setdefault(f"SPC{cells[0]}", []).append(([cell.upper() for cell in nodes if cell], line))
@@ -138,7 +138,10 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
                 held.setdefault(f"SPC{cells[0]}", []).append(([f"SPC{other}"], line))
         elif word in ("PARAM", "MDLPRM"):
             for name, value in zip(cells[::2], cells[1::2], strict=False):
-                scale = (_parameter(draft, name, value, line) if name else None) or scale
+                factor = _parameter(draft, name, value, line) if name else None
+                if scale not in (None, factor or scale):
+                    draft.fail(f"PARAM {name} stands twice, with {scale:g} and {factor:g}", line)
+                scale = factor or scale
         elif word == "ENDDATA":
             flags = []
             break
@@ -154,7 +157,8 @@ def read_bdf(path: Path, unit: str = "m") -> Mesh:
         elif name in draft.groups:
             draft.fail(f"{word} makes shells of {name}, which are not computed: {NOT_COMPUTED}", line)
     for material in draft.materials.values():
-        material |= {"density": (controlled or scale or 1.0) * material["density"]} if "density" in material else {}
+        mass = material.pop("density")
+        material |= {"density": (controlled or scale or 1.0) * mass} if mass else {}
     requested = [(name, *one) for name, one in sets.items()]
     for name, several in held.items():
         for given, line in several:

@@ -48,7 +48,7 @@ HARMLESS = words(
     SURFACE OUTPUT, INTEGRATED OUTPUT, INTEGRATED OUTPUT SECTION, FILE FORMAT, FILE OUTPUT, NODE PRINT, NODE FILE,
     EL PRINT, EL FILE, ELEMENT FILE, ELEMENT PRINT, CONTACT PRINT, CONTACT FILE, ENERGY PRINT, ENERGY FILE,
     MODAL PRINT, MODAL FILE, SECTION PRINT, SECTION FILE, FACE PRINT, MONITOR, PRINT, DESIGN VARIABLES,
-    DESIGNVARIABLES, DESIGN RESPONSE
+    DESIGNVARIABLES, DESIGN RESPONSE, TRANSFORM
     """,
     ",",
 )
@@ -342,7 +342,7 @@ class _Reader:
 
     def new_material(self, one: _Statement) -> None:
         self.material = self.name(one, "NAME")
-        self.draft.materials[self.material] = {}
+        self.draft.materials.setdefault(self.material, {})
 
     def elastic(self, one: _Statement) -> None:
         kind = one.parameters.get("TYPE", "ISO").upper()
@@ -350,7 +350,7 @@ class _Reader:
             text = "one line of an isotropic *ELASTIC in a *MATERIAL is read: Young's modulus, Poisson's ratio"
             self.fail(text, one.line)
         young, poisson = self.draft.numbers(*one.data[0], 2)[:2]
-        self.draft.material(self.material, young=young, poisson=poisson)
+        self.draft.material(self.material, one.line, young=young, poisson=poisson)
 
     def density(self, one: _Statement) -> None:
         if not one.data or not self.material:
@@ -359,7 +359,7 @@ class _Reader:
         if min(values) < max(values):
             text = f"*DENSITY (line {one.line % MOST_LINES}) depends on the temperature: its first is that of the part"
             self.flags.setdefault("DENSITY", Flag("density", text))
-        self.draft.material(self.material, density=values[0])
+        self.draft.material(self.material, one.line, density=values[0])
 
     def section(self, one: _Statement) -> None:
         keys = list(self.members(self.draft.groups, one, one.line, [self.name(one, "ELSET")]))

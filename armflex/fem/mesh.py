@@ -245,11 +245,14 @@ class Draft:
             self.fail(f"element {number} stands twice", line)
         self.elements[key] = number, kind, nodes, line
 
-    def material(self, name: str, **values: float) -> None:
-        """Add what `Material` has, in the file's units."""
+    def material(self, name: str, line: int, **values: float) -> None:
+        """Add what `Material` has, in the file's units; what stands twice is the same."""
         factors = {"young": UNITS[self.unit][1], "density": UNITS[self.unit][2]}
-        known = self.materials.setdefault(name, {})
-        known |= {key: value * factors.get(key, 1.0) for key, value in values.items()}
+        before = self.materials.setdefault(name, {})
+        for key, value in values.items():
+            value *= factors.get(key, 1.0)
+            if before.setdefault(key, value) != value:
+                self.fail(f"material {name!r} stands twice, with {key} {before[key]:.6g} and {value:.6g} (SI)", line)
 
     def mesh(self, flags: Iterable[Flag] = (), beyond: Sequence[tuple[str, int]] = ()) -> Mesh:
         """Return the mesh.
@@ -265,7 +268,12 @@ class Draft:
             if material not in self.materials:
                 known = listing(self.materials) or "none"
                 self.fail(f"a section of the material {material!r}, which is not there (known: {known})", line)
-            made |= dict.fromkeys(keys, material)
+            for key in keys:
+                if self.materials[before := made.setdefault(key, material)] != self.materials[material]:
+                    number = self.elements[key][0]
+                    self.fail(
+                        f"element {number} is in two sections, of the materials {before!r} and {material!r}", line
+                    )
         sorts: dict[tuple[str, str], list[tuple[int, list[int], int]]] = {}
         for key, (number, kind, nodes, line) in self.elements.items():
             if missing := [node for node in nodes if node not in rows]:

@@ -51,7 +51,7 @@ Row = tuple[int, str]
 def read_msh(path: Path, unit: str = "m") -> Mesh:
     """Read a gmsh mesh; physical groups are sets. See `inp.read_inp`."""
     draft = Draft(path, unit)
-    rows = ((line, text.strip()) for line, text in draft.text_lines(path))
+    rows = ((line, text.strip()) for line, text in draft.text_lines(path) if text.strip())
     start = next(((line, next(rows, (0, ""))[1]) for line, text in rows if text == "$MeshFormat"), (0, ""))
     version, binary, *_ = [*start[1].split(), "", ""]
     if not start[0]:

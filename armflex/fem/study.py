@@ -153,10 +153,10 @@ def _model(mesh: Mesh, ids: np.ndarray) -> list[str]:
     if mesh.beyond:
         lines = mesh.path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
         words = [line.strip().upper() for line in lines]
-        apart = ("*PART", "*INSTANCE", "*INCLUDE", "*SYSTEM")
+        apart = ("*PART", "*INSTANCE", "*INCLUDE", "*SYSTEM", "*TRANSFORM")
         if any(word.startswith(apart) or re.match(r"\*.*\bINPUT\s*=", word) for word in words):
             keyword, line = mesh.beyond[0]
-            text = f"*{keyword} with parts, systems or included files: flatten the model first"
+            text = f"*{keyword} with parts, systems, transforms or included files: flatten the model first"
             raise UnsupportedError(f"{mesh.path}:{line}: {text}")
         return lines[: next((i for i, word in enumerate(words) if word.startswith("*STEP")), len(lines))]
     places = enumerate(mesh.points.tolist(), 1)

@@ -55,6 +55,7 @@ from armflex.laws.effects.location import drive_axis
 from armflex.laws.effects.payload_mass import PAYLOAD_MASS, masses_with
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.joint.linear import SOFTEST
+from armflex.laws.joint.meshed import MeshedLaw
 from armflex.laws.law import anywhere
 from armflex.laws.learned import Learning, read_learning
 from armflex.mechanics.loaded import Payload
@@ -374,7 +375,8 @@ def _read_pose(table: Declaration, key: str, keys: tuple[str, ...]) -> pin.SE3 |
 def _read_payload(name: str, table: Declaration) -> Payload:
     if name == "none":
         raise ArmFileError(table.place(), "[payload.none]: 'none' means that nothing is carried, choose another name")
-    mass, com = table.number("mass"), table.numbers("com", (3,))
+    mass = table.number("mass")
+    com = np.zeros(3) if mass == 0.0 and not table.has("com") else table.numbers("com", (3,))
     inertia = table.numbers("inertia", (6,)) if table.has("inertia") else None
     table.finish()
     try:
@@ -517,6 +519,8 @@ def _questions(flexures: tuple[Flexure, ...], robot: Robot, stated: Sequence[str
     exact = [flexure.name for flexure in flexures if not flexure.law.uncertain and flexure.law.gives(row)]
     if exact and any(flexure.law.uncertain for flexure in flexures):  # the sum would look too sure
         text = f"only some flexures have a relative_std; taken as exactly known: {listing(exact)}"
+        meshed = any(isinstance(one.law, MeshedLaw) for one in flexures if one.name in exact)
+        text += " (of a part from a mesh: `armflex fem --young-std`)" if meshed else ""
         yield Flag("partly_certain", text)
 
 

@@ -135,11 +135,17 @@ def _checked(root: Declaration, robot: Robot, names: Mapping[str, Declaration]) 
     ties, held = Ties(model, data, points), set()
     for name, one in zip(linkage.joined, ties.joined, strict=True):
         first, second = (end.joint for end in one.ends)
+        own = next(own for own in (*linkage.loops, *linkage.cylinders) if own.name == name)
+        text = f"{name!r} joins {own.link!r} to {own.to!r}"
         if first == second:
-            own = next(own for own in (*linkage.loops, *linkage.cylinders) if own.name == name)
-            text = f"joins {own.link!r} to {own.to!r}, which no joint moves against each other"
-            raise names[name].fail("to", f"{name!r} {text}")
-        held |= set(model.supports[first]) ^ set(model.supports[second])
+            raise names[name].fail("to", f"{text}, which no joint moves against each other")
+        between = set(model.supports[first]) ^ set(model.supports[second])
+        if not any(model.getJointId(joint) in between for joint in linkage.free):
+            driven = [joint for joint in robot.joint_names if joint in {model.names[one] for one in between}]
+            drives = f"and {listing(driven)} between them {'has a drive' if len(driven) == 1 else 'have drives'}"
+            remedy = f"a joint that it holds is passive: [joint.{driven[-1]}] passive = true"
+            raise names[name].fail("to", f"{text}, {drives}: {remedy}")
+        held |= between
     for name in linkage.passive:
         if model.getJointId(name) not in held:
             text = f"joint {name!r} is passive, but no loop or cylinder is around it: nothing would hold it"

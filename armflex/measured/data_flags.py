@@ -16,7 +16,7 @@ from armflex.arm import Arm
 from armflex.conventions import LOGGED_ANGLES, LOGGED_LENGTHS, NUMBER, STANDARD_GRAVITY, UNITS, Array
 from armflex.errors import FEW, Flag, Place, TableError, listing
 from armflex.files.effect_file import TEMPERATURE
-from armflex.measured.table import Table, asked_columns, is_nearly
+from armflex.measured.table import Table, asked_columns, is_nearly, other_joints
 from armflex.mechanics.loaded import FORCE_BAND
 from armflex.robot.urdf import Joint
 from armflex.rows.rows import MOST_LEVELS, levels, mostly_numbers
@@ -202,6 +202,9 @@ def in_other_units(q: Array, arm: Arm) -> np.ndarray:
 def table_flags(table: Table, found: Measurements, arm: Arm) -> tuple[Flag, ...]:
     """Return the flags about rows that were read: covariates misspelt or no candidates, their order, repetitions."""
     flags = []
+    if others := other_joints(table, arm):
+        text = f"{listing(others)} {'is' if len(others) == 1 else 'are'} of no joint of this arm, and left out"
+        flags.append(Flag("other_joint", f"{Place(table.path, 1)}: {text}"))
     for name in found.covariates if TEMPERATURE not in found.covariates else ():
         if is_nearly(name, TEMPERATURE) and name not in asked_columns(arm):
             text = f"column {name!r} is read as a covariate: did you mean {TEMPERATURE!r}?"

@@ -49,6 +49,7 @@ from armflex.measured.table import (
     check_same_arm,
     check_unknown,
     joint_kinds,
+    other_joints,
     read_pieces,
     read_table,
 )
@@ -71,6 +72,9 @@ KINDS = {
 NO_NUMBERS = ("nan", "inf", "infinity")
 """What programs write, but for its sign, for a number that they could not compute: an error in a covariate of numbers,
 in which another word for nothing is a gap."""
+
+ALONE = ': one coordinate alone is read as an [instrument.NAME], such as one of kind = "height" in the column NAME'
+"""What is said where only some coordinates of a point are there."""
 
 FEW_ROWS = 0.25
 """Tolerance: share of a column's rows below which those far beyond its limits are in another unit than the others."""
@@ -407,6 +411,10 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     known = [*column_kinds(arm), *TEXTS, *(f"{APPROACH}{joint}" for joint in arm.joint_names)]
     needed, sensed = [f"q_{joint}" for joint in arm.joint_names], set(table.columns) & set(_sensor_kinds(arm))
     check_same_arm(table, arm)
+    missing = [name for name in POSITION if name not in table.columns]
+    alike = {name[:1].lower() for name in table.columns if name[:1] in "XYZ"}
+    if not points and 0 < len(missing) < len(POSITION) and alike.isdisjoint(missing):
+        raise table.fail(f"has no column {listing(map(repr, missing))}{ALONE}")
     table.require([*needed, *(() if inputs_only or points or sensed else POSITION)])
     for name, column in table.columns.items():
         if name not in known and (sensor := _undeclared(name, arm)):
@@ -418,10 +426,10 @@ def _known_columns(table: Table, arm: Arm, inputs_only: bool, points: PointExpor
     check_asked(table, arm, unknown)
     for name in (name for name in unknown if name.startswith(APPROACH)):
         raise table.fail(f"unknown column {table.columns[name].header!r}{did_you_mean(name, meant)}")
-    check_unknown(table, unknown, meant, [*arm.joint_names, *arm.robot.locked])
+    check_unknown(table, unknown, meant, [*arm.joint_names, *arm.robot.locked], recorded=True)
     if not len(table):
         raise TableError(Place(table.path), "has a header but no rows")
-    return known
+    return known + other_joints(table, arm)
 
 
 def _undeclared(name: str, arm: Arm) -> str:
@@ -646,7 +654,7 @@ def _vectors(table: Table, names: tuple[str, ...]) -> tuple[np.ndarray, Array]:
     if not any(name in table.columns for name in names):
         return np.zeros(len(table), dtype=bool), np.zeros((len(table), len(names)))
     table.require(names)
-    there = table.given(names)
+    there = table.given(names, ALONE if names == POSITION else "")
     empty = ": leave the cell empty where nothing was read"
     return there, np.column_stack([table.numbers_where(name, there, empty) for name in names])
 

@@ -110,12 +110,12 @@ class Table:
         """Return the error that says what is wrong with a row, or with the header where none is named."""
         return TableError(Place(self.path, 1 if row is None else self.lines[row]), problem)
 
-    def given(self, names: Sequence[str]) -> np.ndarray:
+    def given(self, names: Sequence[str], hint: str = "") -> np.ndarray:
         """Return (N,) in which rows the cells of some columns are all given; raise `TableError` where only some are."""
         cells = np.array([[bool(cell) for cell in self.texts(name)] for name in names]).T
         there = np.all(cells, axis=1)
         for row in np.flatnonzero(np.any(cells, axis=1) & ~there)[:1]:
-            raise self.fail(f"only some of {', '.join(names)} are given", row)
+            raise self.fail(f"only some of {', '.join(names)} are given{hint}", row)
         return there
 
     def numbers(self, name: str, beyond: str = BEYOND, hint: str = "") -> Array:
@@ -450,11 +450,14 @@ def misspelt(name: str, known: Iterable[str], likeness: float = 0.75) -> bool:
     return bool(difflib.get_close_matches(name, lowered, n=1, cutoff=likeness)) or not exchanged.isdisjoint(lowered)
 
 
-def check_unknown(table: Table, names: Iterable[str], known: Sequence[str], joints: Sequence[str]) -> None:
+def check_unknown(
+    table: Table, names: Iterable[str], known: Sequence[str], joints: Sequence[str], recorded: bool = False
+) -> None:
     """Raise `TableError` at a column without a meaning whose name is one of the `known` ones misspelt.
 
-    A joint in the name of a column is no likeness: `speed_elbow` is recorded beside `q_elbow`. Of such a name the word
-    before the joint counts, and the joint only where that word is one of the known columns'.
+    What was `recorded` may have positions of joints that the arm does not have; a path may not. A joint in the name of
+    a column is no likeness: `speed_elbow` is recorded beside `q_elbow`. Of such a name the word before the joint
+    counts, and the joint only where that word is one of the known columns'.
     """
     of_joints = {name: joint for name in known for joint in joints if name.endswith(f"_{joint}")}
     before = {name.removesuffix(f"_{joint}") for name, joint in of_joints.items()}
@@ -466,10 +469,18 @@ def check_unknown(table: Table, names: Iterable[str], known: Sequence[str], join
         word, _, rest = name.partition("_")
         meant = word.lower() in before or misspelt(word, long)
         meant = meant and (misspelt(rest, joints) or DIGITS.sub("", rest.lower()) in digitless)
-        meant = meant or name.startswith("q_") or _squeezed(name) in squeezed
+        other = name.startswith("q_") and not recorded
+        meant = meant or other or _squeezed(name) in squeezed
         meant = meant or any(is_nearly(name, one) for one in plain)
         if meant or (not DIGITS.search(name) and misspelt(name, words, 0.85)):
-            raise table.fail(f"unknown column {table.columns[name].header!r}{did_you_mean(name, known)}")
+            hint = did_you_mean(name, known) or (f": the arm's joints are {listing(joints)}" if other else "")
+            raise table.fail(f"unknown column {table.columns[name].header!r}{hint}")
+
+
+def other_joints(table: Table, arm: Arm) -> list[str]:
+    """Return columns of positions of joints that the arm does not have, such as those of a gripper in the same log."""
+    own = {f"q_{joint}" for joint in (*arm.joint_names, *arm.robot.locked)}
+    return [name for name in table.columns if name.startswith("q_") and name not in own]
 
 
 def _squeezed(name: str) -> str:
@@ -523,4 +534,5 @@ def check_payloads(table: Table, payload: tuple[str, ...], arm: Arm) -> None:
         try:
             arm.payload(name or "none")
         except UnknownNameError as error:
-            raise TableError(Place(table.path, first[name]), str(error)) from None
+            remedy = f"declare it in the arm file, [payload.{name}] with its mass and com, or leave the cell empty"
+            raise TableError(Place(table.path, first[name]), f"{error}: {remedy}") from None

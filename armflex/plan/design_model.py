@@ -11,7 +11,6 @@ import numpy as np
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
-from armflex.estimate import calibrate
 from armflex.estimate.block import (
     Block,
     EffectBlock,
@@ -25,6 +24,7 @@ from armflex.estimate.block import (
     with_laws,
 )
 from armflex.estimate.blocks import blocks_of, declared_blocks, frame_block, sensor_block, sensor_keys
+from armflex.estimate.calibrate import fit_campaign
 from armflex.estimate.fit import Fit, prior_of
 from armflex.estimate.posterior import OTHER_PARAMETERS
 from armflex.estimate.robust import whitened_regressors
@@ -124,7 +124,7 @@ def known_before(arm: Arm, after: Measurements | None, as_stated: bool) -> Befor
     """
     if after is None:
         return Before(Setup(arm, arm.instrument or Instrument()))
-    found = calibrate(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
+    found = fit_campaign(arm, after, keep=arm.certainty is not None, as_stated=as_stated)
     fitted = found.fit
     assert found.arm.certainty is not None
     measured = Measured.of(fitted, after, found.arm.certainty, fitted.setup)

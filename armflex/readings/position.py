@@ -12,6 +12,9 @@ from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
 from armflex.readings.sensor import POINT
 
+UNREAD = 1000.0
+"""Tolerance: times as uncertain as the best coordinate of its row one is stated that nobody read, as of a height."""
+
 
 @dataclass(frozen=True, eq=False)
 class Position(Kind):
@@ -22,6 +25,11 @@ class Position(Kind):
     channels = ("x", "y", "z")
     framed = True
     nuisances = (POINT,)
+
+    @property
+    def read(self) -> np.ndarray:
+        """(N, 3) coordinates that were read, in rows where any was."""
+        return self.sigma <= UNREAD * self.sigma.min(axis=1, keepdims=True)
 
     def _points(self, at: Postures) -> Array:
         return at.instrument.seen(at.end(self.name).place)

@@ -563,7 +563,7 @@ def check_masses(urdf: Urdf, scope: Scope, allow_massless: bool) -> tuple[Flag, 
     for joint in moving:
         link, (masses[joint.child], inertia) = urdf.links[joint.child], _body(urdf, joint.child)
         if masses[link.name] and (link.inertial is None or (inertia != link.inertial.inertia).any()):
-            if link.name not in impossible and (problem := _impossible(inertia)):
+            if link.name not in impossible and inertia.any() and (problem := _impossible(inertia)):
                 impossible[link.name] = f"{link.place}: link {link.name!r} and what is fixed to it: {problem}"
         elif not (masses[link.name] or link.between):
             text = f"link {link.name!r} moves with joint {joint.name!r} but has no <inertial>, so no weight"
@@ -694,6 +694,8 @@ def _body(
     mass = sum(part[0] for part in parts)
     center = sum(part[0] * part[1] for part in parts) / (mass or 1.0)
     inertia = np.zeros((3, 3))
+    if len(parts) == 1:  # its own CoM is that of all but for rounding
+        return mass, parts[0][2]
     for own, position, about in parts:
         arm = pin.skew(position - center)
         inertia += about - own * arm @ arm

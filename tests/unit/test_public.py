@@ -121,6 +121,13 @@ def test_decimal_commas_and_stations_are_read(tmp_path: Path) -> None:
     assert name == "ipa_ur10" and found.session == ("Series_B",) * 2
     np.testing.assert_allclose(found.q[0], [-3.14159, -1.5708, 0.0, -1.5708, 0.0, 0.0])
     np.testing.assert_allclose(found.position[0], [0.38376294, -3.2408734, 0.20193157])
+    (series / "measurements_twice.csv").write_text("\n".join([";".join(head), rows[0]]))
+    scoreboard.from_ipa(tmp_path, tmp_path / "both")
+    names = {
+        table.stem: len(scoreboard.read_measurements(table, arm))
+        for _, _, table in scoreboard.campaigns(tmp_path / "both")
+    }
+    assert names == {"series_B_joint_configurations": 2, "series_B_twice": 1}  # one overwrote the other
     data = tmp_path / "hilti" / "data"
     (data / "datasets").mkdir(parents=True)
     (data / "trailblazer.urdf").write_text(urdf.replace("</joint>", '<mimic joint="a"/></joint>', 1))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -52,10 +53,35 @@ def test_a_coupling_is_named(campaign: tuple[Arm, Measurements], sign: float) ->
     assert f"q_{other} is counted with q_{one} {'taken off' if sign > 0 else 'added'}" in said
 
 
-def test_a_home_at_any_angle_is_named(campaign: tuple[Arm, Measurements]) -> None:
+def test_two_couplings_of_a_joint_are_estimated_together(campaign: tuple[Arm, Measurements]) -> None:
+    """One coupling alone is estimated at what makes up for the other."""
     arm, rows = campaign
-    said = named(arm, replace(rows, q=rows.q + np.radians(-30.0) * np.eye(6)[1]))
-    assert f"the home position of {arm.joint_names[1]} is +30 degrees" in said
+    one, two, three = arm.joint_names[:3]
+    said = named(arm, replace(rows, q=rows.q - (0.5 * rows.q[:, [0]] + rows.q[:, [1]]) * np.eye(6)[2]))
+    assert f"q_{three} is counted with 0.5 q_{one} taken off" in said
+    assert f"q_{three} is counted with q_{two} taken off" in said
+
+
+@pytest.mark.parametrize("degrees", [30.0, 7.2])
+def test_a_home_at_any_angle_is_named(campaign: tuple[Arm, Measurements], degrees: float) -> None:
+    arm, rows = campaign
+    said = named(arm, replace(rows, q=rows.q - np.radians(degrees) * np.eye(6)[1]))
+    found = re.findall(rf"the home position of {arm.joint_names[1]} is ([+-][\d.]+) degrees", said)
+    assert float(found[0]) == pytest.approx(degrees, abs=0.15)
+
+
+def test_a_sign_and_a_home_are_named_together(campaign: tuple[Arm, Measurements]) -> None:
+    arm, rows = campaign
+    said = named(arm, replace(rows, q=np.pi / 2.0 * np.eye(6)[1] + rows.q * (1.0 - 2.0 * np.eye(6)[1])))
+    assert f"the sign of q_{arm.joint_names[1]} is turned and the home position of {arm.joint_names[1]} is +90" in said
+
+
+def test_what_is_left_has_the_target_placed(campaign: tuple[Arm, Measurements]) -> None:
+    """Where the target is on the tool [prior] leaves open: that is no error of the arm."""
+    arm, rows = campaign
+    said = named(arm, replace(rows, q=rows.q[:, [0, 2, 1, 3, 4, 5]]))
+    assert "are exchanged" in said
+    assert float(re.findall(r"Then they are ([\d.e-]+) mm off", said)[0]) < 5.0
 
 
 def test_a_rail_is_named_by_its_column(campaign: tuple[Arm, Measurements]) -> None:
@@ -72,3 +98,12 @@ def test_what_is_far_beyond_limits_in_no_unit_is_refused_by_its_line(campaign: t
     q = 1e3 * np.random.default_rng(0).normal(size=rows.q.shape)
     with pytest.raises(ValueError, match=r"q_.* is .* rad \(limits"):
         calibrate(arm, replace(rows, q=q), anyway=True)
+
+
+def test_what_scatters_a_hundred_times_as_stated_is_refused_in_python_too(campaign: tuple[Arm, Measurements]) -> None:
+    """A wrist that is counted from the level moves this tip by little: no convention is named."""
+    arm, rows = campaign
+    q = rows.q - (rows.q[:, [1]] + rows.q[:, [2]]) * np.eye(6)[3]
+    with pytest.raises(ConventionError, match=r"its readings scatter by .* times as much"):
+        calibrate(arm, replace(rows, q=q))
+    assert calibrate(arm, replace(rows, q=q), anyway=True).scatter > 100.0

@@ -220,6 +220,8 @@ def test_what_is_harmless_in_an_input_file_is_left_out(tmp_path: Path) -> None:
     ]
     lines += [
         "0.2,",
+        "*TRANSFORM, NSET=FOOT",
+        "0., 1., 0., -1., 0., 0.",
         "*ORIENTATION, NAME=O",
         "1., 0., 0., 0., 1., 0.",
         "*SURFACE, NAME=FREE",
@@ -238,8 +240,43 @@ def test_what_is_harmless_in_an_input_file_is_left_out(tmp_path: Path) -> None:
     lines += ["*OUTPUT, FIELD", "*NODE OUTPUT", "U", "*EL FILE", "S", "*NSET, NSET=LATE", "1", "*END STEP"]
     mesh = abaqus(tmp_path, *lines)
     assert len(mesh.points) == 8 and not mesh.flags
-    with pytest.raises(armflex.InputError, match=r"b\.inp:29: set 'FREE' is a \*SURFACE of 'ALL', ''"):
+    with pytest.raises(armflex.InputError, match=r"b\.inp:31: set 'FREE' is a \*SURFACE of 'ALL', ''"):
         mesh.nodes_of("FREE")
+
+
+@pytest.mark.parametrize(
+    ("again", "problem"),
+    [
+        ("MAT1,1,1.0+11,,0.3,7850.0", f"{BULK}: material '1' stands twice, with young 2.1e+11 and 1e+11"),
+        ("MAT1,1,2.1+11,,0.3", f"{BULK}: material '1' stands twice, with density 7850 and 0"),
+        ("MAT1,2,1.0+11,,0.3\nPSOLID,1,2", f"{BULK + 1}: element 101 is in two sections, .* '1' and '2'"),
+        ("PARAM,WTMASS,.5\nPARAM,WTMASS,1.", f"{BULK + 1}: PARAM WTMASS stands twice, with 0.5 and 1"),
+    ],
+)
+def test_what_stands_twice_in_a_deck_is_the_same_or_refused(again: str, problem: str, tmp_path: Path) -> None:
+    """Nastran takes identical cards and refuses others; here the later one counted."""
+    assert len(nastran(tmp_path, "MAT1,1,2.1+11,,0.3,7850.0\nPSOLID,1,1").blocks) == 1
+    with pytest.raises(armflex.InputError, match=rf"b\.bdf:{problem}".replace("+11", r"\+11")):
+        nastran(tmp_path, again)
+
+
+@pytest.mark.parametrize(
+    ("again", "problem"),
+    [
+        ("*ELASTIC\n1e11, 0.3", f"{KEYWORD}: material 'M' stands twice, with young"),
+        ("*MATERIAL, NAME=m\n*DENSITY\n1000.", f"{KEYWORD + 1}: material 'M' stands twice, with density 7850 and 1000"),
+        (
+            "*MATERIAL, NAME=N\n*ELASTIC\n1e11, 0.3\n*SOLID SECTION, ELSET=ALL, MATERIAL=N",
+            f"{KEYWORD + 3}: element 1 is in two sections, of the materials 'M' and 'N'",
+        ),
+    ],
+)
+def test_what_stands_twice_in_an_input_file_is_the_same_or_refused(again: str, problem: str, tmp_path: Path) -> None:
+    same = "*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, 0.3\n*SOLID SECTION, ELSET=ALL, MATERIAL=M"
+    ((block,),) = (abaqus(tmp_path, same).blocks,)
+    assert block.material is not None and block.material.density == 7850.0
+    with pytest.raises(armflex.InputError, match=rf"b\.inp:{problem}"):
+        abaqus(tmp_path, again)
 
 
 def test_a_system_moves_the_nodes_after_it(tmp_path: Path) -> None:
@@ -336,7 +373,7 @@ def gmsh(folder: Path, text: str) -> Mesh:
 def test_a_mesh_of_gmsh_holds_its_counts(version: str, tmp_path: Path) -> None:
     text = TEXTS[version]
     remarks = "$Comments\n$Nodes\n$EndComments\n" + text + '$NodeData\n1\n"u"\n$EndNodeData\n'
-    for good in (text, text.replace("\n", "\r\n"), remarks if version == "4.1" else text):
+    for good in (text, text.replace("\n", "\r\n"), text.replace("\n", "\n\n"), remarks if version == "4.1" else text):
         mesh = gmsh(tmp_path, good)
         assert numbers(mesh, "foot end") == [1, 2, 3, 4] and [block.ids.tolist() for block in mesh.blocks] == [[2]]
         assert mesh.blocks[0].nodes.tolist() == [[0, 1, 3, 2, 4, 5, 7, 6]]

@@ -227,6 +227,11 @@ def test_row32_zero_compliance_is_rigid(tmp_path):
     assert not rigid.deflection(Q, payload="p5").twists[0].any()
 
 
+def test_a_payload_of_no_mass_needs_no_place(tmp_path):
+    empty = load_arm(declared(tmp_path, (DIAGONAL, f"{DIAGONAL}\n[payload.empty]\nmass = 0")))
+    assert np.array_equal(empty.deflection(Q, "empty").displacement, empty.deflection(Q).displacement)
+
+
 def test_a_moving_payload_without_inertia_is_flagged(tarm):
     q = np.zeros(7)
     still, moving = tarm.deflection(q, Payload(10.0, np.zeros(3))), np.ones(7)

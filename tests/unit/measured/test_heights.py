@@ -9,7 +9,7 @@ import pytest
 from support.instruments import Machine, heavy, in_base
 
 from armflex import calibrate, load_arm, predict, read_measurements
-from armflex.errors import ArmFileError
+from armflex.errors import ArmFileError, ArmflexError
 
 RULER = """
 [instrument.ruler]
@@ -72,3 +72,44 @@ def test_a_table_without_gravity_needs_its_direction(written: tuple[Machine, Pat
         load_arm(other)
     other.write_text(text.replace("table_std", "up = [0.0, 0.0, 1.0]\ntable_std"))
     assert load_arm(other).sensors["ruler"].kind.unit == "m"
+
+
+def one_coordinate(folder: Path, head: str, cells: str) -> Path:
+    """Write a campaign of 40 rows of the machine's arm; the cells are those of a height [m]."""
+    machine, rng = Machine.draw(folder / "arm.toml", 2), np.random.default_rng(1)
+    names = [f"q_{joint.name}" for joint in machine.plant.joints]
+    lines = [",".join([*names, head])]
+    rows = machine.rows(40)
+    places = machine.plant.relax(rows).frames[:, -1, :3, 3] + rng.normal(0.0, 1e-4, (40, 3))
+    for q, place in zip(rows.q, places.tolist(), strict=True):
+        lines.append(",".join([*map(repr, map(float, q)), cells.format(z=place[2])]))
+    (folder / "alone.csv").write_text("\n".join(lines) + "\n")
+    return folder / "alone.csv"
+
+
+@pytest.mark.parametrize(
+    ("head", "cells", "said"),
+    [
+        ("x,y,z,sigma", ",,{z},1e-4", r"alone.csv:2: only some of x, y, z are given: one coordinate alone .*height"),
+        ("z,sigma", "{z},1e-4", r"alone.csv:1: has no column 'x', 'y': one coordinate alone .*height"),
+        (
+            "x,y,z,sigma",
+            "0,0,{z},1e-4",
+            r"x, y were not read, as the same number is in every row\?.*\[instrument.NAME\]",
+        ),
+    ],
+)
+def test_one_coordinate_alone_is_called_what_it_is(
+    written: tuple[Machine, Path], head: str, cells: str, said: str
+) -> None:
+    """The zeros were called metres beside millimetres, which changes nothing of them."""
+    arm = load_arm(written[1])
+    with pytest.raises(ArmflexError, match=said):
+        calibrate(arm, read_measurements(one_coordinate(written[1].parent, head, cells), arm))
+
+
+def test_errors_are_over_coordinates_that_were_read(written: tuple[Machine, Path]) -> None:
+    head, cells = "x,y,z,sigma_x,sigma_y,sigma_z", "0,0,{z},1e3,1e3,1e-4"
+    arm = load_arm(written[1])
+    found = calibrate(arm, read_measurements(one_coordinate(written[1].parent, head, cells), arm))
+    assert found.rms < 0.01 and found.noise_rms == pytest.approx(1e-4)

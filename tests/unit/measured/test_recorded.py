@@ -74,6 +74,16 @@ def test_a_column_that_is_misspelt_is_still_refused(long: Arm, tmp_path: Path, n
             read_measurements(campaign(tmp_path / "rows.csv", f",{other}", ",1"), long)
 
 
+def test_joints_of_a_gripper_in_the_log_are_left_out(long: Arm, tmp_path: Path) -> None:
+    """A bag has them; of a path they are refused, as the arm cannot drive there."""
+    found = read_measurements(campaign(tmp_path / "rows.csv", ",q_finger_l", ",7"), long)
+    assert not found.covariates
+    (flag,) = (flag for flag in found.flags if flag.code == "other_joint")
+    assert "q_finger_l is of no joint of this arm, and left out" in flag.text
+    with pytest.raises(TableError, match=r"'q_finger_l': the arm's joints are shoulder_pan_joint"):
+        read_trajectory(path_of(tmp_path / "path.csv", "q_finger_l"), long)
+
+
 def test_time_may_be_a_date(long: Arm, tmp_path: Path) -> None:
     days = ("2026-03-09 23:59:50", "2026-03-09T23:59:40", "2026-03-10T00:00:00.5")
     found = read_measurements(campaign(tmp_path / "rows.csv", times=days), long)

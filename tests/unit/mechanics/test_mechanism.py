@@ -200,6 +200,12 @@ REFUSED = {
         "[joint.turn]\npassive = true\n[joint.foot]",
         "nothing would hold it",
     ),
+    "a cylinder around a joint with a drive": (
+        "[joint.foot]",
+        '[cylinder.jack]\nlink = "column"\nat = [0.3, 0.0, 0.0]\nto = "arm"\nat_to = [0.0, 0.0, 0.5]\n'
+        "lower = 0.1\nupper = 2.0\n[joint.foot]",
+        "'jack' joins 'column' to 'arm', and lower between them has a drive: .*passive = true",
+    ),
     "a passive joint that does not exist": ("[joint.foot]", "[joint.fot]", "no joint 'fot'.*did you mean 'foot'"),
     "a flexure nowhere": ('joint = "crank"', 'joint = "cranc"', "did you mean 'crank'"),
     "a loop of a joint's name": ('name = "tail"', 'name = "foot"', "choose another one"),

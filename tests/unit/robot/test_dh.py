@@ -68,6 +68,13 @@ def test_a_centre_of_mass_is_where_the_joint_is(tmp_path: Path, form: str) -> No
         assert np.linalg.norm(weight[3:5]) == pytest.approx(10.0 * 9.81 * 0.3, rel=1e-9)
 
 
+def test_a_weight_at_a_point_has_no_inertia_by_rounding(tmp_path: Path) -> None:
+    """The mass of this row about its own centre came out at 6e-34 kg m^2, and was called impossible."""
+    row = "d_mm = 620.0, alpha_deg = 90.0, mass = 12, com = [0.0, -0.03, 0.05]"
+    arm = read(tmp_path, f'[robot]\ndh = "standard"\n[robot.joint]\nA4 = {{ {row} }}\n')
+    assert "impossible_inertia" not in [flag.code for flag in arm.flags]
+
+
 def test_modified_rows_with_a_slide_and_weights(tmp_path: Path) -> None:
     arm, q = read(tmp_path, MODIFIED), np.array([0.3, -0.7, 0.2])
     parts = [
