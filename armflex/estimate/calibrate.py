@@ -13,7 +13,7 @@ import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
-from armflex.conventions import RESOLUTION, TWIST_NAMES, row_numbers, said_of
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Shown, row_numbers, said_of
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
@@ -311,7 +311,7 @@ def fitted_to(
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         # Nor is an arm worse than declared of which only the instrument was placed.
-        *(() if about or judgement or scattered or keep else worse_than_declared(errors, found.view.readings.unit)),
+        *(() if about or judgement or scattered or keep else worse_than_declared(errors, found.view.readings.shown_in)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated, found, placed.view, measurements, flags, errors, scattered)
@@ -428,7 +428,7 @@ def _held_out(placed: Fit, found: Fit, measurements: Measurements, closest: Fit)
     return declared, calibrated
 
 
-def worse_than_declared(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
+def worse_than_declared(errors: tuple[float, float] | None, unit: str | Shown) -> Iterator[Flag]:
     """Yield the flag about an arm that predicts poses it was not fitted to worse than it did before."""
     if errors is not None and errors[1] > errors[0]:
         declared, calibrated = (said_of(error, unit) for error in errors)
