@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,12 @@ from armflex.parameters import ABSURD, ArmParameter, ParameterKind
 
 UNDETERMINED = 0.9
 """Confidence: posterior over prior standard deviation above which the data has said nothing about a parameter."""
+
+SHRUNK = 0.5
+"""Tolerance: factor on what was declared below which it is asked whether readings would have it below zero."""
+
+BELOW = 2.0
+"""Confidence: standard deviations by which they must."""
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,27 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
     parts = zip(fit.parameters, *numbers, partners, combined, moves.tolist(), strict=True)
     return tuple(FittedParameter(*found) for found in parts)
+
+
+def below_zero(fit: Fit) -> Iterator[tuple[ArmParameter, float, float]]:
+    """Yield compliances that readings would have below zero, were it not for their logarithm: times what was declared,
+    with the standard uncertainty of that.
+
+    A factor f enters readings as they are, so that a step of its logarithm is meant to be one of f / f. Every other
+    parameter has its prior, this one none.
+    """
+    noise = max(fit.noise, 1.0)
+    score = fit.regressors.T @ fit.residual / noise**2 - np.where(np.isfinite(fit.prior), fit.precision, 0.0) * fit.values
+    for i, which in enumerate(fit.parameters):
+        factor = float(np.exp(fit.values[i]))
+        if which.group.kind is not ParameterKind.COMPLIANCE or factor > SHRUNK or not fit.information[i, i] > 0.0:
+            continue
+        free, own = fit.precision.copy(), score.copy()
+        free[i], own[i] = 0.0, fit.regressors[:, i] @ fit.residual / noise**2
+        known = LinearGaussian(fit.information / noise**2).with_precision(free)
+        size, std = factor * (1.0 + float(known.solve(own)[i])), factor * float(known.std[i])
+        if size < -BELOW * std:
+            yield which, size, std
 
 
 def _only_combined(fit: Fit, index: int) -> bool:

@@ -31,7 +31,7 @@ NEAR = 0.1
 """Error [rad] up to which angles are compared where they were read, and a fit finds a frame from where it is."""
 
 ALIGNED = 0.01
-"""Prior: standard deviation [rad] of where an axis points in its link, where none is stated: nobody knows it to an
+"""Prior: standard deviation [rad] of where an axis points in its link, where none is stated: it is not known to an
 arcsecond before the first star."""
 
 FEWEST = 3
