@@ -91,6 +91,7 @@ class Direction(Kind):
     dimension = 2
     unit, quantity = "rad", "direction"
     shown = ("arcsec", 648000.0 / np.pi)
+    far = True
     channels = ("azimuth", "elevation")
     most = (4.0 * np.pi, 0.5 * np.pi + UNIT)
     nuisances = (COLLIMATION, LOOKS)
@@ -255,6 +256,7 @@ class PointDirection(Direction):
     """The same [rad] of a point of the arm, from the place of a theodolite."""
 
     nuisances = (PLACE, LOOKS, POINT)
+    far = False
 
     def _line(self, at: Postures) -> tuple[End, End, Array, Array]:
         """Return the point, the theodolite, (N,) the distance between them [m], and (N, 3) the way to the point."""

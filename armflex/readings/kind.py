@@ -61,6 +61,9 @@ class Kind(ABC):
     framed: ClassVar[bool] = False
     """Whether it is read in the frame of the instrument that looks at the tip."""
 
+    far: ClassVar[bool] = False
+    """Whether it reads something far away, the same from wherever the arm is."""
+
     by_motion: ClassVar[bool] = True
     """Whether `jacobian` says all that it answers to; else a view takes difference quotients of `predicted`."""
 

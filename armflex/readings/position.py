@@ -24,8 +24,12 @@ class Position(Kind):
     nuisances = (POINT,)
 
     def _points(self, at: Postures) -> Array:
-        points = at.instrument.seen(at.end(self.name).place)
+        points = self._straight(at)
         return points + at.bend[:, :1] * _lifted(points, at) if at.bend[:, 0].any() else points
+
+    def _straight(self, at: Postures) -> Array:
+        """Return (N, 3) where the target is in the instrument frame [m], as if no beam were bent."""
+        return at.instrument.seen(at.end(self.name).place)
 
     def ideal(self, at: Postures) -> Array:
         return at.instrument.in_session(self._points(at), at.sessions)
@@ -41,7 +45,7 @@ class Position(Kind):
     def by_bend(self, at: Postures) -> Array:
         """Return (N, 3, 2): a beam that bends downwards lifts what is seen by the square of its length."""
         found = np.zeros((len(self.values), 3, 2))
-        found[:, :, 0] = np.einsum("nij,nj->ni", at.turns, _lifted(self._points(at), at))
+        found[:, :, 0] = np.einsum("nij,nj->ni", at.turns, _lifted(self._straight(at), at))
         return found
 
     def by_scale(self, at: Postures) -> Array:
