@@ -1,4 +1,4 @@
-"""A telescope of two axes in twelve lines: a simulated pointing run, as TPOINT reads it, calibrates it to an arcsecond."""
+"""A telescope in twelve lines: a simulated pointing run, as TPOINT reads it, calibrates it to an arcsecond."""
 
 import sys
 import tempfile
@@ -41,7 +41,13 @@ def pointing_run(stars: int, seed: int = 1) -> str:
     level, rise = (off + rng.normal(0.0, NOISE, stars) for off in (level, rise))
     axes = az + ARCSEC * level / np.cos(el), el + ARCSEC * rise
     rows = np.degrees(np.column_stack([az, el, *axes]))
-    lines = ["A simulated mount", ": ALTAZ", "-30 14 40.2", *("%.7f %.7f %.7f %.7f" % tuple(row) for row in rows), "END"]
+    lines = [
+        "A simulated mount",
+        ": ALTAZ",
+        "-30 14 40.2",
+        *(" ".join(f"{angle:.7f}" for angle in row) for row in rows),
+        "END",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -54,7 +60,9 @@ def main(folder: str = ".") -> tuple[float, float]:
 
     assert found.held_out is not None
     before, after = (error / ARCSEC for error in found.held_out)
-    print(f"stars held out: {before:.0f} arcsec off as declared, {after:.2f} calibrated; noise {np.sqrt(2.0) * NOISE:.2f}")
+    print(
+        f"stars held out: {before:.0f} arcsec off as declared, {after:.2f} calibrated; noise {np.sqrt(2.0) * NOISE:.2f}"
+    )
     return before, after
 
 

@@ -57,9 +57,10 @@ def command(
 
     Files may be text (separated by semicolons, commas, tabs or blanks; decimal commas, comments, titles; UTF-8, UTF-16
     or Windows-1252), workbooks, ROS bags (rosbag2, MCAP), exports of Motive, Vicon, Qualisys or NDI, C3D, traces of
-    KUKA controllers, or pointing runs (TPOINT, MMT). Rows are joined by the points' names, else in their order, else by time; files whose names differ
-    are refused. Of a recording only the times at which the arm stands still are used. How every column is read is
-    printed first. A unit that is stated nowhere is asked for on a terminal, and is an error elsewhere.
+    KUKA controllers, or pointing runs (TPOINT, MMT). Rows are joined by the points' names, else in their order, else by
+    time; files whose names differ are refused. Of a recording only the times at which the arm stands still are used.
+    How every column is read is printed first. A unit that is stated nowhere is asked for on a terminal, and is an error
+    elsewhere.
     """
     from armflex.intake.picture_files import board_of, is_pictures  # imports scipy
 

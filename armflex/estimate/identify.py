@@ -133,7 +133,9 @@ def below_zero(fit: Fit) -> Iterator[tuple[ArmParameter, float, float]]:
     parameter has its prior, this one none.
     """
     noise = max(fit.noise, 1.0)
-    score = fit.regressors.T @ fit.residual / noise**2 - np.where(np.isfinite(fit.prior), fit.precision, 0.0) * fit.values
+    score = (
+        fit.regressors.T @ fit.residual / noise**2 - np.where(np.isfinite(fit.prior), fit.precision, 0.0) * fit.values
+    )
     for i, which in enumerate(fit.parameters):
         factor = float(np.exp(fit.values[i]))
         if which.group.kind is not ParameterKind.COMPLIANCE or factor > SHRUNK or not fit.information[i, i] > 0.0:

@@ -419,7 +419,9 @@ def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Post
     gravity = gravity_in(setup, sessions)
     gravity = arm.robot.gravity if gravity is None else gravity
     bend = bending(arm.effects, line.row, len(some))
-    return Postures(pose, sessions, setup.instrument, arm.sensors, gravity, q, approach, line.load_at, swing, place, bend)
+    return Postures(
+        pose, sessions, setup.instrument, arm.sensors, gravity, q, approach, line.load_at, swing, place, bend
+    )
 
 
 def gravity_in(setup: Setup, sessions: Sequence[str]) -> Array | None:

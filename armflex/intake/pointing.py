@@ -7,7 +7,7 @@ observation, and END; `!` and `;` begin comments. Observations are
 
     azimuth elevation, of the star and of the axes, in degrees, and the rotator's angle    (format 4)
     the same in degrees, minutes and seconds
-    right ascension and declination, of the star (apparent place) and of the axes, and the sidereal time (hours, minutes)
+    right ascension and declination, of the star (apparent place) and of the axes, and the sidereal time
 
 An equatorial mount is one whose base looks at the pole: hour angle and declination are its azimuth and elevation.
 """
@@ -68,7 +68,7 @@ class Run:
         beside: Further columns by name, (N,) numbers or texts.
         latitude: [rad], None where none is stated.
         air: What of `FIELDS` is stated of the air, of a run whose places are without refraction.
-        notes: What was left out, or taken for what.
+        notes: What was left out, and what is to be known.
     """
 
     path: Path
@@ -203,7 +203,7 @@ def _form(path: Path, row: tuple[int, str], count: int, mounts: Sequence[str]) -
     place, cells = Place(path, row[0]), row[1].split()
     equinox = next((cell for cell in cells[6:9] if re.fullmatch(r"[JB]?(?:1[89]|2[01])\d\d(?:\.\d*)?", cell)), None)
     if count >= 8 and equinox is not None:
-        text = f"gives a place of the catalogue for equinox {equinox}: precession, nutation and aberration are not computed"
+        text = f"gives a place of the catalogue for equinox {equinox}: precession and aberration are not computed"
         raise TableError(place, f"{text}. Give apparent places, or azimuth and elevation as observed (format 4)")
     if count >= 14:
         return "right ascension and declination of the star and of the axes, and the sidereal time", 14
@@ -235,7 +235,9 @@ def _from_hours(
         degrees = [_sexagesimal(path, number, text, i) for i in (3, 9)]
         clock = _numbers(text)[12:14]
         if not (0.0 <= clock[0] <= 24.0 and 0.0 <= clock[1] < 60.0):
-            raise TableError(Place(path, number), f"has the sidereal time {clock[0]:g} {clock[1]:g}, expected h and min")
+            raise TableError(
+                Place(path, number), f"has the sidereal time {clock[0]:g} {clock[1]:g}, expected h and min"
+            )
         sidereal.append(3600.0 * clock[0] + 60.0 * clock[1])
         found.append([15.0 * hours[0], degrees[0], 15.0 * hours[1], degrees[1]])
     places, clock = np.radians(found), np.array(sidereal)
@@ -304,7 +306,11 @@ def _read_records(path: Path, lines: Sequence[str]) -> Run:
 
 def instrument_text(run: Run) -> str:
     """Return the table of an arm file for what a run reads."""
-    lines = [f"[instrument.{STAR}]", 'kind = "direction"', 'link = "flange"            # the tube, the dish: what points']
+    lines = [
+        f"[instrument.{STAR}]",
+        'kind = "direction"',
+        'link = "flange"            # the tube, the dish: what points',
+    ]
     lines += ["axis = [1.0, 0.0, 0.0]     # the axis that points, in the link's frame", 'azimuth = "north_to_east"']
     if run.air and "pressure_hPa" in run.air:
         air = ", ".join(f"{name} = {value:g}" for name, value in run.air.items())
@@ -328,9 +334,19 @@ def mount_text(run: Run) -> str:
     lines = ["[robot]", 'dh = "modified"', f"gravity = [{', '.join(f'{one:.9g}' for one in down)}]"]
     lines += ["tool = { xyz = [1.0, 0.0, 0.0], rpy = [0.0, 0.0, 0.0] }   # the far end of what points", ""]
     lines += ["[robot.joint]", f"{first} = {{ alpha_deg = 180, mass = 10.0 }}"]
-    lines += [f"{second} = {{ alpha_deg = -90, mass = 10.0, com = [0.5, 0.0, 0.0] }}   # weight of what points: yours", ""]
+    lines += [
+        f"{second} = {{ alpha_deg = -90, mass = 10.0, com = [0.5, 0.0, 0.0] }}   # weight of what points: yours",
+        "",
+    ]
     lines += ["[flexure.tube]", f'joint = "{second}"', "compliance = [0, 0, 0, 1e-6, 1e-6, 1e-6]   # rad/Nm: yours", ""]
-    lines += [instrument_text(run), "", "[prior]", f"joint_offset = {_offset(run):.1g}", "geometry = 2e-3", "compliance = 2.0"]
+    lines += [
+        instrument_text(run),
+        "",
+        "[prior]",
+        f"joint_offset = {_offset(run):.1g}",
+        "geometry = 2e-3",
+        "compliance = 2.0",
+    ]
     return "\n".join(lines) + "\n"
 
 

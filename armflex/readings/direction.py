@@ -104,7 +104,9 @@ class Direction(Kind):
         if table.has("place") or not table.has("axis"):
             if table.has("axis") or not table.has("place"):
                 text = "give `axis`, the direction in the link that points, or `place`, where a theodolite stands"
-                raise table.fail("axis", f"stands beside `place`: {text}" if table.has("axis") else f"is missing: {text}")
+                raise table.fail(
+                    "axis", f"stands beside `place`: {text}" if table.has("axis") else f"is missing: {text}"
+                )
             if table.has("refraction"):
                 text = "is of what is beyond the air: over a few metres it bends by less than a tenth of an arcsec"
                 raise table.fail("refraction", f"{text}; the effect `refraction` is for more")
@@ -194,7 +196,10 @@ class Direction(Kind):
         off = -(sight.across(self.values) @ read[:, :, None])[:, :, 0]
         sine, cosine = np.linalg.norm(off, axis=1), np.einsum("ni,ni->n", sight.ways(self.values), read)
         opposite = (sine < SMALLEST_STD) & (cosine < 0.0)
-        off, sine = np.where(opposite[:, None], (1.0, 0.0), off), np.where(opposite, 1.0, np.maximum(sine, SMALLEST_STD))
+        off, sine = (
+            np.where(opposite[:, None], (1.0, 0.0), off),
+            np.where(opposite, 1.0, np.maximum(sine, SMALLEST_STD)),
+        )
         angle = np.arctan2(np.where(opposite, 0.0, sine), cosine)
         return np.where(np.isfinite(self.sigma), off * (angle / sine)[:, None], 0.0)
 
@@ -248,7 +253,11 @@ def _vertical(way: Array, at: Postures) -> tuple[Array, Array, Array]:
     sine = np.linalg.norm(rise, axis=1)
     at_zenith = (sine < RESOLUTION)[:, None]
     rise = np.where(at_zenith, np.cross(way, np.roll(way, 1, axis=1)), rise)
-    return rise / np.maximum(np.linalg.norm(rise, axis=1, keepdims=True), SMALLEST_STD), cosine, np.maximum(sine, RESOLUTION)
+    return (
+        rise / np.maximum(np.linalg.norm(rise, axis=1, keepdims=True), SMALLEST_STD),
+        cosine,
+        np.maximum(sine, RESOLUTION),
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
     twist = slope max(0, x - start) + flexure x
 
 of an axis of a joint's link. x is the position of the drive that tilts the link, or a force there along another axis: a
-mirror is lifted off its hard points where an air support takes more of its weight than it has. `flexure` is what gives
+mirror is lifted off its hard points where an air support takes more of its weight than it has. `flexure` is what bends
 beside it in proportion to the force, of either sign: a tube whose counterweight or optics wins rises with its weight.
 The partner says what x is, and from which side: `q` or `-q` of the drive, `fx` to `fz` or `-fx` to `-fz`.
 """

@@ -116,7 +116,7 @@ def by_instrument(trace: Trace) -> str:
 
 
 def by_session_and_pose(accurate: Accuracy, both: bool, unit: str | Shown) -> str:
-    """Return held-out errors by session and by pose, in the unit that people are shown: before and after, or after alone."""
+    """Return held-out errors by session and by pose, in the unit shown: before and after, or after alone."""
     figure, (left, right) = canvas(10.0, 3.3, 1, 2, gridspec_kw={"width_ratios": [1, 2.6]}, sharey=True)
     shown, factor = shown_in(unit)
     sessions = accurate.by(accurate.sessions)

@@ -168,10 +168,16 @@ def test_a_theodolite_determines_joint_offsets_and_where_it_stands(tmp_path: Pat
         (MOUNT.replace("axis = [1, 0, 0]\n", ""), "is missing: give `axis`"),
         (MOUNT + "place = [1, 0, 0]\n", "stands beside `place`"),
         (MOUNT.replace("axis = [1, 0, 0]", "axis = [0, 0, 0]"), "expected a direction in the link's frame"),
-        (MOUNT.replace("north_to_east", "north_to_west"), r"'north_to_west' is not known, did you mean 'north_to_east'"),
+        (
+            MOUNT.replace("north_to_east", "north_to_west"),
+            r"'north_to_west' is not known, did you mean 'north_to_east'",
+        ),
         (MOUNT + "refraction = { pressure_hPa = 75000, temperature_C = 5 }\n", "expected 0 to 1200, got 75000"),
         (MOUNT + "refraction = { pressure_hPa = 750 }\n", "needs 'temperature_C'"),
-        (THEODOLITE + "refraction = { pressure_hPa = 750, temperature_C = 5 }\n", "the effect `refraction` is for more"),
+        (
+            THEODOLITE + "refraction = { pressure_hPa = 750, temperature_C = 5 }\n",
+            "the effect `refraction` is for more",
+        ),
         (THEODOLITE.replace("[2.0, -1.0", "[2000.0, -1.0"), "millimetres"),
     ],
 )
@@ -183,7 +189,11 @@ def test_what_is_no_direction_is_refused(text: str, said: str, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("header", "cells", "said"),
     [
-        ("star_azimuth,star_elevation", (12.0, 45.0), "star_elevation is 45 rad, beyond 1.57.: in degrees, call the column"),
+        (
+            "star_azimuth,star_elevation",
+            (12.0, 45.0),
+            "star_elevation is 45 rad, beyond 1.57.: in degrees, call the column",
+        ),
         ("star_x,star_y,star_z", (1.0, 1.0, 0.0), "star_x, star_y, star_z are no unit vector"),
         ("star_azimuth_dms,star_elevation_dms", ("12:61:00", "4:00:00"), "is '12:61:00', not a finite number"),
         ("star_azimuth,star_elevation,star_x,star_y,star_z", (0.1, 0.1, 1.0, 0.0, 0.0), "give one of them"),
@@ -205,5 +215,7 @@ def test_readings_that_want_a_compliance_below_zero_are_said_to(tmp_path: Path) 
         flags[sign] = [one for one in calibrate(arm, read_measurements(path, arm)).flags if one.code == "opposite_sign"]
     (one,) = flags[-1.0]
     assert not flags[1.0]
-    wanted = re.match(r"compliance tube rz: the readings want (\S+) ± (\S+) times what was declared, the opposite", one.text)
+    wanted = re.match(
+        r"compliance tube rz: the readings want (\S+) ± (\S+) times what was declared, the opposite", one.text
+    )
     assert wanted is not None and abs(float(wanted[1]) + 1.0) < 3.0 * float(wanted[2]) < 0.5

@@ -42,8 +42,8 @@ from armflex.readings import (
     Touch,
     unread,
 )
-from armflex.readings.board import Board
 from armflex.readings.air import Air
+from armflex.readings.board import Board
 from armflex.readings.direction import PointDirection, Sight
 from armflex.readings.frequency import Swing
 from armflex.readings.instrument import Instrument
