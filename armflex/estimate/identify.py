@@ -17,12 +17,6 @@ from armflex.parameters import ABSURD, ArmParameter, ParameterKind
 UNDETERMINED = 0.9
 """Confidence: posterior over prior standard deviation above which the data has said nothing about a parameter."""
 
-SHRUNK = 0.5
-"""Tolerance: factor on what was declared below which it is asked whether readings would have it below zero."""
-
-BELOW = 2.0
-"""Confidence: standard deviations by which they must."""
-
 
 @dataclass(frozen=True)
 class FittedParameter:
@@ -138,13 +132,13 @@ def below_zero(fit: Fit) -> Iterator[tuple[ArmParameter, float, float]]:
     )
     for i, which in enumerate(fit.parameters):
         factor = float(np.exp(fit.values[i]))
-        if which.group.kind is not ParameterKind.COMPLIANCE or factor > SHRUNK or not fit.information[i, i] > 0.0:
+        if which.group.kind is not ParameterKind.COMPLIANCE or not fit.information[i, i] > 0.0:
             continue
         free, own = fit.precision.copy(), score.copy()
         free[i], own[i] = 0.0, fit.regressors[:, i] @ fit.residual / noise**2
         known = LinearGaussian(fit.information / noise**2).with_precision(free)
         size, std = factor * (1.0 + float(known.solve(own)[i])), factor * float(known.std[i])
-        if size < -BELOW * std:
+        if size + 2.0 * std < 0.0:  # with all of its 95 % interval
             yield which, size, std
 
 

@@ -61,8 +61,9 @@ HOURS = (
 
 def test_an_equatorial_mount_has_hour_angle_and_declination(tmp_path: Path) -> None:
     found = taken(tmp_path, f"Caption\n:EQUAT\n:NODA\n35 52 8.4 2001 5 30\n{HOURS}END\n")
-    np.testing.assert_allclose(degrees(found, "star_azimuth"), [15.0 * (13.675 - 14.0 - 16.0 / 60.0), 15.0 * (13.675 - 14.25)],
-                               atol=1e-9)  # fmt: skip
+    hours = 13.675 - 14.0 - 16.0 / 60.0
+    np.testing.assert_allclose(degrees(found, "star_azimuth"), [15.0 * hours, 15.0 * (hours + 1.0 / 60.0)], atol=1e-9)
+    np.testing.assert_allclose(degrees(found, "q_ha")[0], 15.0 * (13.675 - 14.0 - 15.5 / 60.0))
     np.testing.assert_allclose(degrees(found, "q_dec"), 19.0 + 4.0 / 60.0)
     np.testing.assert_allclose(found.columns["time"], [0.0, 60.0 * 0.99726957])
     (tmp_path / "mount.toml").write_text(found.arm)
@@ -74,7 +75,8 @@ def test_an_equatorial_mount_has_hour_angle_and_declination(tmp_path: Path) -> N
 
 def test_places_in_hours_become_azimuth_and_elevation_for_a_mount_that_has_these(tmp_path: Path) -> None:
     """On the meridian, 16 degrees south of the zenith; an hour later it is west of it."""
-    rows = "12 00 00 +20 00 00 12 00 00 +20 00 00 12 00.0 4.76 HARPB\n12 00 00 +20 00 00 12 00 00 +20 00 00 13 00.0 4.77 HARPB\n"
+    place = "12 00 00 +20 00 00 12 00 00 +20 00 00"
+    rows = f"{place} 12 00.0 4.76 HARPB\n{place} 13 00.0 4.77 HARPB\n"
     found = taken(
         tmp_path, f"JCMT\n: ALTAZ\n+36 00 00 2009 01 29 -2.25 621.00 4120.00 0.827 866.963\n{rows}", "run.pnt"
     )
@@ -144,7 +146,7 @@ def test_a_run_becomes_a_campaign_and_a_mount_that_calibrates(tmp_path: Path) ->
     az, el = rng.uniform(0.0, 360.0, 40), rng.uniform(20.0, 80.0, 40)
     noise = rng.normal(0.0, 1.0 / 3600.0, (2, 40))
     rows = np.column_stack([az, el, az - 0.3 + noise[0] / np.cos(np.radians(el)), el + 0.1 + noise[1]])
-    text = "".join("%.8f %.8f %.8f %.8f\n" % tuple(row) for row in rows)
+    text = "".join(" ".join(f"{angle:.8f}" for angle in row) + "\n" for row in rows)
     for name in ("a.dat", "b.dat"):
         (tmp_path / name).write_text(f"Caption\n:ALTAZ\n{PLACE}{text}END\n")
     files = [str(tmp_path / name) for name in ("a.dat", "b.dat", "run.csv", "mount.toml")]

@@ -1,4 +1,4 @@
-"""Two angles of what an axis points at, or of a point from a theodolite: read, fitted, and refused where they are none."""
+"""Two angles of what an axis points at, or of a point from a theodolite: read, fitted, refused where they are none."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def mount(folder: Path, more: str = "", text: str = MOUNT) -> Arm:
 
 
 def table(folder: Path, header: str, *columns: object) -> Path:
-    rows = zip(*([f"{one:.12g}" if isinstance(one, float) else one for one in np.asarray(own).tolist()] for own in columns),
-               strict=True)  # fmt: skip
+    cells = [[f"{one:.12g}" if isinstance(one, float) else one for one in np.asarray(own).tolist()] for own in columns]
+    rows = zip(*cells, strict=True)
     (folder / "run.csv").write_text("\n".join([header, *map(",".join, rows)]) + "\n")
     return folder / "run.csv"
 
@@ -149,7 +149,7 @@ def test_a_theodolite_determines_joint_offsets_and_where_it_stands(tmp_path: Pat
     rng = np.random.default_rng(5)
     q = rng.uniform(-1.0, 1.0, (60, 3))
     moved = THEODOLITE.replace("place = [2.0, -1.0, 0.4]", "place = [2.001, -1.001, 0.4005]")
-    truth = q + [0.0, 1e-3, -1.5e-3]
+    truth = q + np.array([0.0, 1e-3, -1.5e-3])
     ((kind, _),) = predict(mount(tmp_path, "", moved), table(tmp_path, "q_J1,q_J2,q_J3", *truth.T)).sensors
     seen = kind.values + rng.normal(0.0, 1e-5, (60, 2))
     path = table(tmp_path, "q_J1,q_J2,q_J3,theo_azimuth,theo_elevation", *q.T, *seen.T)
