@@ -21,7 +21,7 @@ from armflex.laws.effects.location import Here, Location, drive_axis
 from armflex.laws.effects.shapes import on_axis, own_column
 from armflex.laws.terms import Factor, Kind, Of, Term, part, powers, straight
 
-SHARES = (0.2, 0.35, 0.5, 0.65, 0.8)
+SHARES = (0.25, 0.5, 0.75)
 """Of the range that was measured: where a search for the start begins."""
 
 LEAST = 0.05
