@@ -71,13 +71,24 @@ SHOWN = {"m": ("mm", 1e3), "rad": ("mrad", 1e3), "m/s^2": ("mm/s^2", 1e3), "1": 
 """SI unit -> the unit in which people are shown an error, and its factor."""
 
 
-def said_of(error: float, unit: str) -> str:
+Shown = tuple[str, float]
+"""A unit in which people are shown an error, and its factor from SI."""
+
+
+def shown_in(unit: str | Shown) -> Shown:
+    """Return the unit in which people are shown an error in an SI unit; one that is such already as it is."""
+    return SHOWN[unit] if isinstance(unit, str) else unit
+
+
+def said_of(error: float, unit: str | Shown) -> str:
     """Return an error in an SI unit as people read it: '0.12 mm'."""
-    name, factor = SHOWN[unit]
+    name, factor = shown_in(unit)
     return f"{factor * error:.3g} {name}"
 
 
 UNITS["inclination"] = UNITS["angle"] | {"mm/m": 1e-3, "arcmin": np.pi / 10800.0, "arcsec": np.pi / 648000.0}
+
+UNITS["direction"] = UNITS["inclination"] | {"dms": np.pi / 180.0, "hms": np.pi / 12.0}
 
 LOGGED_ANGLES = {
     "radians": 1.0,

@@ -176,7 +176,7 @@ def of_effect(effect: Effect, number: int) -> tuple[ArmParameter, ...]:
 
     `number` is which of its name it is in an arm, see `numbers_of`.
     """
-    moves = effect.law.act not in (Act.FRAME, Act.SCALE)
+    moves = effect.law.act not in (Act.FRAME, Act.SCALE, Act.SIGHT)
     group, law = Group(ParameterKind.EFFECT, f"{effect.name}{numbered(number)}", moves), effect.law
     units = dict(zip(effect.named, effect.units, strict=True))
     amplitudes = tuple(

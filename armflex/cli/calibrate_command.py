@@ -12,7 +12,7 @@ import numpy as np
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, progress, say, say_written, show_flags
-from armflex.conventions import RESOLUTION, SHOWN
+from armflex.conventions import RESOLUTION, Shown, shown_in
 from armflex.errors import InputError, enough_memory
 from armflex.estimate import Calibration, calibrate
 from armflex.estimate.block import learned_laws
@@ -90,7 +90,7 @@ def command(
 
 def print_calibration(found: Calibration, show_all: bool = False) -> None:
     """Print the error before and after, what was found, and what the data do not determine."""
-    held_out, (unit, factor) = found.held_out or (None, None), SHOWN[found.fit.view.readings.unit]
+    held_out, (unit, factor) = found.held_out or (None, None), found.fit.view.readings.shown_in
     figures = [
         [f"declared, {found.placing}", found.declared_rms, held_out[0]],
         ["calibrated", found.rms, held_out[1]],
@@ -102,11 +102,11 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     print_table(f"{what} over {len(found.fit.view.rows)} rows", ["", f"RMS {unit}", f"poses held out {unit}"], cells)
     if at_target := found.fit.view.at_target(found.rms):
         say(at_target)
-    print_campaigns(found.campaigns, ("declared", "calibrated"), found.fit.view.readings.unit)
+    print_campaigns(found.campaigns, ("declared", "calibrated"), found.fit.view.readings.shown_in)
     if len(found.by_kind) > 1 or not found.fit.view.readings.of(Position):
         rows = []
         for kind, *sizes in found.by_kind:
-            unit, factor = SHOWN[kind.unit]
+            unit, factor = kind.shown_in
             count = int(np.isfinite(kind.sigma).any(axis=1).sum())
             rows.append([kind.title, str(count), *(number(size * factor) for size in sizes), unit])
         print_table("By instrument, RMS", ["", "rows", "declared", "calibrated", "stated noise", "unit"], rows)
@@ -140,16 +140,16 @@ def print_calibration(found: Calibration, show_all: bool = False) -> None:
     if found.left_out:
         say(f"Excluded as outliers by the robust fit: readings of {found.left_out} rows, which no figure includes.")
     for outlier in found.outliers[:5]:
-        unit, factor = SHOWN[outlier.unit]
+        unit, factor = outlier.shown_in
         by = f" by {outlier.instrument}" if outlier.instrument else ""
         other = f": exchanged with the reading of {outlier.fellow}" if outlier.fellow else ""
         say(f"outlier: {outlier.place}, {number(outlier.error_m * factor, 3)} {unit} off{by}{other}")
 
 
-def print_campaigns(campaigns: Sequence[OfCampaign], stages: tuple[str, str], unit: str) -> None:
+def print_campaigns(campaigns: Sequence[OfCampaign], stages: tuple[str, str], unit: str | Shown) -> None:
     """Print the errors of each of several campaigns."""
     if campaigns:
-        rows, (unit, factor) = [], SHOWN[unit]
+        rows, (unit, factor) = [], shown_in(unit)
         for one in campaigns:
             sizes = ("-" if rms is None else number(rms * factor) for rms in (one.before, one.after, one.from_others))
             rows.append([one.name, str(one.rows), *sizes])

@@ -32,7 +32,8 @@ from armflex.storage.whole_file import together, write_whole
     "arm_path",
     metavar="ARM.toml",
     type=options.OutputPath(),
-    help="Arm file to write, where a URDF or a table of DH parameters is given; cameras and further targets are in it.",
+    help="Arm file to write, where a URDF, a table of DH parameters or a pointing run is given; cameras, further "
+    "targets and the star are in it.",
 )
 @click.option("-o", "--output", required=True, type=options.OutputPath(), help="Campaign to write.")
 def command(
@@ -55,10 +56,11 @@ def command(
     A folder of pictures is joined by names, numbers or times; --board describes the board that they show.
 
     Files may be text (separated by semicolons, commas, tabs or blanks; decimal commas, comments, titles; UTF-8, UTF-16
-    or Windows-1252), workbooks, ROS bags (rosbag2, MCAP), exports of Motive, Vicon, Qualisys or NDI, C3D, or traces of
-    KUKA controllers. Rows are joined by the points' names, else in their order, else by time; files whose names differ
-    are refused. Of a recording only the times at which the arm stands still are used. How every column is read is
-    printed first. A unit that is stated nowhere is asked for on a terminal, and is an error elsewhere.
+    or Windows-1252), workbooks, ROS bags (rosbag2, MCAP), exports of Motive, Vicon, Qualisys or NDI, C3D, traces of
+    KUKA controllers, or pointing runs (TPOINT, MMT). Rows are joined by the points' names, else in their order, else by
+    time; files whose names differ are refused. Of a recording only the times at which the arm stands still are used.
+    How every column is read is printed first. A unit that is stated nowhere is asked for on a terminal, and is an error
+    elsewhere.
     """
     from armflex.intake.picture_files import board_of, is_pictures  # imports scipy
 
@@ -81,7 +83,7 @@ def command(
     if arm_path is not None and found.arm is None:
         raise InputError("--arm: no file is a URDF or has a table of DH parameters: columns theta, d, a, alpha")
     if found.declare and arm_path is None:
-        say("A camera or a further target is an instrument of its own. For the arm file:")
+        say("What reads the arm beside x y z is an instrument of its own. For the arm file:")
         for line in found.declare.splitlines():
             say(line)
     with together():

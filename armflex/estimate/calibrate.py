@@ -13,13 +13,13 @@ import numpy as np
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
-from armflex.conventions import RESOLUTION, TWIST_NAMES, row_numbers, said_of
+from armflex.conventions import RESOLUTION, TWIST_NAMES, Shown, row_numbers, said_of
 from armflex.errors import ArmflexError, ConventionError, Flag, InputError, UnsupportedError, listing, naming
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, Weighed, fit, realise
 from armflex.estimate.held_out import POSE_FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
-from armflex.estimate.identify import UNDETERMINED, FittedParameter, parameters
+from armflex.estimate.identify import UNDETERMINED, FittedParameter, below_zero, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, check_scatter, wrong_sigma
 from armflex.estimate.misreadings import USUAL_PRIOR
@@ -330,13 +330,23 @@ def fitted_to(
         *flags,
         *judgement,
         *far_from_declared(found, found.parameters, calibrated),
+        *_against_load(found),
         *soft(calibrated.flexures, anywhere(arm.robot), arm.flags),
         # Of an instrument that was moved, or is not what it is said to be, that is said already.
         # Nor is an arm worse than declared of which only the instrument was placed.
-        *(() if about or judgement or scattered or keep else worse_than_declared(errors, found.view.readings.unit)),
+        *(() if about or judgement or scattered or keep else worse_than_declared(errors, found.view.readings.shown_in)),
         *(() if scattered is None else _standing_off(certainty.unexplained)),
     )
     return Calibration(calibrated.left(), found, placed.view, measurements, flags, errors, scattered)
+
+
+def _against_load(found: Fit) -> Iterator[Flag]:
+    """Yield a flag for each compliance that the readings would have below zero."""
+    for which, size, std in below_zero(found):
+        text = f"{which.label}: the readings want {size:.2g} ± {std:.1g} times what was declared, the opposite sign, "
+        text += "which a compliance cannot have: something moves against its load, such as a counterweight, a spring "
+        text += "or a wrong centre of mass; `trace` has effects of either sign"
+        yield Flag("opposite_sign", text, about=which.label)
 
 
 def far_from_declared(fitted: Fit, some: Sequence[ArmParameter], arm: Arm) -> Iterator[Flag]:
@@ -450,7 +460,7 @@ def _held_out(placed: Fit, found: Fit, measurements: Measurements, closest: Fit)
     return declared, calibrated
 
 
-def worse_than_declared(errors: tuple[float, float] | None, unit: str) -> Iterator[Flag]:
+def worse_than_declared(errors: tuple[float, float] | None, unit: str | Shown) -> Iterator[Flag]:
     """Yield the flag about an arm that predicts poses it was not fitted to worse than it did before."""
     if errors is not None and errors[1] > errors[0]:
         declared, calibrated = (said_of(error, unit) for error in errors)

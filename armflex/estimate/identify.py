@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,6 +117,29 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     numbers = (part.tolist() for part in (fit.values, std, fit.prior, determined))
     parts = zip(fit.parameters, *numbers, partners, combined, moves.tolist(), strict=True)
     return tuple(FittedParameter(*found) for found in parts)
+
+
+def below_zero(fit: Fit) -> Iterator[tuple[ArmParameter, float, float]]:
+    """Yield compliances that readings would have below zero, were it not for their logarithm: times what was declared,
+    with the standard uncertainty of that.
+
+    A factor f enters readings as they are, so that a step of its logarithm is meant to be one of f / f. Every other
+    parameter has its prior, this one none.
+    """
+    noise = max(fit.noise, 1.0)
+    score = (
+        fit.regressors.T @ fit.residual / noise**2 - np.where(np.isfinite(fit.prior), fit.precision, 0.0) * fit.values
+    )
+    for i, which in enumerate(fit.parameters):
+        factor = float(np.exp(fit.values[i]))
+        if which.group.kind is not ParameterKind.COMPLIANCE or not fit.information[i, i] > 0.0:
+            continue
+        free, own = fit.precision.copy(), score.copy()
+        free[i], own[i] = 0.0, fit.regressors[:, i] @ fit.residual / noise**2
+        known = LinearGaussian(fit.information / noise**2).with_precision(free)
+        size, std = factor * (1.0 + float(known.solve(own)[i])), factor * float(known.std[i])
+        if size + 2.0 * std < 0.0:  # with all of its 95 % interval
+            yield which, size, std
 
 
 def _only_combined(fit: Fit, index: int) -> bool:

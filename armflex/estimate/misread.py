@@ -117,7 +117,7 @@ class Misfit:
         """Return how far off is what a hypothesis is about, in words: (M, d) errors, or the instruments placed."""
         turned = [i for i, kind in enumerate(self.kinds) if isinstance(kind, Orientation) and not kind.name]
         number = turned[0] if of == "orientation" and turned else 0
-        return said_of(self.off(self.view.residual if errors is None else errors, number), self.kinds[number].unit)
+        return said_of(self.off(self.view.residual if errors is None else errors, number), self.kinds[number].shown_in)
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,7 +359,7 @@ def check_conventions(
     for number, kind in enumerate(found.kinds):
         sought = searched and any(one.anywhere for one in kind.nuisances)  # stands where it is found to stand
         if kind.name and found.scatter[number] > ABSURD and not sought:
-            off = said_of(found.off(found.left, number), kind.unit)
+            off = said_of(found.off(found.left, number), kind.shown_in)
             text = f"{kind.title}: with all that [prior] and its declaration free, what it read is {off} off: "
             text += f"an effect is missing, or [instrument.{kind.name}] is not as declared"
             flags.append(Flag("instrument_implausible", text, about=kind.name))
@@ -667,8 +667,8 @@ def wrong_sigma(found: Fit, about: Sequence[Flag] = (), searched: bool = False) 
         large = others and scatter > ABSURD * max(1.0, min(others))
         small = found.noises[number][1] >= ABSURD and scatter < 1.0 / ABSURD
         stated = float(np.median(found.stated[:, place][np.isfinite(kind.sigma)]))
-        text = f"{kind.title}: its sigma is {said_of(stated, kind.unit)}, and its readings scatter by "
-        text += f"{said_of(scatter * stated, kind.unit)}, {scatter:.2g} times as much"
+        text = f"{kind.title}: its sigma is {said_of(stated, kind.shown_in)}, and its readings scatter by "
+        text += f"{said_of(scatter * stated, kind.shown_in)}, {scatter:.2g} times as much"
         if scatter > ABSURD**2 and not searched:
             yield Flag("scattered", f"{text}: sigma or a convention is wrong, or the arm lacks much", about=name)
         if name and name not in suspects and (large or small):

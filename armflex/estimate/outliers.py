@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from armflex.arm import Setup
-from armflex.conventions import Array
+from armflex.conventions import Array, Shown, shown_in
 from armflex.errors import ConvergenceError, Place
 from armflex.estimate.block import Block
 from armflex.estimate.fit import ROUGH, THOROUGH, Fit, fit
@@ -42,7 +42,8 @@ class Outlier:
     """What the fit excludes of a row: its place, its error [m, or `unit`], and what became of it.
 
     `instrument` is the sensor that read it, '' the instrument at the tip; `fellow`
-    is the row, or in the same row the instrument, whose reading stands there, of two that are exchanged.
+    is the row, or in the same row the instrument, whose reading stands there, of two that are exchanged; `shown` is of
+    the kind of reading.
     """
 
     row: int
@@ -52,6 +53,12 @@ class Outlier:
     instrument: str = ""
     unit: str = "m"
     fellow: str = ""
+    shown: Shown | None = None
+
+    @property
+    def shown_in(self) -> Shown:
+        """The unit in which people are shown its error, and its factor."""
+        return self.shown or shown_in(self.unit)
 
 
 def lost_readings(view: View, sessions: Sequence[str], poses: np.ndarray, heed: bool = True) -> np.ndarray:
@@ -193,4 +200,4 @@ def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: s
                 fellow = f"line {places[there].line}" if places else f"row {there}"
                 fellow = fellow if j != i else named[second] or "x y z"
             place = places[row] if places else None
-            yield Outlier(row, place, float(error[i]), said, own.name, own.unit, fellow)
+            yield Outlier(row, place, float(error[i]), said, own.name, own.unit, fellow, own.shown)

@@ -15,7 +15,7 @@ from armflex.conventions import STANDARD_GRAVITY, TWIST_NAMES, Array, said_of
 from armflex.errors import ArmflexError
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act, Effect, EffectLaw, Values
-from armflex.laws.effects.in_arm import directions
+from armflex.laws.effects.in_arm import bending, directions
 from armflex.laws.effects.location import Location, link_of, same_site, site_of
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
@@ -79,7 +79,8 @@ class View:
             return look(self.setup, self.driven, readings=Readings(len(self.driven))).context
         wrenches = {site: self.line.load_at(site) for site in self.line.sites}
         known = known_rows(self.arm, self.driven, gravity_in(self.setup, self.sessions))
-        return survey(self.driven, self.arm, known, wrenches, self.line.links[:, :, :3, 3])
+        stars = any(sensor.kind.far for sensor in self.arm.sensors.values())
+        return survey(self.driven, self.arm, known, wrenches, self.line.links[:, :, :3, 3], stars)
 
     @property
     def sigma(self) -> Array:
@@ -241,6 +242,8 @@ class View:
             return self.to_tension(next(one for one in self.arm.springs if one.name == location.site))
         if law.act is Act.GRAVITY:
             return self.by_gravity
+        if law.act is Act.SIGHT:
+            return self.readings.stacked(lambda kind: kind.by_bend(self.at))
         return self.by_session if law.act is Act.FRAME else self.by_scale[:, :, None]
 
     def answer(self, motion: Callable[[Response], Array]) -> Array:
@@ -429,7 +432,10 @@ def postures(setup: Setup, line: Response, rows: Rows, some: np.ndarray) -> Post
     sessions = tuple(rows.session[row] for row in some)
     gravity = gravity_in(setup, sessions)
     gravity = arm.robot.gravity if gravity is None else gravity
-    return Postures(pose, sessions, setup.instrument, arm.sensors, gravity, q, approach, line.load_at, swing, place)
+    bend = bending(arm.effects, line.row, len(some))
+    return Postures(
+        pose, sessions, setup.instrument, arm.sensors, gravity, q, approach, line.load_at, swing, place, bend
+    )
 
 
 def gravity_in(setup: Setup, sessions: Sequence[str]) -> Array | None:

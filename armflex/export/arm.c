@@ -63,7 +63,7 @@ typedef struct {
 /* A part of a law that is not: what does not depend on the load and a matrix times the load, times features of the load
  * (numbers, see feature_at) and two factors; and the terms of one law, at loads drawn in to a window where one counts
  * (-1: none). The part u . w of a load counts, or a form. */
-enum { PART, SIZE, CLIPPED, TANH, RAISED };
+enum { PART, SIZE, CLIPPED, TANH, RAISED, RAMP };
 #if FEATURES
 typedef struct {
     int kind, form;
@@ -486,6 +486,7 @@ static double feature_at(const feature *f, const double *w)
     double value = dot6(f->u, w);
     switch (f->kind) {
     case SIZE: value = fabs(value); break;
+    case RAMP: value = fmax(value + f->bias, 0.0); break; /* a stop on one side */
     case CLIPPED: value = fmin(fmax(value, -1.0), 1.0); break; /* play that the load takes up */
     case TANH: value = 1.0 - 2.0 / (exp(2.0 * (value + f->bias)) + 1.0); break; /* tanh takes twice as long */
 #if FORMS

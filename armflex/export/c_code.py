@@ -84,7 +84,7 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         notes.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
     for payload in tables.unproven:
         notes.append(f"payload {payload!r}: no bound proves that the arm cannot buckle; every answer is probed")
-    outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE)]
+    outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE, Act.SIGHT)]
     if outside:
         notes.append(f"of the instrument, and so not in it: {', '.join(outside)}")
     notes += said_points(measured_points(arm), carried=False)

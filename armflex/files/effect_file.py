@@ -63,7 +63,9 @@ def read_effect(table: Declaration, arm: Arm) -> Effect:
     inner = []
     for one in law.inner:
         if one.name not in values and one.default is None:
-            raise table.fail("parameters", f"{one.name!r} [{one.unit.format(m='m', w='N')}] is missing")
+            raise table.fail(
+                "parameters", f"{one.name!r} [{one.unit.format(m='m', w='N', over='rad or N')}] is missing"
+            )
         value = values.get(one.name, one.default or 0.0)
         least = "0 or more" if one.default == 0.0 else "more than 0"
         if one.positive and (value < 0.0 or (value == 0.0 and least == "more than 0")):
@@ -124,6 +126,7 @@ def locations_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Location]:
     payloads = ("", *sorted(name for name in arm.payloads if name != "none")) if arm.payloads else ()
     columns = ("time", "hold", TEMPERATURE)
     known = {"payloads": payloads, "sessions": (session, f"{session}'"), "springs": tuple(o.name for o in arm.springs)}
+    known["stars"] = True
     return list(law.places(Records(arm.robot, columns, timed=True, **known)))
 
 

@@ -34,6 +34,7 @@ from armflex.intake.lost import without_lost
 from armflex.intake.meanings import ANGLES, COUNTS, ROUNDED, UR, VECTOR, Ask, Meaning, meanings
 from armflex.intake.names import is_resorted, paired_names
 from armflex.intake.picture_files import camera
+from armflex.intake.pointing import Run, instrument_text, is_pointing, meanings_of, mount_text, read_pointing
 from armflex.intake.recordings import read_sources
 from armflex.intake.sources import NO_READING, Cells, Source, numbers, said
 from armflex.intake.streams import STANDS, STEP, between, dwells, is_dense, is_sampled, offset, paired, reduced, spread
@@ -150,6 +151,8 @@ def intake(
         TableError: A file is no table.
         UnsupportedError: The package that reads a recording is not installed.
     """
+    if runs := [Path(path) for path in paths if is_pointing(Path(path))]:
+        return _pointing([Path(path) for path in paths], runs, taken or {}, sigma)
     sources, known, wrong = list[Source](), dict(taken or {}), list[str]()
     robot = None
     robots = [Path(path) for path in paths if Path(path).suffix.lower() in ROBOTS]
@@ -244,6 +247,36 @@ def intake(
         lines += ["allow_massless = true"] if any(one.code == "massless" for one in robot.flags) else []
         return replace(found, arm=arm_text(lines, robot.tip, found.declare, bool(points)))
     return found if rows_of_arm is None or arm is None else _by_dh(found, rows_of_arm, arm, bool(points))
+
+
+def _pointing(paths: Sequence[Path], runs: Sequence[Path], taken: Mapping[str, str], sigma: float | None) -> Intake:
+    """Return pointing runs as one campaign, each a session where they are several."""
+    if others := [str(path) for path in paths if path not in runs]:
+        raise InputError(f"{runs[0]} is a pointing run, a campaign by itself: {listing(others)} cannot be joined to it")
+    if taken or sigma is not None:
+        text = "its columns and units are known; how well a direction is known is `sigma` of [instrument.star]"
+        raise InputError(f"{runs[0]} is a pointing run: leave out --{'take' if taken else 'sigma'}, {text}")
+    read, wrong = list[Run](), list[str]()
+    for path in runs:
+        try:
+            read.append(read_pointing(path))
+        except TableError as error:
+            wrong.append(str(error))
+    if wrong:
+        raise ManyErrors(wrong)
+    if len({run.joints for run in read}) > 1:
+        raise InputError(f"{listing(map(str, runs))} are of mounts with different axes: give those of one mount")
+    every = [run.columns for run in read]
+    shared = [name for name in every[0] if all(name in own for own in every)]
+    columns: dict[str, Sequence[Any]] = {name: [cell for own in every for cell in own[name]] for name in shared}
+    if len(read) > 1:
+        columns["session"] = [run.path.stem for run in read for _ in run.lines]
+        columns["pose"] = [f"{run.path.stem} {name}" for run in read for name in run.names]
+    table = tuple(one for run in read for one in meanings_of(run))
+    notes = tuple(note for run in read for note in run.notes)
+    lines = tuple(line for run in read for line in run.lines)
+    how = "to nothing: a row has star and axes"
+    return Intake(columns, table, how, instrument_text(read[0]), notes, lines, read[0].path, mount_text(read[0]))
 
 
 def _is_kept(one: Meaning) -> bool:

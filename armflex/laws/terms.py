@@ -58,6 +58,8 @@ class Kind(IntEnum):
     """tanh(u . w + bias)"""
     RAISED = 4
     """(bias + w' form w)^exponent"""
+    RAMP = 5
+    """u . w + bias, or 0 where that is below: a stop on one side."""
 
 
 class Of(IntEnum):
@@ -115,7 +117,7 @@ class Feature:
         """Power of the load's size with which it grows in the end."""
         if self.kind is Kind.RAISED:
             return 2.0 * self.exponent
-        return 1.0 if self.kind in (Kind.PART, Kind.SIZE) else 0.0
+        return 1.0 if self.kind in (Kind.PART, Kind.SIZE, Kind.RAMP) else 0.0
 
     def of(self, load: Array) -> Array:
         """Return the (...,) number."""
@@ -136,6 +138,8 @@ class Feature:
             slope = 1.0 - value**2
         elif self.kind is Kind.SIZE:
             value, slope = np.abs(part), np.sign(part)
+        elif self.kind is Kind.RAMP:
+            value, slope = np.maximum(part + self.bias, 0.0), (part + self.bias > 0.0).astype(float)
         elif self.kind is Kind.CLIPPED:
             value, slope = np.clip(part, -1.0, 1.0), (np.abs(part) < 1.0).astype(float)
         else:

@@ -550,7 +550,8 @@ def _sensor_kinds(arm: Arm) -> dict[str, str]:
     found = {}
     for name, sensor in arm.sensors.items():
         found |= dict.fromkeys((*sensor.columns, f"sigma_{name}"), sensor.kind.quantity)
-        found |= dict.fromkeys((f"{name}_{key}" for key in sensor.kind.beside), "count")
+        others = (*(f"{name}_{key}" for key in sensor.kind.beside), *sensor.kind.instead(name))
+        found |= dict.fromkeys(others, "count")
     return found
 
 
@@ -566,7 +567,11 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
     """Return what the sensors read, of those that a column is of."""
     found: list[Kind] = []
     for name, sensor in arm.sensors.items():
-        columns = sensor.columns
+        columns, instead = sensor.columns, sensor.kind.instead(name)
+        if any(column in table.columns for column in instead):
+            if any(column in table.columns for column in columns):
+                raise table.fail(f"has {listing(columns)}, and {listing(instead)} as well: give one of them")
+            columns = instead
         if not any(column in table.columns for column in columns):
             if f"sigma_{name}" in table.columns:
                 raise table.fail(f"has sigma_{name}, but no {listing(columns)}")
@@ -585,6 +590,14 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
             read = np.any(each, axis=1)
         else:
             read, values = _vectors(table, columns)
+            if columns is instead:
+                values, fine = sensor.kind.of_instead(values, sensor.about)
+                for row in np.flatnonzero(read & ~fine)[:1]:
+                    raise table.fail(f"{listing(columns)} are no unit vector", row)
+            for column, most, own in zip(columns, sensor.kind.most, values.T, strict=False):
+                for row in np.flatnonzero(read & (np.abs(own) > most))[:1]:
+                    text = f"{column} is {own[row]:.6g} {sensor.kind.unit}, beyond {most:.4g}"
+                    raise table.fail(f"{text}: in degrees, call the column {column}_deg", row)
             each = np.broadcast_to(read[:, None], values.shape)
         if f"sigma_{name}" in table.columns:
             sigma = _deviations(table, (f"sigma_{name}",), read, name, sensor.kind.unit, np.inf)

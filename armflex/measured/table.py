@@ -62,6 +62,11 @@ SHORTEST = 4
 PLAIN = "0123456789+-.eE "
 """Letters of which all that `float()` takes is a `NUMBER` as well, but for blanks about it."""
 
+CLOCKS = ("hms", "dms")
+"""Units whose cells are hours or degrees, minutes and seconds: `-01:23:45.6`, with colons or blanks."""
+
+SEXAGESIMAL = re.compile(r"([-+]?)([0-9]{1,3})[:\s]+([0-5]?[0-9])(?:[:\s]+([0-5]?[0-9](?:\.[0-9]*)?))?")
+
 BEYOND = f"beyond {LARGEST:g}"
 """What is said of a number that is larger than any."""
 
@@ -255,7 +260,7 @@ def _tables(
             base, unit, factor = _split_unit(path, name, kinds)
             if base in columns:
                 raise TableError(Place(path, 1), f"two columns mean {base!r}: {columns[base].header!r} and {name!r}")
-            columns[base] = Column(name, unit, factor, cells)
+            columns[base] = Column(name, unit, factor, tuple(map(in_decimals, cells)) if unit in CLOCKS else cells)
         yield Table(path, columns, tuple(line for line, _ in body))
         body = list(islice(rows, most))
         if not body:
@@ -353,6 +358,15 @@ def split_header(name: str) -> tuple[str, str]:
     bracketed = IN_BRACKETS.fullmatch(name)
     base, unit = bracketed.groups() if bracketed else (name.rpartition("_")[0], name.rpartition("_")[2])
     return base, unit
+
+
+def in_decimals(cell: str) -> str:
+    """Return hours or degrees of a cell with their minutes and seconds; any other cell as it is."""
+    match = SEXAGESIMAL.fullmatch(cell.strip())
+    if match is None:
+        return cell
+    sign, whole, minutes, seconds = match.groups()
+    return f"{sign}{(float(whole) + float(minutes) / 60.0 + float(seconds or 0.0) / 3600.0)!r}"
 
 
 def _split_unit(path: Path | Frame, header: str, kinds: Mapping[str, str]) -> tuple[str, str, float]:

@@ -40,7 +40,8 @@ HALVINGS, LOG_2_ROUND, LOG_2_REST = 1.0 / math.log(2.0), 0.6931471803691238, 1.9
 TURN, TURN_REST, TURNS_PER_RADIAN = 2.0 * math.pi, 2.4492935982947064e-16, 0.5 / math.pi
 """2 pi as a double, what it lacks, and turns in a radian: to divide takes longer."""
 
-SIZED, CLIPPED, BOUNDED, RAISED = (float(kind) for kind in (Kind.SIZE, Kind.CLIPPED, Kind.TANH, Kind.RAISED))
+KINDS = (Kind.SIZE, Kind.CLIPPED, Kind.TANH, Kind.RAISED, Kind.RAMP)
+SIZED, CLIPPED, BOUNDED, RAISED, RAMP = (float(kind) for kind in KINDS)
 
 
 class Arm(NamedTuple):
@@ -363,6 +364,8 @@ def _add_curves(laws, loads, twists, i, first, lanes):
                         part = min(max(part, -1.0), 1.0)
                     elif kind == BOUNDED:
                         part = _tanh(part)
+                    elif kind == RAMP:
+                        part = max(part, 0.0)
                     value *= part
             for a in range(6):
                 given = bent[t, 36 + a]

@@ -4,6 +4,7 @@ Nothing outside this room knows how many numbers a reading has, or what of the a
 """
 
 from armflex.readings.acceleration import Acceleration as Acceleration
+from armflex.readings.direction import Direction as Direction
 from armflex.readings.distance import Distance as Distance
 from armflex.readings.encoder import Encoder as Encoder
 from armflex.readings.encoder import SlideEncoder as SlideEncoder
@@ -43,5 +44,6 @@ SENSOR_KINDS: dict[str, type[Kind]] = {
     "torque": Torque,
     "pixels": Pixels,
     "frequency": Frequency,
+    "direction": Direction,
 }
 """What [instrument.NAME] may be, as its `kind` says."""

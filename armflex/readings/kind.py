@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.conventions import SMALLEST_STD, Array
+from armflex.conventions import SHOWN, SMALLEST_STD, Array, Shown
 from armflex.declaration import Declaration
 from armflex.readings.end import FIXED, End
 from armflex.readings.postures import Postures
@@ -52,11 +52,17 @@ class Kind(ABC):
     quantity: ClassVar[str]
     """Kind of quantity whose units a column's header may give; see `armflex.conventions.UNITS`."""
 
+    shown: ClassVar[Shown | None] = None
+    """The unit in which people are shown its errors, and its factor; None of what `SHOWN` has for its SI unit."""
+
     channels: ClassVar[tuple[str, ...]]
     """What each number's column is called after the sensor's name; '' where there is only one."""
 
     framed: ClassVar[bool] = False
     """Whether it is read in the frame of the instrument that looks at the tip."""
+
+    far: ClassVar[bool] = False
+    """Whether it reads something far away, the same from wherever the arm is."""
 
     by_motion: ClassVar[bool] = True
     """Whether `jacobian` says all that it answers to; else a view takes difference quotients of `predicted`."""
@@ -69,6 +75,9 @@ class Kind(ABC):
 
     positive: ClassVar[bool] = False
     """Whether only numbers above zero can be read."""
+
+    most: ClassVar[tuple[float, ...]] = ()
+    """The largest size of each of its numbers, in `unit`; () where nothing bounds them."""
 
     nuisances: ClassVar[tuple[Nuisance, ...]] = ()
     """What of a sensor of this kind may have to be found."""
@@ -86,6 +95,16 @@ class Kind(ABC):
     def columns(cls, name: str) -> tuple[str, ...]:
         """Return what the columns of a sensor of this kind are called."""
         return tuple(f"{name}_{channel}" if channel else name for channel in cls.channels)
+
+    @classmethod
+    def instead(cls, name: str) -> tuple[str, ...]:
+        """Return columns that a campaign may have instead of `columns`, numbers without a unit; () for none."""
+        return ()
+
+    @classmethod
+    def of_instead(cls, values: Array, about: Any) -> tuple[Array, np.ndarray]:
+        """Return the (N, d) numbers that columns of `instead` stand for, and (N,) where these are such at all."""
+        raise NotImplementedError(f"{cls.__name__} has no other columns")
 
     @classmethod
     def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
@@ -111,6 +130,11 @@ class Kind(ABC):
     def headers(self) -> tuple[str, ...]:
         """Names of (d,) columns that hold its numbers."""
         return self.columns(self.name)
+
+    @property
+    def shown_in(self) -> Shown:
+        """The unit in which people are shown its errors, and its factor."""
+        return self.shown or SHOWN[self.unit]
 
     @property
     def title(self) -> str:
@@ -180,6 +204,12 @@ class Kind(ABC):
     def by_scale(self, at: Postures) -> Array:
         """Return (N, d) change, in `unit`, per share by which the instrument's distances are too long."""
         return np.zeros(self.values.shape)
+
+    def by_bend(self, at: Postures) -> Array:
+        """Return (N, d, 2) change per curvature of the line of sight [1/m] and per bending of it by the tangent of the
+        zenith distance [rad].
+        """
+        return np.zeros((*self.values.shape, 2))
 
     def by_target(self, at: Postures) -> Array:
         """Return (N, d, 3) change per shift [m] of the instrument's target in the tip frame."""

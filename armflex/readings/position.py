@@ -32,6 +32,11 @@ class Position(Kind):
         return self.sigma <= UNREAD * self.sigma.min(axis=1, keepdims=True)
 
     def _points(self, at: Postures) -> Array:
+        points = self._straight(at)
+        return points + at.bend[:, :1] * _lifted(points, at) if at.bend[:, 0].any() else points
+
+    def _straight(self, at: Postures) -> Array:
+        """Return (N, 3) where the target is in the instrument frame [m], as if no beam were bent."""
         return at.instrument.seen(at.end(self.name).place)
 
     def ideal(self, at: Postures) -> Array:
@@ -45,6 +50,18 @@ class Position(Kind):
         """Return (N, 3, 6): the points move as one body."""
         return at.turns @ rigid_motion(self._points(at))
 
+    def by_bend(self, at: Postures) -> Array:
+        """Return (N, 3, 2): a beam that bends downwards lifts what is seen by the square of its length."""
+        found = np.zeros((len(self.values), 3, 2))
+        found[:, :, 0] = np.einsum("nij,nj->ni", at.turns, _lifted(self._straight(at), at))
+        return found
+
     def by_scale(self, at: Postures) -> Array:
         """Return (N, 3) the points by the scale that they have now."""
         return np.einsum("nij,nj->ni", at.turns, self._points(at)) / (1.0 + at.instrument.scale)
+
+
+def _lifted(points: Array, at: Postures) -> Array:
+    """Return (N, 3) the square of the distance [m^2] of (N, 3) points in the instrument frame, against gravity."""
+    up = -at.gravities @ at.instrument.pose.rotation.T
+    return (points**2).sum(axis=1, keepdims=True) * up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-300)

@@ -35,6 +35,8 @@ class Postures:
         swing: Gives of a row the (m,) natural frequencies [Hz], the slowest first, and the (m, 6) motions of the tip in
             base axes, for unit modal mass [m, rad].
         place: Gives what people are shown as the place of a row.
+        bend: (N, 2) or (1, 2) by how much the air bends lines of sight: what is read at a distance d is too high by the
+            first times d^2 [1/m], and stars at a zenith distance z stand lower by the second times tan z [rad].
     """
 
     pose: Callable[[str | None], Array]
@@ -47,6 +49,7 @@ class Postures:
     load: Callable[[str], Array] = _unasked
     swing: Callable[[int], tuple[Array, Array]] = _unasked
     place: Callable[[int], object] = lambda row: f"row {row}"
+    bend: Array = field(default_factory=lambda: np.zeros((1, 2)))
 
     @cached_property
     def turns(self) -> Array:
@@ -76,6 +79,7 @@ class Postures:
             load=lambda site: self.load(site)[rows],
             swing=lambda row: self.swing(int(rows[row])),
             place=lambda row: self.place(int(rows[row])),
+            bend=self.bend if len(self.bend) == 1 else self.bend[rows],
         )
 
     def end(self, name: str, of: str = "end") -> End:

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from armflex.conventions import Array
+from armflex.conventions import SHOWN, Array, Shown
 from armflex.errors import listing
 from armflex.readings.kind import Kind
 from armflex.readings.postures import Postures
@@ -72,6 +72,12 @@ class Readings:
     def unit(self) -> str:
         """SI unit of the foremost numbers."""
         return self.kinds[0].unit if self.kinds else "m"
+
+    @property
+    def shown_in(self) -> Shown:
+        """The unit in which people are shown errors of the foremost numbers, and its factor."""
+        every = {kind.shown_in for kind, place in self.placed if place.stop <= self.foremost.stop}
+        return every.pop() if len(every) == 1 else SHOWN[self.unit]
 
     @property
     def where_read(self) -> str:

@@ -594,11 +594,14 @@ def _check_link(urdf: Urdf, link: Link, inertial: Inertial, carried: bool) -> li
     gyration = float(np.sqrt(max(np.trace(inertial.inertia), 0.0) / 2.0) / np.sqrt(mass))
     # A length that the link's CoM should not exceed much: its joints, travel, shapes, or 2 % of the robot.
     whole = sum(float(np.linalg.norm(joint.origin)) for joint in urdf.joints.values())
+    body = {link.name}  # with what is fixed to it
+    while fixed := {one.child for one in urdf.joints.values() if one.kind == "fixed" and one.parent in body} - body:
+        body |= fixed
     near = [
         float(np.linalg.norm(joint.origin))
         + (max(abs(joint.lower), abs(joint.upper)) if joint.kind == "prismatic" else 0.0)
         for joint in urdf.joints.values()
-        if link.name in (joint.parent, joint.child)
+        if joint.parent in body or joint.child == link.name
     ]
     shapes = [float(np.linalg.norm(visual.pose[:3, 3])) + max(visual.size) for visual in link.visuals]
     size = max(0.02 * whole, min(gyration, whole or gyration), *near, *shapes, 1e-3)

@@ -16,6 +16,7 @@ from armflex.conventions import TWIST_NAMES, Array
 from armflex.errors import ArmflexError, Flag, InputError, Place, enough_memory, naming
 from armflex.estimate.posterior import fitted_variance, without_declared_uncertainty
 from armflex.estimate.view import gravity_in, look, unclear_shifts
+from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import (
     OF_TIME,
     about_time,
@@ -283,6 +284,8 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
         seen = wanted[0].jacobian(at)[None]
         variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
     at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
+    if any(effect.law.act is Act.SIGHT for effect in arm.effects):
+        at = look(Setup(arm, instrument), rows, every, readings=readings).at
     position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
     if read:
         view = look(Setup(arm, instrument), rows, every, readings=readings)

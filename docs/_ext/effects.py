@@ -179,8 +179,8 @@ def unit_of(column: str) -> str:
 
 def parameter(one: Amplitude | Inner) -> str:
     """Return a parameter's name and unit; of a turning axis where the unit depends on that."""
-    unit = one.unit.format(m="rad", w="Nm", across="N or Nm")
-    straight = one.unit.format(m="m", w="N", across="N or Nm")
+    unit = one.unit.format(m="rad", w="Nm", across="N or Nm", over="rad or N")
+    straight = one.unit.format(m="m", w="N", across="N or Nm", over="rad or N")
     unit = "dimensionless" if unit == "1" else unit if unit == straight else f"{unit}; along a straight axis {straight}"
     bounds = ", not below 0" if getattr(one, "positive", False) and isinstance(one, Amplitude) else ""
     default = f", {one.default:g} where left out" if isinstance(one, Inner) and one.default is not None else ""

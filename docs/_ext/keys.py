@@ -197,7 +197,17 @@ KEYS: dict[str, dict[str, Key]] = {
         "mode": Key(
             "of a frequency: the number of the mode, 1 is the slowest", default="found by `axis`, else nearest"
         ),
-        "axis": Key("of a frequency: direction in the tip frame along which the mode moves the tip", "1"),
+        "axis": Key(
+            "of a frequency: direction in the tip frame along which the mode moves the tip; of a direction: the one in "
+            "the link's frame that points at the star",
+            "1",
+        ),
+        "azimuth": Key("of a direction: which way azimuths grow from the base's x, seen from where its z points"),
+        "refraction": Key(
+            "of a direction: the air, so that columns are of the direction in vacuum", default="columns are as seen"
+        ),
+        "collimation": Key("of a direction: slopes of the axis along two axes across it", "rad"),
+        "collimation_std": Key("one standard deviation of those", "rad", "0.01; 0 where `collimation` is given"),
         "ratio": Key("of a torque: turns of the motor per turn of the joint, or rad per m", "1 or rad/m", "1"),
         "site": Key("of a force or moment: the joint of the load cell, `base` or `tool`"),
         "friction": Key("of a torque: what the drive exerts more after moving in the positive direction", "Nm"),
@@ -234,8 +244,13 @@ KEYS: dict[str, dict[str, Key]] = {
         "anchor_std": Key("one standard deviation of the anchor, if it is fitted", "m", "0: fixed"),
         "length_offset_std": Key("one standard deviation of the distance's zero", "m", "0: fixed"),
         "sigma": Key("one standard deviation of a reading", "as the reading"),
-        "place": Key("of a touch: where sockets are whose places are known, by name, in the base", "m", "unknown"),
-        "place_std": Key("one standard deviation of those", "m", "0.001"),
+        "place": Key(
+            "of a touch: where sockets are whose places are known, by name, in the base; of a direction: where the "
+            "theodolite stands, in the base",
+            "m",
+            "unknown",
+        ),
+        "place_std": Key("one standard deviation of those", "m", "0.001 of a touch, 0 of a direction"),
         "distances": Key('of a touch: known lengths between sockets, `[["one", "other", length], ..]`', "m"),
         "distance_sigma": Key("one standard deviation of those", "m", "1e-4"),
         "shape": Key("of a touch: `point`, `plane` or `sphere`, by the socket's name", default="`point`"),
@@ -243,6 +258,12 @@ KEYS: dict[str, dict[str, Key]] = {
         "normal": Key("of a touch: about that of each plane, in the base", "1", "0 0 1"),
         "mounting_std": Key("one standard deviation of how it is turned on the link", "rad", "0: fixed"),
         "bias_std": Key("one standard deviation of the offset", "as the reading", "0: fixed"),
+    },
+    "instrument.NAME.refraction": {
+        "pressure_hPa": Key("pressure of the air at the instrument", "hPa"),
+        "temperature_C": Key("its temperature", "°C"),
+        "humidity": Key("its relative humidity, 0 to 1", "1"),
+        "wavelength_um": Key("wavelength of what is observed; radio from 100 on", "µm"),
     },
     "instrument.NAME.board": {
         "kind": Key("kind of print"),

@@ -71,14 +71,24 @@ BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 KNOWN = {"time": 30.0, "hold": 40.0, "temperature": 27.0, "oil_temp": 27.0, "humidity": 0.4}
 KNOWN |= {f"approach_J{i}": 1.0 for i in range(1, 7)}
-INNER = {"k": 5.0, "tau0": 300.0, "t0": 20.0, "radius": 100.0, "at": 10.0, "since": -1.0, "lag": 0.0, "reference": 20.0}
+INNER = {
+    "k": 5.0,
+    "tau0": 300.0,
+    "t0": 20.0,
+    "radius": 100.0,
+    "at": 10.0,
+    "since": -1.0,
+    "start": -0.5,
+    "lag": 0.0,
+    "reference": 20.0,
+}
 INNER |= {"along": 1.0, "rest": 0.2, "reach": 0.3, "low": -2.0, "high": 2.0, "middle": 0.0, "centre": 0.2, "width": 0.5}
 INNER |= {"spare": 0.2, "out": 1.0, "hook": 0.7, "aside_x": 0.1, "aside_y": -0.1, "aside_z": 0.05}
 INNER |= {f"{name}_{axis}": value for name in ("anchor", "point") for axis, value in zip("xyz", (1, 2, 3), strict=True)}
 MECHANICAL = ("pin_play", "cylinder_leak", "weak_spring", "bent_rod")
 """Effects of loops, cylinders and springs."""
 
-OTHERS = (*MECHANICAL, "telescope")
+OTHERS = (*MECHANICAL, "telescope", "refraction")
 LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if not law.changes_model and name not in OTHERS}
 """Those that a chain on which nothing slides can have."""
 

@@ -13,17 +13,21 @@ from armflex import Arm, load_arm, read_measurements
 from armflex.arm import Setup
 from armflex.conventions import TWIST_NAMES, Array
 from armflex.estimate.view import View, look
+from armflex.laws import Row
 from armflex.laws.effects import Effect, EffectLaw, Location
 from armflex.laws.effects.candidate import Candidate, grid
 from armflex.laws.effects.context import Context, survey
 from armflex.laws.effects.effect import Act
 from armflex.laws.effects.guide import GUIDE
+from armflex.laws.effects.in_arm import bending
 from armflex.laws.effects.pin_play import PIN_PLAY
+from armflex.laws.effects.support_lift import SUPPORT_LIFT
 from armflex.laws.effects.telescope import TELESCOPE
 from armflex.laws.effects.unnamed import PRODUCT, WAVE_PRODUCT
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
+from armflex.readings import Position, Postures
 from armflex.readings.instrument import Instrument
 from support.campaigns import draw
 from support.effect_arms import MECHANICAL
@@ -164,6 +168,10 @@ def is_loaded(law: EffectLaw, location: Location, stage: Stage) -> bool:
     suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in location.terms]
     if law in (TELESCOPE, PIN_PLAY):
         return True  # whatever axis a beam or a pin is loaded on
+    if law is SUPPORT_LIFT:  # by a force along one axis it turns another
+        force = stage.context.wrenches[location.site][:, :3]
+        size = np.sqrt((force**2).mean(axis=0))
+        return bool(location.covariates) or size["xyz".index(location.partner[-1])] > 0.1 * size.max()
     named = {location.axis, location.partner, *suffixes} & set(TWIST_NAMES)
     wanted = [TWIST_NAMES.index(axis) for axis in named or ("rx", "ry", "rz")]
     sizes = np.sqrt((stage.context.wrenches[location.site] ** 2).mean(axis=0))
@@ -179,4 +187,8 @@ def readings(setup: Setup, rows: Measurements) -> Array:
         setup.arm.deflection(q, payload, covariates={name: values[i] for name, values in known.items()}).pose
         for i, (q, payload) in enumerate(zip(rows.q, rows.payload, strict=True))
     ]
-    return setup.instrument.readings(np.array([tip.homogeneous for tip in tips]), rows.session)
+    row = Row(rows.q, {name: i for i, name in enumerate(rows.joint_names)}, known)
+    poses, bend = np.array([tip.homogeneous for tip in tips]), bending(setup.arm.effects, row, len(tips))
+    gravity = setup.arm.robot.gravity
+    at = Postures(lambda _: poses, rows.session, setup.instrument, gravity=gravity, bend=bend)
+    return Position.unread(len(tips)).predicted(at)

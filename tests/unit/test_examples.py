@@ -171,3 +171,8 @@ def test_step_to_sag(tmp_path):
     pytest.importorskip("skfem")
     sag, beam = run("17_step_to_sag", str(tmp_path))
     assert beam < sag < 1.06 * beam  # it shears, too
+
+
+def test_telescope(tmp_path):
+    before, after = run("19_telescope", str(tmp_path))
+    assert before > 50.0 and after == pytest.approx(2**0.5, abs=0.1)  # arcsec: of stars held out, the noise is left

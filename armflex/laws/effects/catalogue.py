@@ -31,6 +31,7 @@ NAMED = (
     "instrument_moved",
     "gravity_tilt",
     "tracker_scale",
+    "refraction",
     "session_frame",
     "payload_mass",
     "payload_com",
@@ -47,6 +48,7 @@ NAMED = (
     "cylinder_leak",
     "weak_spring",
     "bent_rod",
+    "support_lift",
     "guide",
     "telescope",
 )

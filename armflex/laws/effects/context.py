@@ -45,6 +45,7 @@ class Records:
         payloads: Those that weigh.
         sessions: In their order.
         springs: Their names.
+        stars: Whether an instrument reads the direction of something far away.
     """
 
     robot: Robot
@@ -55,6 +56,7 @@ class Records:
     payloads: tuple[str, ...] = ()
     sessions: tuple[str, ...] = ()
     springs: tuple[str, ...] = ()
+    stars: bool = False
 
     @property
     def temperatures(self) -> tuple[str, ...]:
@@ -102,6 +104,7 @@ class Context:
         box: (2, 3) lowest and highest coordinates that any link was at [m], base axes.
         pieces: Numbers of the rows of every campaign, between which nothing is remembered.
         springs: Names of the arm's springs.
+        stars: Whether an instrument reads the direction of something far away.
     """
 
     robot: Robot
@@ -113,6 +116,7 @@ class Context:
     box: Array
     pieces: tuple[np.ndarray, ...] = ()
     springs: tuple[str, ...] = ()
+    stars: bool = False
 
     @cached_property
     def records(self) -> Records:
@@ -123,7 +127,8 @@ class Context:
         payloads = sorted({name for name, kilograms in zip(self.payloads, mass, strict=True) if kilograms > 0.0})
         sessions = tuple(dict.fromkeys(self.sessions))
         moved = tuple(joint for joint in self.joints if varies(self.row.position(joint)))
-        return Records(self.robot, self.recorded, moved, self.timed, levels, tuple(payloads), sessions, self.springs)
+        known = (tuple(payloads), sessions, self.springs, self.stars)
+        return Records(self.robot, self.recorded, moved, self.timed, levels, *known)
 
     @property
     def timed(self) -> bool:
@@ -210,7 +215,12 @@ def varies(values: Array) -> bool:
 
 
 def survey(
-    rows: Rows, arm: Manipulator, known: Mapping[str, Array], wrenches: Mapping[str, Array], points: Array
+    rows: Rows,
+    arm: Manipulator,
+    known: Mapping[str, Array],
+    wrenches: Mapping[str, Array],
+    points: Array,
+    stars: bool = False,
 ) -> Context:
     """Return the context of a campaign.
 
@@ -220,6 +230,7 @@ def survey(
         known: Everything known of the rows, (N,) each; see `known_rows`.
         wrenches: (N, 6) loads at every site.
         points: (..., 3) where links were, in the base [m].
+        stars: Whether an instrument reads the direction of something far away.
     """
     hidden = {POSE, *(f"approach_{joint}" for joint in rows.joint_names)}
     candidates = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
@@ -239,6 +250,7 @@ def survey(
         box,
         pieces,
         tuple(one.name for one in arm.springs),
+        stars,
     )
 
 

@@ -36,7 +36,8 @@ Values = tuple[float, ...]
 
 @dataclass(frozen=True)
 class Amplitude:
-    """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's.
+    """A parameter that the law is linear in; in its unit, {m} stands for the motion's unit and {w} for the load's,
+    {across} for that of the partner's load, {over} for a position's or a force's.
 
     With `positive` it makes no sense below zero, and beyond `most` in size it is implausible. `usual` is what
     machines have without anybody knowing, where the twist or the force that it makes does not show it.
@@ -122,6 +123,7 @@ class Act(Enum):
     GRAVITY = "a change of gravity [m/s^2], base axes"
     FRAME = "a shift and a rotation vector of the instrument's frame [m, rad]"
     SCALE = "the share by which the instrument's distances are too long"
+    SIGHT = "how lines of sight bend: by their length squared [1/m], and by the tangent of the zenith distance [rad]"
 
 
 class Afterwards(Enum):
@@ -442,7 +444,8 @@ class Effect:
         """Units of `named`."""
         motion, load = ("rad", "Nm") if self.location.turns else ("m", "N")
         across = "Nm" if self.location.partner.startswith("r") else "N"
-        return tuple(part.unit.format(m=motion, w=load, across=across) for part, _ in self._acting)
+        over = "rad" if self.location.covariates else "N"
+        return tuple(part.unit.format(m=motion, w=load, across=across, over=over) for part, _ in self._acting)
 
     @property
     def _acting(self) -> list[tuple[Amplitude | Inner, float]]:
@@ -577,6 +580,36 @@ class ModelLaw(EffectLaw):
 
     def change(self, effect: Effect, model: Model) -> Model:
         return self.changed(effect, model)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SightLaw(EffectLaw):
+    """A law of how lines of sight bend, beside the arm; see `Postures.bend`.
+
+    Attributes:
+        weights: (location, row) -> of each amplitude what it is multiplied by. Amplitudes with an even number bend by
+            the length squared [1/m], the others by the tangent of the zenith distance [rad].
+    """
+
+    act: Act = Act.SIGHT
+    weights: Callable[[Location, Row], Sequence[Array | float]]
+
+    def of_each(self, location: Location, inners: Sequence[Values], view: Solved, context: Context) -> Sequence[Array]:
+        found = np.zeros((len(view.rows), len(self.amplitudes), 2))
+        for number, weight in enumerate(self.weights(location, context.row_at(view))):
+            found[:, number, number % 2] = weight
+        return [found] * len(inners)
+
+    def bend(self, effect: Effect, row: Row) -> Array:
+        """Return the (..., 2) bending in rows, or in one [1/m, rad]."""
+        own = self.weights(effect.location, row)
+        each = [value * np.asarray(weight) for value, weight in zip(effect.amplitudes, own, strict=True)]
+        return np.stack(np.broadcast_arrays(sum(each[::2]), sum(each[1::2])), axis=-1)
+
+    def size(self, done: Array, arm: Manipulator) -> float:
+        """Return how large (M, 2) bending is over what is plausible: RMS, dimensionless."""
+        share = done / (self.plausible.shift, self.plausible.turn)
+        return float(np.sqrt((share**2).mean(axis=0).max()))
 
 
 def _named(name: str) -> EffectLaw:

@@ -19,7 +19,7 @@ from armflex.errors import Flag, InputError, MissingCovariateError, did_you_mean
 from armflex.laws import Law, Row
 from armflex.laws.declared import Flexure
 from armflex.laws.effects.context import begun_anew
-from armflex.laws.effects.effect import Act, Afterwards, Effect, LoadLaw, Manipulator, TwistLaw, Values
+from armflex.laws.effects.effect import Act, Afterwards, Effect, LoadLaw, Manipulator, SightLaw, TwistLaw, Values
 from armflex.laws.effects.location import Here, link_of, resolve, same_site, site_of
 from armflex.laws.law import Composed, Ranges, WithoutParameters
 from armflex.laws.terms import UNITS, Factor, Neurons, Term, Terms
@@ -216,6 +216,12 @@ def pulling(effects: Sequence[Effect], robot: Robot) -> tuple[Pulling, ...]:
         for effect in effects
         if effect.law.act is Act.LOAD and not effect.law.changes_model
     )
+
+
+def bending(effects: Sequence[Effect], row: Row, count: int) -> Array:
+    """Return (N, 2) or (1, 2) by how much effects bend lines of sight in N rows; see `Postures.bend`."""
+    own = [effect.law.bend(effect, row) for effect in effects if isinstance(effect.law, SightLaw)]
+    return np.zeros((1, 2)) + sum(np.broadcast_to(one, (count, 2)) for one in own)
 
 
 def remembers(arm: Manipulator) -> bool:

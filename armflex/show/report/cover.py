@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio
 
 from armflex.arm import Arm
-from armflex.conventions import SHOWN, TWIST_NAMES, Array
+from armflex.conventions import TWIST_NAMES, Array, Shown
 from armflex.estimate import Calibration
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.estimate.identify import FittedParameter
@@ -50,7 +50,7 @@ class Point(NamedTuple):
     worst: bool
 
 
-def spread(name: str, errors: Errors, unit: str = "m") -> tuple[str, ...]:
+def spread(name: str, errors: Errors, unit: str | Shown = "m") -> tuple[str, ...]:
     """Return a row: name, RMS with its standard uncertainty, what 95 % are below, and the largest error."""
     if not len(errors.squares):
         return (name, "–", "–", "–")
@@ -119,7 +119,7 @@ def instruments(measurements: Measurements) -> list[str]:
     for kind in measurements.readings.kinds:
         read = np.isfinite(kind.sigma).any(axis=1) & measurements.measured
         if read.any():
-            name, factor = SHOWN[kind.unit]
+            name, factor = kind.shown_in
             size = float(np.median(kind.sigma[np.isfinite(kind.sigma)])) * factor
             said.append(f"{kind.title}, {int(read.sum())} rows, stated σ {short(size)} {name}".replace(" 1,", ","))
     return said
@@ -228,7 +228,7 @@ def account(found: Calibration) -> SimpleNamespace:
         one for one in found.parameters if one.determined and np.isfinite(one.prior) and one.kind not in FRAMES
     ]
     most = moved or sorted(determined, key=lambda one: -abs(one.pull))[: ON_COVER - 4]
-    rms = (millimetres(one.rms, unit=view.readings.unit) for one in (before, now))
+    rms = (millimetres(one.rms, unit=view.readings.shown_in) for one in (before, now))
     title = view.readings.error_title
     what = "poses held out" if several else "the poses fitted"
     return SimpleNamespace(
@@ -241,9 +241,9 @@ def account(found: Calibration) -> SimpleNamespace:
         at_target=view.at_target(now.rms),
         cards=_cards(before, now, found),
         errors=(
-            spread(f"as declared, the {found.placing}", before, view.readings.unit),
-            spread(f"calibrated, {what}", now, view.readings.unit),
-            ("noise as stated", millimetres(found.noise_rms, unit=view.readings.unit), "", ""),
+            spread(f"as declared, the {found.placing}", before, view.readings.shown_in),
+            spread(f"calibrated, {what}", now, view.readings.shown_in),
+            ("noise as stated", millimetres(found.noise_rms, unit=view.readings.shown_in), "", ""),
         ),
         found=parameter_rows(found.arm, most)[:ON_COVER],
         found_title="Moved beyond their priors" if moved else "Moved most, against their priors",
@@ -252,7 +252,7 @@ def account(found: Calibration) -> SimpleNamespace:
         point_head=POINT_HEAD,
         undetermined=reasons(found.arm, found.undetermined),
         by_kind=tuple(
-            (kind.title, *(f"{short(size * SHOWN[kind.unit][1])} {SHOWN[kind.unit][0]}" for size in sizes))
+            (kind.title, *(f"{short(size * kind.shown_in[1])} {kind.shown_in[0]}" for size in sizes))
             for kind, *sizes in found.by_kind
         ),
         swing=swing(found.arm, measurements, rows),
@@ -269,7 +269,7 @@ def floor(stated: float, error: float) -> str:
 def _cards(before: Errors, now: Errors, found: Calibration) -> Table:
     from armflex.measured.repeats import repeats
 
-    unit, size = found.fit.view.readings.unit, size_title(found.fit.view.readings)
+    unit, size = found.fit.view.readings.shown_in, size_title(found.fit.view.readings)
     cards = [
         ("Error as declared", millimetres(before.rms, before.std, unit), f"{size}, the {found.placing}"),
         ("Error calibrated", millimetres(now.rms, now.std, unit), "the same readings, poses held out"),

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from armflex.conventions import SHOWN, TWIST_NAMES
+from armflex.conventions import TWIST_NAMES, Shown, shown_in
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.robust import outlier_limit
 from armflex.readings import Readings
@@ -95,7 +95,7 @@ def by_instrument(trace: Trace) -> str:
     sizes = [[rms for _, rms in judged.by_kind(one)] for one in (before, after, view.sigma)]
     parts = [dict(zip(view.readings.kinds, some, strict=True)) for some in sizes]
     for panel, (kind, place) in zip(axes, kinds, strict=True):
-        unit, factor = SHOWN[kind.unit]
+        unit, factor = kind.shown_in
         read = np.isfinite(kind.sigma)
         number = np.broadcast_to(view.rows[:, None], read.shape)[read]
         times = [(before, BEFORE, "before"), (after, AFTER, "after")] if trace.found else [(after, AFTER, "calibrated")]
@@ -115,10 +115,10 @@ def by_instrument(trace: Trace) -> str:
     return inline(figure, "What is left of the readings of every instrument")
 
 
-def by_session_and_pose(accurate: Accuracy, both: bool, unit: str) -> str:
-    """Return held-out errors by session and by pose, in the unit that `SHOWN` has: before and after, or after alone."""
+def by_session_and_pose(accurate: Accuracy, both: bool, unit: str | Shown) -> str:
+    """Return held-out errors by session and by pose, in the unit shown: before and after, or after alone."""
     figure, (left, right) = canvas(10.0, 3.3, 1, 2, gridspec_kw={"width_ratios": [1, 2.6]}, sharey=True)
-    shown, factor = SHOWN[unit]
+    shown, factor = shown_in(unit)
     sessions = accurate.by(accurate.sessions)
     place = np.arange(len(sessions))
     for side, which, colour in ((-0.2, 1, BEFORE), (0.2, 2, AFTER)) if both else ((0.0, 2, AFTER),):
@@ -223,7 +223,7 @@ def detectable(smallest: Sequence[Smallest], noise: float, readings: Readings) -
     rows = sorted(smallest, key=lambda one: -one.most)
     place = np.arange(len(rows))
     figure, (panel,) = canvas(8.4, 0.6 + 0.21 * max(len(rows), 3))
-    unit, factor = SHOWN[readings.unit]
+    unit, factor = readings.shown_in
     least, most = (factor * np.array([getattr(one, which) for one in rows]) for which in ("least", "most"))
     panel.hlines(place, least, most, color=AFTER, linewidth=4.0, alpha=0.45)
     panel.scatter(least, place, s=20, color=AFTER, linewidths=0)

@@ -48,7 +48,7 @@ def headline(trace: Trace) -> str:
 
 def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
     """Return the error on held-out poses, before and after, beside the noise."""
-    unit = trace.state.fit.view.readings.unit
+    unit = trace.state.fit.view.readings.shown_in
     noise = f"noise as stated: {millimetres(accurate.stated, unit=unit)}"
     if not trace.found:
         return f"Error on held-out poses: {millimetres(accurate.after.rms, unit=unit)} ({noise})."
@@ -87,7 +87,7 @@ def further(trace: Trace) -> list[str]:
     if trace.compared is not None:
         said.append(HELD_OUT_IS_OF)
     readings = trace.state.fit.view.readings
-    unit = readings.unit
+    unit = readings.shown_in
     said += [
         f"Withdrawn: {one.title}. With it held-out poses are predicted to "
         f"{change(one.compared.worst, one.compared.before, unit)} (the calibrated arm)."
@@ -113,7 +113,7 @@ def further(trace: Trace) -> list[str]:
 
 def left(unexplained: Unexplained, readings: Readings) -> str:
     """Return what is left unexplained of some readings, with place and size."""
-    size = f"{millimetres(unexplained.rms, unit=readings.unit)} RMS {readings.where_read}"
+    size = f"{millimetres(unexplained.rms, unit=readings.shown_in)} RMS {readings.where_read}"
     if unexplained.site is None:
         return f"Left unexplained: {size}, at no particular joint."
     twist = "" if unexplained.std is None else f" of {measure(unexplained.std, None, unexplained.unit or '')}"

@@ -64,7 +64,7 @@ def account(trace: Trace) -> SimpleNamespace:
         size=_errors_of(trace)[1],
         workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
         instruments=figures.by_instrument(trace),
-        sessions=figures.by_session_and_pose(accurate, bool(trace.found), view.readings.unit),
+        sessions=figures.by_session_and_pose(accurate, bool(trace.found), view.readings.shown_in),
         effects=[_effect(trace, index) for index in range(len(trace.found))],
         heat=figures.heat(trace, left),
         left=summary.left(trace.unexplained, view.readings) if trace.unexplained else "",
@@ -75,7 +75,7 @@ def account(trace: Trace) -> SimpleNamespace:
             (
                 places[one.row].short if places else f"row {one.row}",
                 trace.state.measurements.pose[one.row],
-                millimetres(one.error_m, unit=one.unit),
+                millimetres(one.error_m, unit=one.shown_in),
                 f"{one.kind} with {one.fellow}" if one.fellow else one.kind,
             )
             for one in trace.outliers[:SHOWN]
@@ -133,7 +133,7 @@ def _cards(trace: Trace, accurate: Accuracy) -> Table:
 def _errors_of(trace: Trace) -> tuple[Callable[..., str], str]:
     """Return how errors of the foremost readings are said, each as `millimetres` says a length, and what they are."""
     readings = trace.state.fit.view.readings
-    return partial(millimetres, unit=readings.unit), cover.size_title(readings)
+    return partial(millimetres, unit=readings.shown_in), cover.size_title(readings)
 
 
 def _errors(trace: Trace, accurate: Accuracy) -> Table:
@@ -143,7 +143,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     judged = np.zeros(placed.residual.shape, dtype=bool)
     judged[np.isin(placed.rows, trace.rows)] = trace.state.judged[trace.judged_rows]
     declared = cover.errors_of(placed, groups, judged).of(np.asarray(judged.any(axis=1)))
-    unit = placed.readings.unit
+    unit = placed.readings.shown_in
     rows = [cover.spread(f"as declared, the {trace.calibration.placing}", declared, unit)]
     rows.append(cover.spread("calibrated, poses held out", accurate.before, unit))
     if trace.found or trace.at_every_drive:

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 
-from armflex.conventions import MILLI, RESOLUTION, SHOWN
+from armflex.conventions import MILLI, RESOLUTION, Shown, shown_in
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.effect import Effect, Words
 from armflex.laws.effects.location import BASE, LINK, TOOL
@@ -66,17 +66,17 @@ def scaled(size: float, unit: str) -> tuple[float, str]:
     return 1.0, shown
 
 
-def millimetres(value: float | None, std: float | None = None, unit: str = "m") -> str:
+def millimetres(value: float | None, std: float | None = None, unit: str | Shown = "m") -> str:
     """Return an error in an SI unit as people read it, a length [m] in mm; a dash where there is none."""
     if value is None or not np.isfinite(value):
         return "–"
-    name, factor = SHOWN[unit]
+    name, factor = shown_in(unit)
     return f"{with_std(factor * value, factor * std)} {name}" if std else f"{short(factor * value)} {name}"
 
 
-def change(before: float, after: float, unit: str = "m") -> str:
+def change(before: float, after: float, unit: str | Shown = "m") -> str:
     """Return two errors as '1.03 mm → 0.36 mm', with as many digits as it takes to distinguish them."""
-    (name, factor), shown = SHOWN[unit], ["", ""]
+    (name, factor), shown = shown_in(unit), ["", ""]
     for places in (2, 3, 4):
         shown = [f"{factor * value:.{places}f}" for value in (before, after)]
         if shown[0] != shown[1]:

@@ -38,7 +38,7 @@ SECOND_ORDER = {"hysteresis": 0.02, "gravity_tilt": 0.02}
 """Relative errors of columns: a memory is of the load without the effect, and two turns of gravity do not commute."""
 
 
-INSTRUMENT_ONLY = ("tracker_scale", "session_frame")
+INSTRUMENT_ONLY = ("tracker_scale", "session_frame", "refraction")
 
 
 @pytest.mark.parametrize("name", EVERY)

@@ -52,7 +52,10 @@ def test_the_terms_of_an_effect_are_its_twist(name: str) -> None:
 def test_the_tangent_of_every_feature_is_its_derivative() -> None:
     rng, row = np.random.default_rng(1), Row(np.array([0.4]), {"J": 0}, {"heat": np.array(3.0)})
     form = random_compliance(2) * 1e3
-    ways = [part(rng.normal(size=6) / SIZE, kind, 0.2) for kind in (Kind.PART, Kind.SIZE, Kind.CLIPPED, Kind.TANH)]
+    ways = [
+        part(rng.normal(size=6) / SIZE, kind, 0.2)
+        for kind in (Kind.PART, Kind.SIZE, Kind.CLIPPED, Kind.TANH, Kind.RAMP)
+    ]
     features = [
         *ways,
         power(form, 0.5),
