@@ -194,7 +194,7 @@ def calls(path: Path) -> Iterator[tuple[ast.Call, str, str, set[str]]]:
 
 
 def writes(node: ast.Call, name: str, owner: str, memory: set[str]) -> bool:
-    """Return whether a call writes a file, as far as its name says; what is written nowhere, or to a stream, does not."""
+    """Return whether a call writes a file, as far as its name says; what goes nowhere, or to a stream, does not."""
     if owner == "os" and ("os.devnull" in ast.unparse(node) or "closefd=False" in ast.unparse(node)):
         return False
     if name in ("open", "ZipFile") and owner != "os":
