@@ -138,7 +138,7 @@ def below_zero(fit: Fit) -> Iterator[tuple[ArmParameter, float, float]]:
         free[i], own[i] = 0.0, fit.regressors[:, i] @ fit.residual / noise**2
         known = LinearGaussian(fit.information / noise**2).with_precision(free)
         size, std = factor * (1.0 + float(known.solve(own)[i])), factor * float(known.std[i])
-        if size + 2.0 * std < 0.0:  # with all of its 95 % interval
+        if size + outlier_limit(1) * std < 0.0:  # of many compliances some are below zero by chance
             yield which, size, std
 
 
