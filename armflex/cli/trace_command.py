@@ -38,8 +38,8 @@ from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
 
-MOST_PLACES = 3
-"""Of a kind of effect."""
+MOST_KINDS = 3
+"""Of effect that are shown on the terminal."""
 
 MOST_ADVICE = 3
 """Of what to measure next."""
@@ -174,18 +174,10 @@ def print_trace(found: Trace) -> None:
         say(at_target)
     print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
     if found.families is not None and found.families.found:
-        columns = ["kind", f"RMS {unit}", "evidence", f"held out {unit}", "most at"]
-        print_table("Kinds of effect that the calibrated arm lacks", columns, _kinds(found.families, factor))
+        kinds = (f"{family.name} {number(family.rms * factor, 3)} {unit}" for family in found.families.found)
+        say(f"Kinds of effect it lacks: {listing(kinds, MOST_KINDS)}.")
     if found.found:
-        columns = [
-            "added",
-            "site",
-            "axis",
-            "depends on",
-            "value ± standard uncertainty",
-            f"held out {unit}",
-            "in folds",
-        ]
+        columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}"]
         print_table("Effects identified", columns, [row for one in found.found for row in _lines(one, factor)])
     if found.at_every_drive:
         columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
@@ -202,21 +194,6 @@ def print_trace(found: Trace) -> None:
     say(*_remarks(found))
 
 
-def _kinds(families: Families, factor: float) -> list[list[str]]:
-    """Return one line for each family; `factor` is that of errors in the unit that they are shown in."""
-    after = number(families.held_out[1] * factor, 3)
-    return [
-        [
-            family.name,
-            number(family.rms * factor, 3),
-            f"{family.evidence:.0f}",
-            f"{number(family.held_out_without * factor, 3)} -> {after}",
-            ", ".join(f"{place.site} {place.axis}" for place in family.places[:MOST_PLACES]),
-        ]
-        for family in families.found
-    ]
-
-
 def _lines(found: Found, factor: float) -> Iterator[list[str]]:
     """Yield one line for each value of an effect; the first one says which effect it is.
 
@@ -226,12 +203,11 @@ def _lines(found: Found, factor: float) -> Iterator[list[str]]:
     held_out = f"{number(proof.before * factor, 3)} -> {number(proof.after * factor, 3)}"
     depends = ", ".join(effect.location.covariates) or "-"
     head = [" ".join(filter(None, names_of(effect.law))), effect.location.place, effect.location.axis or "-", depends]
-    again = f"{found.proof.survives:.0%}"
     values = list(zip(effect.named.items(), effect.units, strict=True))
     for (name, value), unit in values[:MOST_LINES]:
         std = f" ± {found.std[name]:.2g}" if found.std.get(name) else ""
-        yield [*head, f"{name} {value:.4g}{std} {unit}", held_out, again]
-        head, held_out, again = ["", "", "", ""], "", ""
+        yield [*head, f"{name} {value:.4g}{std} {unit}", held_out]
+        head, held_out = ["", "", "", ""], ""
 
 
 def _remarks(found: Trace) -> Iterator[str]:
@@ -239,8 +215,6 @@ def _remarks(found: Trace) -> Iterator[str]:
     yield headline(found)
     signs = {one.effect.law.words.title: one.effect.law.words.signs for one in found.found}
     yield from (f"Signs of {title}: {text}." for title, text in signs.items() if text)
-    if found.compared is not None:
-        yield "In folds: the share of folds that select the effect."
     for one in (*found.found, *found.at_every_drive):
         title = one.title if one.family else f"{one.title}{numbered(one.number)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
@@ -253,7 +227,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         yield f"Exchanged readings, excluded: {said}."
     if unknown := len(found.unjudged):
         yield f"{unknown} of the rows are not in the fit: the direction of a joint is not known before it first moves."
-    yield from further(found)
+    yield from (text for text in further(found) if text != HELD_OUT_IS_OF)  # which the files have
     more = len(found.next_measurement) - MOST_ADVICE
     shown = found.next_measurement[:MOST_ADVICE] if more > 1 else found.next_measurement
     for advice in shown:

@@ -216,7 +216,8 @@ def test_calibrate_and_what_it_wrote(field: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_learned_laws_and_their_picture(field: Path, tmp_path: Path) -> None:
+def test_learned_laws_and_their_picture(field: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "240")
     (tmp_path / "arm.urdf").write_text((field / "arm.urdf").read_text())
     (tmp_path / "arm.toml").write_text(declared().replace('model = "linear"', 'model = "linear"\nlearn = true', 2))
     said = done("calibrate", tmp_path / "arm.toml", field / "campaign.csv", "-o", tmp_path / "learned.toml")

@@ -104,8 +104,9 @@ def test_a_trace_finds_what_the_rehearsal_promises(
 
 
 def test_the_table_has_one_way_of_naming_and_calibration_beside_the_names(
-    rehearsed: Rehearsal, capsys: pytest.CaptureFixture[str]
+    rehearsed: Rehearsal, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
     print_rehearsal(rehearsed)
     lines = capsys.readouterr().out.splitlines()
     head = next(line for line in lines if "hidden effect" in line)

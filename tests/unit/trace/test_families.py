@@ -56,7 +56,7 @@ def test_what_is_stated_of_poses_held_out_is_what_other_poses_get(little: Trace)
     _, other = six_axes.campaign(300, seed=1, effects=eccentric(LITTLE))
     error = np.linalg.norm(predict(little.arm, other).position - other.position, axis=1)
     rms = np.sqrt((error**2).mean())
-    assert 0.95 * rms < little.held_out[1] < 1.15 * rms
+    assert 0.90 * rms < little.held_out[1] < 1.15 * rms  # three standard errors of an RMS of 900 numbers, and more
 
 
 @pytest.mark.slow
