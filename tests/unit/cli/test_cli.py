@@ -238,6 +238,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Com
     """Run the demonstration; return its folder, what it said, and the trace that it made, which takes longest."""
     folder, made = tmp_path_factory.mktemp("demo"), []
     with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "160")
         patch.setattr(
             "armflex.cli.demo_command.trace", lambda *given, **rest: made.append(trace(*given, **rest)) or made[0]
         )
