@@ -247,7 +247,7 @@ def _vertical(way: Array, at: Postures) -> tuple[Array, Array, Array]:
     """Return (N, 3) unit vectors across others on which these rise against gravity, and cosine and sine of the angles
     between these and the vertical.
     """
-    up = -at.gravities / np.maximum(np.linalg.norm(at.gravities, axis=1, keepdims=True), SMALLEST_STD)
+    up = at.up
     cosine = np.clip(np.einsum("ni,ni->n", way, np.broadcast_to(up, way.shape)), -1.0, 1.0)
     rise = up - cosine[:, None] * way
     sine = np.linalg.norm(rise, axis=1)

@@ -27,9 +27,8 @@ class Inclination(Kind):
 
     def _tilts(self, at: Postures) -> tuple[End, Array, Array, Array]:
         """Return where it is, (N, 2, 3) its axes and the (N, 3) or (1, 3) vertical in the base, and (N, 2) sines."""
-        end = at.end(self.name)
+        end, up = at.end(self.name), at.up
         axes = end.axes.swapaxes(1, 2)[:, :2]
-        up = -at.gravities / np.maximum(np.linalg.norm(at.gravities, axis=1, keepdims=True), 1e-300)
         return end, axes, up, np.clip((axes @ up[..., None])[..., 0], -1.0, 1.0)
 
     def ideal(self, at: Postures) -> Array:

@@ -63,5 +63,4 @@ class Position(Kind):
 
 def _lifted(points: Array, at: Postures) -> Array:
     """Return (N, 3) the square of the distance [m^2] of (N, 3) points in the instrument frame, against gravity."""
-    up = -at.gravities @ at.instrument.pose.rotation.T
-    return (points**2).sum(axis=1, keepdims=True) * up / np.maximum(np.linalg.norm(up, axis=1, keepdims=True), 1e-300)
+    return (points**2).sum(axis=1, keepdims=True) * (at.up @ at.instrument.pose.rotation.T)

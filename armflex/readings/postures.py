@@ -66,6 +66,11 @@ class Postures:
         """(N, 3) or (1, 3) gravity in the base [m/s^2]."""
         return np.atleast_2d(self.gravity)
 
+    @property
+    def up(self) -> Array:
+        """(N, 3) or (1, 3) unit vectors against gravity in the base; zeros where there is none."""
+        return -self.gravities / np.maximum(np.linalg.norm(self.gravities, axis=1, keepdims=True), 1e-300)
+
     def some(self, rows: np.ndarray) -> Postures:
         """Return the arm in (M,) of the rows."""
         q, approach = ({joint: values[rows] for joint, values in one.items()} for one in (self.q, self.approach))
