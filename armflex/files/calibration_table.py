@@ -112,8 +112,10 @@ def calibration_table(arm: Arm, campaign: Campaign, unfinished: bool = False) ->
         "sessions": {name: values.tolist() for name, values in instrument.sessions.items()},
     }
     if campaign.clock:
-        periods = [{name: value for name, value in vars(one).items() if value != ""} for one in campaign.clock]
-        table["clock"] = [one if one["later"] else {k: v for k, v in one.items() if k != "later"} for one in periods]
+        table["clock"] = [
+            {key: value for key, value in vars(period).items() if value or key in ("first", "last")}
+            for period in campaign.clock
+        ]
     if arm.masses:
         table["mass"] = dict(arm.masses)
     springs = {one.name: list(one.law.found) for one in arm.springs if any(one.law.found)}

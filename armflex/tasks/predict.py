@@ -279,16 +279,15 @@ def _predicted(arm: Arm, certain: Arm, rows: Measurements) -> tuple[Prediction, 
     variance = None if fitted is None and found.covariance is None else unclear
     if variance is not None and fitted is not None:
         variance = fitted + variance
+    at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
     if variance is not None and found.covariance is not None:
-        at = Postures(lambda _: found.pose, rows.session, instrument)
         seen = wanted[0].jacobian(at)[None]
         variance[:, tip] += np.einsum("nij,njk,nik->ni", seen, found.covariance, seen, optimize=True)
-    at, sensors = Postures(lambda _: found.pose, rows.session, instrument), []
-    if any(effect.law.act is Act.SIGHT for effect in arm.effects):
-        at = look(Setup(arm, instrument), rows, every, readings=readings).at
+    bent = any(effect.law.act is Act.SIGHT for effect in arm.effects)
+    view = look(Setup(arm, instrument), rows, every, readings=readings) if read or bent else None
+    at = view.at if view is not None and bent else at
     position, rotation = (kind.predicted(at) for kind in (wanted[0], Orientation.unread(len(rows))))
-    if read:
-        view = look(Setup(arm, instrument), rows, every, readings=readings)
+    if view is not None and read:
         parts = [law.covariance(found.wrenches[:, i], view.line.row) for i, law in enumerate(certain.stack.laws)]
         for i, part in enumerate(parts):
             if variance is not None and part is not None:
