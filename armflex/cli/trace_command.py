@@ -39,7 +39,7 @@ MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
 
 MOST_KINDS = 3
-"""Of effect that are shown on the terminal."""
+"""Kinds of effect that are shown on the terminal; the files hold all."""
 
 MOST_ADVICE = 3
 """Of what to measure next."""
@@ -227,7 +227,7 @@ def _remarks(found: Trace) -> Iterator[str]:
         yield f"Exchanged readings, excluded: {said}."
     if unknown := len(found.unjudged):
         yield f"{unknown} of the rows are not in the fit: the direction of a joint is not known before it first moves."
-    yield from (text for text in further(found) if text != HELD_OUT_IS_OF)  # which the files have
+    yield from further(found)
     more = len(found.next_measurement) - MOST_ADVICE
     shown = found.next_measurement[:MOST_ADVICE] if more > 1 else found.next_measurement
     for advice in shown:

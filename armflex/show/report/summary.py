@@ -7,7 +7,7 @@ import numpy as np
 from armflex.readings import Readings
 from armflex.show.report.accuracy import Accuracy
 from armflex.show.report.words import called, change, joined, measure, millimetres, short, site_words, units_of, words
-from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace, Unexplained
+from armflex.trace.findings import Found, Trace, Unexplained
 
 MOST_VALUES = 2
 """Values of an effect that the first sentence has room for."""
@@ -84,8 +84,6 @@ def further(trace: Trace) -> list[str]:
             )
     if trace.undecided is not None:
         said.append(trace.undecided.text)
-    if trace.compared is not None:
-        said.append(HELD_OUT_IS_OF)
     readings = trace.state.fit.view.readings
     unit = readings.shown_in
     said += [

@@ -16,7 +16,7 @@ from armflex.show.report import cover, effect_figures, figures, summary
 from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.swing import swing
 from armflex.show.report.words import called, labelled, measure, millimetres, short, site_words, units_of, words
-from armflex.trace.findings import Trace
+from armflex.trace.findings import HELD_OUT_IS_OF, Trace
 from armflex.trace.projection import project
 from armflex.trace.unrecorded import localise
 from armflex.version import __version__
@@ -56,7 +56,7 @@ def account(trace: Trace) -> SimpleNamespace:
         if placed
         else [],
         point_head=cover.POINT_HEAD,
-        further=summary.further(trace),
+        further=[*summary.further(trace), *(() if trace.compared is None else (HELD_OUT_IS_OF,))],
         cards=_cards(trace, accurate),
         campaign=cover.facts(trace.arm, trace.state.measurements, used),
         families=_families(trace),

@@ -8,23 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.campaigns import draw
+from support.telescope import MOUNT
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements, trace
 
-MOUNT = """
-prior = { joint_offset = 5e-3, geometry = 2e-3, compliance = 2.0 }
-[robot]
-dh = "modified"
-gravity = [0, 0, -9.81]
-tool = { xyz = [1, 0, 0], rpy = [0, 0, 0] }
-[robot.joint]
-az = { alpha_deg = 180, mass = 10 }
-el = { alpha_deg = -90, mass = 10, com = [0.5, 0, 0] }
-[flexure]
-tube = { joint = "el", compliance = [0, 0, 0, 1e-6, 1e-6, 1e-6] }
-[instrument]
-star = { kind = "direction", link = "flange", axis = [1, 0, 0], azimuth = "north_to_east", sigma = 2e-6 }
-"""
 LIFT = """
 [[effect]]
 name = "support_lift"
@@ -36,7 +23,7 @@ parameters = {parameters}
 
 
 def mount(folder: Path, effect: str = "") -> Arm:
-    (folder / "mount.toml").write_text(MOUNT + effect)
+    (folder / "mount.toml").write_text(MOUNT.replace("sigma = 5e-6", "sigma = 2e-6") + effect)
     return load_arm(folder / "mount.toml")
 
 
