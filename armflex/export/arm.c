@@ -44,7 +44,7 @@ typedef struct {
 #if FACTORS
 
 /* A function of one column: a joint's position, the payload's mass or a covariate, see know_laws; factor_at says how. */
-enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV };
+enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV, TABLE };
 typedef struct {
     int kind, column;
     double a, b, c, d;
@@ -429,6 +429,20 @@ static double factor_at(const factor *f, double x)
         }
         break;
     }
+#if KNOTS
+    case TABLE: { /* a cubic through d values from c on, at knots that are b apart from a on; see Of.TABLE */
+        const double *y = knots + (int)f->c;
+        int last = (int)f->d - 1, i;
+        double u = fmin(fmax((x - f->a) / f->b, 0.0), last), rise, begins, ends;
+        i = ((int)u < last) ? (int)u : last - 1;
+        u -= i;
+        rise = y[i + 1] - y[i];
+        begins = (i > 0) ? 0.5 * (y[i + 1] - y[i - 1]) : rise;
+        ends = (i + 1 < last) ? 0.5 * (y[i + 2] - y[i]) : rise;
+        value = y[i] + u * (begins + u * (3.0 * rise - 2.0 * begins - ends + u * (begins + ends - 2.0 * rise)));
+        break;
+    }
+#endif
     default: break; /* ONE */
     }
     return value;

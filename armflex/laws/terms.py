@@ -83,6 +83,12 @@ class Of(IntEnum):
     """1 / (a + |x - b|)"""
     CHEBYSHEV = 9
     """Polynomial of degree c in a travel with the middle a and the half b."""
+    TABLE = 10
+    """A cubic through values at knots; a is the first knot, b how far they are apart, the values follow.
+
+    Its slope at a knot is that of the line through the knots beside it (Catmull and Rom 1974), at the first and the
+    last through that and the next; beyond those it stays as it is there.
+    """
 
 
 @dataclass(frozen=True)
@@ -198,8 +204,15 @@ class Factor:
                 return 1.0 / (a + np.abs(x - b))
             case Of.CHEBYSHEV:
                 return np.polynomial.chebyshev.chebval((x - a) / b, np.eye(int(c) + 1)[-1])
+            case Of.TABLE:
+                return _between(self.padded, (x - a) / b)
             case _:
                 return np.ones_like(x)
+
+    @cached_property
+    def padded(self) -> Array:
+        """(K + 2,) values of a table, and what goes straight on at both ends."""
+        return np.pad(np.array(self.numbers[2:]), 1, mode="reflect", reflect_type="odd")
 
     def later(self, by: float) -> list[tuple[float, Factor]]:
         """Return shares of factors whose sum at x is this factor at x + by."""
@@ -219,6 +232,17 @@ class Factor:
         return [(1.0, replace(self, numbers=shifted))]
 
 
+def _between(padded: Array, x: Array) -> Array:
+    """Return (...,) values of a table at (...,) places, counted in knots from the first on; see `Of.TABLE`."""
+    last = len(padded) - 3
+    x = np.clip(x, 0.0, float(last))
+    first = np.minimum(x.astype(int), max(last - 1, 0))
+    u, (before, left, right, after) = x - first, (padded[np.minimum(first + i, last + 2)] for i in range(4))
+    slopes = 0.5 * (right - before), 0.5 * (after - left)
+    bend = left - right
+    return left + u * (slopes[0] + u * (-3.0 * bend - 2.0 * slopes[0] - slopes[1] + u * (2.0 * bend + sum(slopes))))
+
+
 def powers(column: str, exponent: int, above: float = 0.0) -> tuple[Factor, ...]:
     """Return the factor (column - above)^exponent, none where that is 1."""
     return (Factor(Of.POWER, column, (above, 1.0, float(exponent))),) if exponent else ()
@@ -227,6 +251,11 @@ def powers(column: str, exponent: int, above: float = 0.0) -> tuple[Factor, ...]
 def waves(column: str, number: float) -> tuple[Factor, Factor]:
     """Return the sine and the cosine of a column times a wave number."""
     return Factor(Of.SINE, column, (number,)), Factor(Of.COSINE, column, (number,))
+
+
+def table(column: str, low: float, high: float, values: Array) -> Factor:
+    """Return the factor that goes through (K,) values at knots spread evenly from `low` to `high`."""
+    return Factor(Of.TABLE, column, (low, (high - low) / (len(values) - 1), *np.asarray(values, float).tolist()))
 
 
 def tents(column: str, low: float, high: float, count: int) -> list[Factor]:

@@ -120,15 +120,20 @@ def at_every_drive(law: EffectLaw, values: str = "") -> str:
     return f"{law.name.replace('_', ' ')}{values} at every drive"
 
 
+def searched() -> list[EffectLaw]:
+    """Return the laws that a campaign is searched for: those that may be at one place alone."""
+    return [law for law in EVERY.values() if not law.dense]
+
+
 def hypotheses(context: Context) -> list[Hypothesis]:
     """Return every law at every place of a campaign, and every free shape that is not only sought where it may be."""
-    known = list(candidates_of((law for law in EVERY.values() if not law.sought), context))
+    known = list(candidates_of((law for law in searched() if not law.sought), context))
     spots = [one.law_and_place for one in known]
     places, terms, values = Counter(name for name, *_ in set(spots)), dict[tuple, set](), dict[tuple, list[Values]]()
     for one, spot in zip(known, spots, strict=True):
         terms.setdefault(spot, set()).add(one.location.terms)
         values.setdefault((spot, one.location.terms), []).append(one.inner)
-    laws = {law.name: _of_law(law) for law in EVERY.values()}
+    laws = {law.name: _of_law(law) for law in searched()}
     drives = {joint.name: drive_axis(joint) for joint in context.robot.moving}
     found = []
     for one, spot in zip(known, spots, strict=True):
@@ -166,7 +171,7 @@ def _rare(one: Candidate, beside: Sequence[Values], context: Context) -> int:
 
 def _of_law(law: EffectLaw) -> float:
     """Return the log of how many effects of a law are expected."""
-    alike = [one for one in EVERY.values() if one.physical == law.physical]
+    alike = [one for one in searched() if one.physical == law.physical]
     share = (1.0 - NAMELESS - FAMILIAL) if law.physical else NAMELESS
     return log(EFFECTS * share / len(alike)) - PLAINER * alike.index(law)
 

@@ -1,11 +1,23 @@
-"""Every effect that a campaign is searched for, by name: a new one is its file, and its line here."""
+"""Every effect that an arm may have, by name: a new one is its file, and its line here."""
 
 from __future__ import annotations
 
 from importlib import import_module
 
 from armflex.laws.effects.effect import EffectLaw
-from armflex.laws.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
+from armflex.laws.effects.drive_curve import DRIVE_CURVE
+from armflex.laws.effects.unnamed import (
+    BUMP,
+    LEVEL,
+    LINE,
+    LINE_COMPLIANCE,
+    LINE_PLAY,
+    PRODUCT,
+    SPLINE,
+    SPLINE_COMPLIANCE,
+    WAVE,
+    WAVE_PRODUCT,
+)
 
 NAMED = (
     "encoder_offset",
@@ -57,14 +69,16 @@ NAMED = (
 LAWS: tuple[EffectLaw, ...] = (
     *(getattr(import_module(f"armflex.laws.effects.{name}"), name.upper()) for name in NAMED),
     *(LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT),
+    *(DRIVE_CURVE, LINE_COMPLIANCE, LINE_PLAY),
 )
-"""In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes."""
+"""In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes, and
+last those that are `dense`."""
 
 EVERY: dict[str, EffectLaw] = {law.name: law for law in LAWS}
 """Name -> law."""
 
-CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in LAWS if not law.shape}
+CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in EVERY.values() if not law.shape}
 """Those that files call by it."""
 
-SHAPES: dict[str, EffectLaw] = {law.shape: law for law in LAWS if law.shape}
+SHAPES: dict[str, EffectLaw] = {law.shape: law for law in EVERY.values() if law.shape}
 """What files call an unnamed shape -> shape."""
