@@ -190,7 +190,7 @@ def _errors(state: State, seen: Validated | None = None) -> dict:
         certainty = replace(certainty, misfit=max(certainty.misfit, chosen))
     arm = with_posteriors(fit.setup.arm, fit, certainty)
     # A random twist stays behind, because nobody can foresee it.
-    effects = (*calibration.arm.effects, *state.fitted)
+    effects = (*calibration.arm.effects, *state.fitted, *state.common)
     return {
         "arm": replace(arm, effects=effects, instrument=fit.setup.instrument).left(),
         "state": state,
@@ -243,7 +243,8 @@ def _before(state: State, certainty: Certainty) -> Before:
 
     Readings that scatter less than they state count as they state; see `certainty_of`.
     """
-    fit, count = state.fit, len(state.declared.arm.effects) + len(state.effects)
+    fit, own = state.fit, (*state.effects, *state.background.effects)
+    count = len(state.declared.arm.effects) + len(own)
     setup = replace(fit.setup, arm=replace(fit.setup.arm, effects=fit.setup.arm.effects[:count]))
     effect = max(certainty.design_effect * min(fit.noise, 1.0) ** 2, 1.0)
     measured, least = Measured.of(fit, state.measurements, replace(certainty, design_effect=effect), setup), 1.0

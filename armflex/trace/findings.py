@@ -481,7 +481,9 @@ class Trace(Result):
         campaign = Campaign(state.measurements.sha256, len(self.rows), self.rms, state.measurements.clock)
         effects = [
             effect_table(effect, {name: one for name, one in state.std_of(block).items() if np.isfinite(one)})
-            for block, effect in zip(state.effects, state.fitted, strict=True)
+            for block, effect in zip(
+                (*state.effects, *state.background.effects), (*state.fitted, *state.common), strict=True
+            )
         ]
         setup = realise(fit.declared, state.blocks, fit.values)  # effects are written by themselves
         assert self.arm.certainty is not None

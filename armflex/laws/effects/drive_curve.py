@@ -73,6 +73,5 @@ DRIVE_CURVE = TwistLaw(
         Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False),
         Inner("high", "as recorded", of_column(lambda x: (float(x.max()),)), positive=False, polished=False),
     ),
-    physical=False,
     dense=True,
 )
