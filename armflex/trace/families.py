@@ -359,14 +359,16 @@ class Sized:
         The least is left out first, and the others take its place as far as they can.
         """
         kinds, sizes = self.kinds, self.fitted
-        charge = -np.log(EFFECTS * FAMILIAL / len(kinds.names) / len(SCALES))
-        while True:
-            there = [name for name in kinds.names if sizes.ratios[kinds.of(name)].any()]
-            without = {name: self.model.fitted(sizes.without(*kinds.of(name)).ratios, MOST_TRIED) for name in there}
-            least = max(there, key=lambda name: without[name].log_likelihood, default=None)
-            if least is None or sizes.log_likelihood - without[least].log_likelihood > charge:
-                break
-            sizes = without[least]
+        price = -np.log(EFFECTS * FAMILIAL / len(kinds.names) / len(SCALES))
+        while there := [name for name in kinds.names if sizes.ratios[kinds.of(name)].any()]:
+            lost = {name: sizes.lost_without(*kinds.of(name)) for name in there}
+            least = min(there, key=lost.__getitem__)
+            if lost[least] > price:  # as long as the others may not take its place
+                without = {name: self.model.fitted(sizes.without(*kinds.of(name)).ratios, MOST_TRIED) for name in there}
+                least = max(there, key=lambda name: without[name].log_likelihood)
+                if sizes.log_likelihood - without[least].log_likelihood > price:
+                    break
+            sizes = self.model.fitted(sizes.without(*kinds.of(least)).ratios)
         told, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
         std = np.where(told, sizes.spread, 0.0)
         rows, found = kinds.fit.view.rows, list[tuple[Part, EffectBlock | Walk, Array]]()
@@ -381,7 +383,7 @@ class Sized:
             tuple(block for _, block, _ in walks),
             tuple(part.family for part, *_ in (*effects, *walks)),
             np.concatenate([np.zeros(0), *(own for *_, own in (*effects, *walks))]),
-            charge,
+            price,
         )
 
     def rms(self, whitened: Array) -> float:
