@@ -124,7 +124,7 @@ class Walk(Block):
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with the walk, which is taken out again before the arm is used."""
         along = np.append(self.waves @ values, 0.0)  # of one row, too, a table has two knots
-        each = [table(ROW, 0.0, len(along) - 1.0, along)]
+        each = [table(ROW, 0.0, 1.0, along.tolist())]
         return setup.with_effect(_unexplained(self.site, self.axis, each, np.ones(1)))
 
 

@@ -400,6 +400,35 @@ static void weigh(arm_state *s)
 
 /* ---- Laws ------------------------------------------------------------------------------------------------------- */
 #if FACTORS
+#if KNOTS
+
+/* Return a cubic through values at knots 0, 1, ..., which closes or has the slopes of parabolas at its ends. */
+static double table_at(const double *values, int count, int closes, double x)
+{
+    int k, last = closes ? count - 1 : count - 2;
+    double t, before, left, right, after;
+    if (!(fabs(x) < 1e15)) {
+        return x - x; /* not a number */
+    }
+    t = closes ? x - count * floor(x / count) : fmin(fmax(x, 0.0), count - 1.0);
+    k = ((int)t < last) ? (int)t : last;
+    t -= k;
+    left = values[k];
+    right = values[(k + 1) % count];
+    if (closes) {
+        before = values[(k + count - 1) % count];
+        after = values[(k + 2) % count];
+    } else {
+        double bent = (count > 2) ? 1.0 : 0.0;
+        before = (k > 0) ? values[k - 1]
+                         : (2.0 + bent) * left - (1.0 + 2.0 * bent) * right + bent * values[(k + 2) % count];
+        after = (k < last) ? values[k + 2]
+                           : (2.0 + bent) * right - (1.0 + 2.0 * bent) * left + bent * values[(k + count - 1) % count];
+    }
+    return left + 0.5 * t * (right - before + t * (2.0 * before - 5.0 * left + 4.0 * right - after
+                                                   + t * (3.0 * (left - right) + after - before)));
+}
+#endif
 
 /* Return the value of a factor where its column is x. */
 static double factor_at(const factor *f, double x)
@@ -430,18 +459,7 @@ static double factor_at(const factor *f, double x)
         break;
     }
 #if KNOTS
-    case TABLE: { /* a cubic through d values from c on, at knots that are b apart from a on; see Of.TABLE */
-        const double *y = knots + (int)f->c;
-        int last = (int)f->d - 1, i;
-        double u = fmin(fmax((x - f->a) / f->b, 0.0), last), rise, begins, ends;
-        i = ((int)u < last) ? (int)u : last - 1;
-        u -= i;
-        rise = y[i + 1] - y[i];
-        begins = (i > 0) ? 0.5 * (y[i + 1] - y[i - 1]) : rise;
-        ends = (i + 1 < last) ? 0.5 * (y[i + 2] - y[i]) : rise;
-        value = y[i] + u * (begins + u * (3.0 * rise - 2.0 * begins - ends + u * (begins + ends - 2.0 * rise)));
-        break;
-    }
+    case TABLE: value = table_at(knots + (int)f->c, (int)fabs(f->d), f->d < 0.0, (x - f->a) / f->b); break;
 #endif
     default: break; /* ONE */
     }

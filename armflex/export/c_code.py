@@ -133,11 +133,6 @@ class _Tables:
     steady: bool = True
 
     @property
-    def knots(self) -> list[float]:
-        """Values of all tables, behind one another."""
-        return [value for one in self.factors if one.kind is Of.TABLE for value in one.numbers[2:]]
-
-    @property
     def unproven(self) -> list[str]:
         """Payloads with which the arm may be too soft, for all that is known beforehand."""
         return [name for name, proven in zip(self.payloads, self.proven, strict=True) if not proven]
@@ -153,7 +148,7 @@ class _Tables:
             "PULLS": (len(self.pulls), "forces from outside"),
             "COVARIATES": (len(self.covariates), "covariates"),
             "FACTORS": (len(self.factors), "functions of a column"),
-            "KNOTS": (len(self.knots), "values of those that are tables"),
+            "KNOTS": (sum(len(one.numbers) - 3 for one in self.factors if one.kind is Of.TABLE), "values of tables"),
             "CHANGING": (len(self.changing), "parts of laws that depend on a column"),
             "FEATURES": (len(self.features), "numbers that those make of the load"),
             "TERMS": (len(self.terms), "parts of laws that are not linear in the load"),
@@ -445,13 +440,9 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
         rows = [f"{c_number(value)},{name}" for value, name in zip(values, names, strict=True)]
         text.append(_table(declared, what, rows) if rows else "")
     columns = {column: i for i, column in enumerate(tables.columns)}
-    factors, first = [], 0
+    factors, knots = [], []
     for one in tables.factors:
-        numbers = (*one.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
-        if one.kind is Of.TABLE:
-            count = len(one.numbers) - 2
-            numbers, first = (*one.numbers[:2], first, count), first + count
-        values = ", ".join(map(c_number, numbers))
+        values = ", ".join(map(c_number, one.in_c(knots)))
         factors.append(f"{{{one.kind.name}, {columns[one.column]}, {values}}}, /* {c_comment(one.column)} */")
     windows = []
     for one in tables.windows:
@@ -460,7 +451,7 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
         windows.append(f"{{{c_number(one.mean)}, {c_number(one.precision)}, {c_number(energy)}, {c_number(faded)}}},")
     optional = (
         ("pull pulls[PULLS]", "", tables.pulls),
-        ("double knots[KNOTS]", "values of tables", [f"{c_number(value)}," for value in tables.knots]),
+        ("double knots[KNOTS]", "values of tables", [f"{c_number(value)}," for value in knots]),
         ("factor factors[FACTORS]", "", factors),
         ("change changing[CHANGING]", "", tables.changing),
         ("double forms[FORMS][6][6]", "of the load, own axes", [f"{c_number(form)}," for form in tables.forms]),

@@ -36,7 +36,7 @@ from armflex.trace.probabilities import CREDIBLE, Credible, competing, sampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
-from armflex.trace.state import State, lost_of, refit, sorted_out
+from armflex.trace.state import State, beside_effects, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Validated, chance, sessions_held_out, validated
 
@@ -158,7 +158,7 @@ def conclude(
         **errors,
         found=found,
         at_every_drive=common,
-        families=families,
+        families=beside_effects(state) if state.background.names else families,
         unexplained=left,
         places=places,
         undecided=None if state.effects or left is not None else _undecided(known),

@@ -33,7 +33,6 @@ from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.context import AXES_TURN, Context
 from armflex.laws.effects.cross_coupling import CROSS_COUPLING
 from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
-
 from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
 from armflex.laws.effects.encoder_scale import ENCODER_SCALE
 from armflex.laws.effects.location import BASE, Location, drive_axis
@@ -197,6 +196,9 @@ class Background:
         pairs = enumerate(zip(self.effects, numbers, strict=True), first)
         effects = tuple(replace(block, ordinal=place, number=number) for place, (block, number) in pairs)
         return replace(self, effects=effects)
+
+
+NO_FAMILIES = Background()
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,8 +371,8 @@ class Sized:
                 if sizes.log_likelihood - without[least].log_likelihood > price:
                     break
             sizes = self.model.fitted(sizes.without(*kinds.of(least)).ratios)
-        told, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
-        std = np.where(told, sizes.spread, 0.0)
+        informed, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
+        std = np.where(informed, sizes.spread, 0.0)
         rows, found = kinds.fit.view.rows, list[tuple[Part, EffectBlock | Walk, Array]]()
         for part, place in zip(kinds.parts, kinds.slices, strict=True):
             if (block := part.block(std[place], kinds.context, rows)) is not None:

@@ -289,7 +289,8 @@ class Trace(Result):
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
         withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
         at_every_drive: Laws that all drives have.
-        families: Which kinds of effect the calibrated arm lacks, before anything is named.
+        families: Which kinds of effect are in the arm beside what is named; where none is, which kinds the calibrated
+            arm lacks before anything is named.
         undecided: What is left where these rows do not determine whether anything is missing, None where they can.
         unfinished: Whether it was ended at once: what was accepted is in `arm` and `accepted` alone, and what else
             would do, what is not identifiable and what to measure next is not worked out.

@@ -67,9 +67,7 @@ class Screen(Evidence):
 
     error = LINEAR_ERROR
 
-    def __init__(
-        self, known: Sequence[Hypothesis], bank: Bank, projection: Projection, charge: float = 0.0
-    ) -> None:
+    def __init__(self, known: Sequence[Hypothesis], bank: Bank, projection: Projection, charge: float = 0.0) -> None:
         self.bank, self.projection, self.quiet = bank, projection, bank.quiet
         self.fit, self.context = bank.fit, bank.context
         self.objective, self.freedom = projection.objective, projection.freedom

@@ -315,9 +315,9 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
         if state is None:
             return None
         trial = linear(state)
-        if trial.value > here.value + BETTER or len(state.rows) != count:
-            if after := entered(with_families(state), here):
-                return after
+        better = trial.value > here.value + BETTER or len(state.rows) != count
+        if better and (after := entered(with_families(state), here)):
+            return after
         places = [here.screen.groups[one.number].hypothesis.spot for one in model]
         new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
         if len(new) == 1 and places[new[0]] not in known:
@@ -448,5 +448,14 @@ def _without_far_off(here: Standing) -> Standing | None:
     return None if np.array_equal(left.rows, here.state.rows) else entered(left, here)
 
 
-PROPOSALS = (_instead_of_families, _more_probable, _anchored_anew, _with_shapes, _with_products, _set_aside, _withdrawn, _without_far_off)
+PROPOSALS = (
+    _instead_of_families,
+    _more_probable,
+    _anchored_anew,
+    _with_shapes,
+    _with_products,
+    _set_aside,
+    _withdrawn,
+    _without_far_off,
+)
 """What may replace a state, in the order in which it is asked for."""

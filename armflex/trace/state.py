@@ -27,7 +27,7 @@ from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
 from armflex.progress import SILENT, Reporter
 from armflex.rows.rows import POSE, ROW
-from armflex.trace.families import Background, kinds_of
+from armflex.trace.families import NO_FAMILIES, Background, Families, Sized, kinds_of
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
 
@@ -62,7 +62,7 @@ class State:
     known: tuple[Hypothesis, ...] = ()
     effects: tuple[EffectBlock, ...] = ()
     random: PoseBlock | None = None
-    background: Background = Background()
+    background: Background = NO_FAMILIES
     heed: bool = True
     reporter: Reporter = SILENT
 
@@ -193,7 +193,9 @@ class State:
         common = family[rest] != ""
         # Sizes of families are by the noise, whatever that is.
         precision = fitted.precision[rest] * np.where(common, self.quiet**-2.0, 1.0)
-        return Projection(fitted.regressors[:, rest] / self.quiet, precision, data / self.quiet, fitted.view.count, common)
+        return Projection(
+            fitted.regressors[:, rest] / self.quiet, precision, data / self.quiet, fitted.view.count, common
+        )
 
     @property
     def _common(self) -> np.ndarray:
@@ -303,9 +305,17 @@ def resized(state: State, effort: Effort = ROUGH) -> State:
     Raises:
         ArmflexError: The arm does not come to rest with them, or no fit is found.
     """
-    sized = kinds_of(state.fit, state.context, state.groups).beside(state.named)
-    background = sized.background
+    background = _sized(state).background
     return state if background.close_to(state.background) else with_background(state, background, effort)
+
+
+def beside_effects(state: State) -> Families:
+    """Return which kinds of effect the readings have beside a state's effects."""
+    return _sized(state).families
+
+
+def _sized(state: State) -> Sized:
+    return kinds_of(state.fit, state.context, state.groups).beside(state.named)
 
 
 def with_background(state: State, background: Background, effort: Effort = ROUGH) -> State:

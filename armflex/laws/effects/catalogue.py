@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from importlib import import_module
 
-from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.drive_curve import DRIVE_CURVE
+from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.unnamed import (
     BUMP,
     LEVEL,

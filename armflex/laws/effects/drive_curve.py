@@ -18,7 +18,7 @@ from armflex.laws.effects.context import AXES_TURN, Records
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, drive_axis
 from armflex.laws.effects.shapes import of_column, own_column, twists
-from armflex.laws.terms import Term, Terms, table
+from armflex.laws.terms import Factor, Term, Terms, table
 
 MOST_SINES, FINE = 256, 8
 """Tolerance: sines that a curve has at most, and knots of its table for each half-wave of the finest."""
@@ -46,9 +46,14 @@ def _knots(acting: tuple[int, ...]) -> Array:
     return np.sin((np.array(acting)[:, None] + 1.0) * places)
 
 
+def _table(here: Here, inner: Values, values: Array) -> Factor:
+    low, high = inner
+    return table(own_column(here), low, (high - low) / (len(values) - 1), values.tolist())
+
+
 def _terms(here: Here, inner: Values) -> list[list[Term]]:
     acting, each = here.location.terms, [list[Term]() for _ in range(MOST_SINES)]
-    factors = [table(own_column(here), *inner, values) for values in _knots(acting)]
+    factors = [_table(here, inner, values) for values in _knots(acting)]
     for i, own in zip(acting, twists(_way(here), *([factor] for factor in factors)), strict=True):
         each[i] = own
     return each
@@ -57,7 +62,7 @@ def _terms(here: Here, inner: Values) -> list[list[Term]]:
 def _joined(here: Here, amplitudes: Sequence[float], inner: Values) -> Terms:
     acting = here.location.terms
     values = np.array([amplitudes[i] for i in acting]) @ _knots(acting)
-    return [Term(_way(here), factors=(table(own_column(here), *inner, values),))]
+    return [Term(_way(here), factors=(_table(here, inner, values),))]
 
 
 DRIVE_CURVE = TwistLaw(

@@ -145,7 +145,9 @@ LINE = Shape(
 )
 LINE_COMPLIANCE = Shape(
     name="unnamed_line_compliance",
-    words=Words("unnamed trend of a compliance", "a compliance grows steadily with a column", "(slope · x + curvature · x²) · w"),
+    words=Words(
+        "unnamed trend of a compliance", "a compliance grows steadily with a column", "(slope · x + curvature · x²) · w"
+    ),
     places=_with_all(2),
     amplitudes=(
         Amplitude("slope", "{m}/{w} per recorded"),
@@ -161,7 +163,9 @@ LINE_COMPLIANCE = Shape(
 )
 LINE_PLAY = Shape(
     name="unnamed_line_play",
-    words=Words("unnamed trend of a play", "the load takes up play that grows with a column", "(g + slope · x) · tanh(τ / τ₀)"),
+    words=Words(
+        "unnamed trend of a play", "the load takes up play that grows with a column", "(g + slope · x) · tanh(τ / τ₀)"
+    ),
     places=_with_all(2),
     amplitudes=(Amplitude("g", "{m}"), Amplitude("slope", "{m} per recorded")),
     terms=lambda here, inner: [

@@ -1,4 +1,4 @@
-"""A curve over a drive's position: a table that goes through its values, a sum of sines, the same in a file and in C."""
+"""A curve over a drive's position: a sum of sines, of which it has the columns, the same in a file and in C."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from support.compiled_arm import COMPILER, compiled
 from support.effect_arms import arm_and, plain
 
@@ -20,7 +18,7 @@ from armflex.laws.effects.effect import full
 from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve
 from armflex.laws.row import Row
-from armflex.laws.terms import table, twist_of
+from armflex.laws.terms import twist_of
 
 LOW, HIGH = -2.0, 2.5
 TERMS = (0, 1, 4, 11, 39)
@@ -41,22 +39,6 @@ def effect(joint: str, axis: str) -> Effect:
 def curved() -> Arm:
     """Return an arm with a curve about a drive's own axis and one about another."""
     return replace(plain(), effects=(effect("J2", "ry"), effect("J4", "rz")))
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.lists(st.floats(-5.0, 5.0), min_size=2, max_size=12), st.floats(-3.0, 3.0), st.floats(0.01, 4.0))
-def test_a_table_goes_through_its_values_and_stays_at_its_ends(values: list[float], low: float, span: float) -> None:
-    factor, knots = table("x", low, low + span, np.array(values)), np.linspace(low, low + span, len(values))
-    np.testing.assert_allclose(factor.of(knots), values, atol=1e-9)
-    assert factor.of(np.array([low - 1.0, low + span + 1.0])) == pytest.approx([values[0], values[-1]])
-
-
-def test_a_table_is_a_straight_line_of_one_and_smooth() -> None:
-    rng, x = np.random.default_rng(0), np.linspace(-1.0, 2.0, 301)
-    np.testing.assert_allclose(table("x", -1.0, 2.0, 3.0 * np.linspace(-1.0, 2.0, 9) + 1.0).of(x), 3.0 * x + 1.0)
-    factor, knots = table("x", -1.0, 2.0, rng.normal(size=9)), np.linspace(-1.0, 2.0, 9)[1:-1]
-    before, after = (factor.of(knots) - factor.of(knots - 1e-6), factor.of(knots + 1e-6) - factor.of(knots))
-    np.testing.assert_allclose(before, after, atol=1e-10)
 
 
 def test_it_is_the_sum_of_its_sines() -> None:

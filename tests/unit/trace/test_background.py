@@ -29,7 +29,9 @@ def drawn(seed: int) -> tuple[Projection, Array]:
     precision = rng.uniform(0.2, 5.0, 11)
     columns = np.hstack([fitted, family])
     readings = columns @ (rng.normal(size=11) / np.sqrt(precision)) + rng.normal(size=50)
-    return Projection(columns, precision, readings, 50, np.arange(11) >= 3), columns / precision @ columns.T + np.eye(50)
+    return Projection(columns, precision, readings, 50, np.arange(11) >= 3), columns / precision @ columns.T + np.eye(
+        50
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))
