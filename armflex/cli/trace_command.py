@@ -64,6 +64,7 @@ def _print_families(found: Trace, unit: str, factor: float) -> None:
     ]
     print_table("Kinds of effect that have no single place", columns, rows)
 
+
 MOST_ADVICE = 3
 """Of what to measure next."""
 

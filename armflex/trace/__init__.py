@@ -68,7 +68,7 @@ def trace(
     from armflex.progress import OutOfTimeError, Reporter
     from armflex.trace.account import conclude, so_far
     from armflex.trace.families import families_of
-    from armflex.trace.search import is_bounded, led, linear, search, standing, with_families
+    from armflex.trace.search import is_bounded, led, linear, search, standing
     from armflex.trace.state import begin
 
     if not 0 <= ask <= MOST_ASKED:
@@ -94,9 +94,8 @@ def trace(
         reporter.limit(60.0 * minutes)
         reporter.stage("weighing which kinds of effect are missing")
         families = families_of(begun.fit, begun.context, begun.groups)
-        begun = latest = with_families(begun)
         try:
-            here = standing(led(begun, passing))
+            here = led(begun, passing)
             passing(here)
             here = search(here, passing)
             if is_bounded(here):

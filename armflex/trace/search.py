@@ -131,18 +131,31 @@ def is_bounded(here: Standing) -> bool:
     return len(here.visited) >= 3 * MOST_ROUNDS
 
 
-def led(state: State, passing: Callable[[Standing], None]) -> State:
-    """Return a calibrated state with what a search of some of its poses found, refitted to all; of few poses itself.
+def led(state: State, passing: Callable[[Standing], None]) -> Standing:
+    """Return a calibrated state with what a search of some of its poses found, refitted to all; of few as it begins.
 
     Half of `ROWS_AT_ONCE` poses lead a search almost to where all lead.
     """
     with suppress(ArmflexError):  # else it begins with nothing
         if (some := of_poses(state, ROWS_AT_ONCE // 2)) is not None:
             state.reporter.stage(f"beginning with {len(set(some.groups))} of {len(set(state.groups))} poses")
-            found = search(standing(with_families(some)), passing).state
+            found = search(beginning(some), passing).state
             state.reporter.stage(f"refitting with what they show, to {len(state.rows)} rows")
-            return with_families(with_all_of(state, found)) if found.known else state
-    return state
+            if found.known or found.background.names:
+                return standing(with_families(with_all_of(state, found)))
+    return beginning(state)
+
+
+def beginning(state: State) -> Standing:
+    """Return a calibrated state with its linear problem as a search begins: with families, where a few names are less.
+
+    A few are as many as are added before the arm is fitted anew.
+    """
+    here, common = standing(state), with_families(state)
+    if common is state:
+        return here
+    few = climbed(here.screen, here.model, refine, most=MOST_TRIED)
+    return here if here.screen.log_posterior(few) > linear(common).value else standing(common, here)
 
 
 def with_families(state: State) -> State:
@@ -316,7 +329,8 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
             return None
         trial = linear(state)
         better = trial.value > here.value + BETTER or len(state.rows) != count
-        if better and (after := entered(with_families(state), here)):
+        sized = with_families(state) if better and state.background.names else state
+        if better and (after := entered(sized, here)):
             return after
         places = [here.screen.groups[one.number].hypothesis.spot for one in model]
         new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
@@ -346,6 +360,12 @@ def _instead_of_families(here: Standing) -> Standing | None:
         if after := entered(with_families(state), here):
             return after
     return None
+
+
+def _with_families(here: Standing) -> Standing | None:
+    """Propose the families that names leave, with their sizes beside those."""
+    state = with_families(here.state)
+    return entered(state, here) if linear(state).value > here.value + BETTER else None
 
 
 def _without(here: Standing, gone: Sequence[str]) -> Standing:
@@ -449,13 +469,7 @@ def _without_far_off(here: Standing) -> Standing | None:
 
 
 PROPOSALS = (
-    _instead_of_families,
-    _more_probable,
-    _anchored_anew,
-    _with_shapes,
-    _with_products,
-    _set_aside,
-    _withdrawn,
-    _without_far_off,
+    *(_instead_of_families, _more_probable, _anchored_anew, _with_shapes, _with_families),
+    *(_with_products, _set_aside, _withdrawn, _without_far_off),
 )
 """What may replace a state, in the order in which it is asked for."""
