@@ -328,5 +328,5 @@ def test_tangents_of_many_loads(name, stage: Stage):
             numeric = central_difference(lambda part, b=bound, r=one, w=load: b.twist(w * part, r), np.ones(6), 1e-5)
             size = max(np.abs(numeric).max(), 1e-6 * np.abs(bound.twist(load, one)).max())
             np.testing.assert_allclose(whole[i] * load, numeric, rtol=0, atol=1e-5 * size + 1e-13)
-    # In a loop what lifts off a support does so at an angle, which no load moves.
+    # Without a star in sight what lifts off a support does so at an angle, which no load moves.
     assert largest > 0.0 or all(effect.location.covariates for effect in effects)
