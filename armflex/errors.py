@@ -109,6 +109,10 @@ class UntrustedError(FileError):
         self.digest = digest
 
 
+class PluginError(InputError):
+    """An installed distribution offers armflex something that it cannot take."""
+
+
 class ManyErrors(InputError):
     """Files that are read as they are have `problems`: everything that is wrong or open in them, each with a remedy."""
 
