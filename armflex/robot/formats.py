@@ -21,7 +21,7 @@ import pinocchio as pin
 from lxml import etree
 
 from armflex.conventions import LARGEST
-from armflex.errors import Flag, Place, UntrustedError, UrdfError, listing
+from armflex.errors import Flag, Place, UrdfError, listing
 from armflex.robot import xacro_process
 from armflex.robot.sdf import read_sdf
 from armflex.robot.tree import Tree, rotation_of
@@ -32,8 +32,7 @@ from armflex.robot.urdf import (
     parse_xml,
     read_urdf,
 )
-from armflex.storage.read_file import check_file
-from armflex.storage.trust import MOST_BYTES, is_trusted, sha256_of
+from armflex.storage.read_file import MOST_BYTES, check_file
 
 XACRO = re.compile(r"https?://(www\.)?ros\.org/wiki/xacro/?")
 """The namespace of its tags, as it was and as it is."""
@@ -71,7 +70,6 @@ def read_other(
 
     Raises:
         UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
-        UntrustedError: A xacro file asks for the environment, or for a file elsewhere.
     """
     if is_xacro(path, root):
         named = [name for one in root.iter("*") if _is(one, "arg") and (name := one.get("name"))]
@@ -86,9 +84,8 @@ def _expanded(path: Path, arguments: Mapping[str, str]) -> bytes:
     if not find_spec(xacro_process.LIBRARY):
         text = "is a xacro file, which needs a library to be expanded: pip install xacrodoc (or xacro)"
         raise UrdfError(Place(path), f"{text}; or expand it yourself, xacro {path.name} > robot.urdf")
-    digest = sha256_of(path)
-    command = [sys.executable, "-P", xacro_process.__file__, path.name, "trusted" if is_trusted(digest) else ""]
-    command += [f"{name}:={value}" for name, value in arguments.items()]
+    given = [f"{name}:={value}" for name, value in arguments.items()]
+    command = [sys.executable, "-P", xacro_process.__file__, path.name, *given]
     ended, limit = None, xacro_process.PATIENCE
     with suppress(subprocess.TimeoutExpired):
         ended = subprocess.run(command, cwd=path.parent, stdin=subprocess.DEVNULL, capture_output=True, timeout=limit)
@@ -96,7 +93,8 @@ def _expanded(path: Path, arguments: Mapping[str, str]) -> bytes:
         return ended.stdout
     said = "" if ended is None else ended.stdout.decode("utf-8", "replace")
     if ended is not None and ended.returncode == xacro_process.REFUSED:
-        raise UntrustedError(Place(path), f"is xacro that {said}", digest)
+        remedy = f"expand it yourself: xacro {path.name} > robot.urdf"
+        raise UrdfError(Place(path), f"is xacro that {said}, which no robot file may; read it, and {remedy}")
     if not said:
         said = f"cannot be expanded within {xacro_process.SECONDS} s and {xacro_process.MEMORY >> 20} MB"
     raise UrdfError(Place(path), said)

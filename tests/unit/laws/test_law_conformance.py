@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from dataclasses import replace
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from armflex.laws import LAWS, AtNode, Law, LinearLaw, Row
 from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.joint.network import weight_count
+from armflex.laws.joint.perceptron import Layer, PerceptronLaw
 from armflex.laws.joint.polynomial import PolynomialLaw
 from armflex.laws.law import anywhere
 from armflex.laws.terms import tangent_of, twist_of
@@ -96,21 +96,18 @@ def other_laws() -> dict[str, Law]:
     }
 
 
-def modules() -> dict[str, Law]:
-    """A module of the user's own, where torch is installed."""
-    if find_spec("torch") is None:
-        return {}
-    import torch
-
-    from armflex.laws.joint.torch_law import TorchLaw
-
-    torch.manual_seed(0)
-    module = torch.nn.Sequential(torch.nn.Linear(6, 5), torch.nn.Tanh(), torch.nn.Linear(5, 6))
-    scales = {"load_scale": SIZE, "twist_scale": np.repeat([1e-5, 1e-3], 3), "load_mean": 0.1 * SIZE}
-    return {"module": TorchLaw(module, 6, noise=np.repeat([1e-7, 1e-6], 3), seen=np.array([-SIZE, SIZE]), **scales)}
+def perceptron(*activations: str) -> PerceptronLaw:
+    """Return a network of six components with layers of five neurons."""
+    rng, widths = np.random.default_rng(4), [6, *(5 for _ in activations), 6]
+    layers = [
+        Layer(0.5 * rng.normal(size=(out, into)), 0.3 * rng.normal(size=out), name)
+        for into, out, name in zip(widths, widths[1:], (*activations, "Identity"), strict=False)
+    ]
+    scales = 0.1 * SIZE, SIZE, np.repeat([1e-5, 1e-3], 3)
+    return PerceptronLaw(tuple(layers), *scales, np.repeat([1e-7, 1e-6], 3), np.array([-SIZE, SIZE]))
 
 
-OTHERS = other_laws() | modules()
+OTHERS = other_laws() | {"layer": perceptron("Sigmoid"), "layers": perceptron("Tanh", "GELU")}
 EVERY = (*EXAMPLES, *OTHERS)
 
 

@@ -17,7 +17,7 @@ from support.small_arms import ROBOTS, line_of, write
 from support.two_links import GOOD, Q, declared
 
 from armflex import Arm, load_arm, make_arm
-from armflex.errors import ArmFileError, ArmflexWarning, UnsupportedError, UntrustedError, UrdfError
+from armflex.errors import ArmFileError, ArmflexWarning, UnsupportedError, UrdfError
 from armflex.export.urdf_file import export
 from armflex.robot import load_robot
 
@@ -517,17 +517,10 @@ def test_xacro_reads_what_lies_below_its_folder_or_a_package(tmp_path: Path, rea
 
 @with_xacro
 @pytest.mark.parametrize(("reach", "head", "match"), REFUSED.values(), ids=REFUSED)
-def test_xacro_reaches_no_further_unless_it_is_trusted(tmp_path: Path, reach: str, head: str, match: str) -> None:
-    path = asking(tmp_path, reach, head)
-    with pytest.raises(UntrustedError, match=rf"robot\.xacro: is xacro that .*{match}.*armflex trust .*robot\.xacro"):
-        load_arm(path)
-
-
-@with_xacro
-def test_a_trusted_xacro_reads_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = asking(tmp_path, "$(env REACH)", "")
-    monkeypatch.setenv("REACH", "1.0")
-    assert load_arm(path, trust=path).robot.reach == load_robot(write(tmp_path, GOOD)).reach
+def test_xacro_reaches_no_further(tmp_path: Path, reach: str, head: str, match: str) -> None:
+    remedy = r"which no robot file may; read it, and expand it yourself: xacro robot\.xacro > robot\.urdf"
+    with pytest.raises(UrdfError, match=rf"robot\.xacro: is xacro that .*{match}.*, {remedy}"):
+        load_arm(asking(tmp_path, reach, head))
 
 
 ARGUED = XACRO.replace(OPEN, f'{OPEN}<xacro:arg name="long"/>').replace("${0.5 + 0.5}", "$(arg long)")
