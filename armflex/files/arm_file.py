@@ -97,7 +97,7 @@ def load_arm(
     """Read an arm.toml and the URDF it names.
 
     Args:
-        path: The arm.toml; a URDF, xacro, MJCF or SDF is taken as an arm without flexures.
+        path: The arm.toml; a URDF, xacro or MJCF is taken as an arm without flexures.
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
         tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
         strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.

@@ -1,4 +1,4 @@
-"""Robots in other files than URDF: xacro, which a library expands, MJCF, which MuJoCo reads itself, and SDF.
+"""Robots in other files than URDF: xacro, which a library expands, and MJCF, which MuJoCo reads itself.
 
 All become links and joints as a URDF has them, and are judged as those are. Where a joint's axis is not through its
 child's origin, as it is in a URDF, a link without mass stands between.
@@ -23,7 +23,6 @@ from lxml import etree
 from armflex.conventions import LARGEST
 from armflex.errors import Flag, Place, UrdfError, listing
 from armflex.robot import xacro_process
-from armflex.robot.sdf import read_sdf
 from armflex.robot.tree import Tree, rotation_of
 from armflex.robot.urdf import (
     MOVING,
@@ -64,19 +63,22 @@ def read_other(
     loops: bool = False,
     arguments: Mapping[str, str] | None = None,
 ) -> Urdf:
-    """Return the robot of a xacro file, see `is_xacro`, MJCF or SDF (by their root elements).
+    """Return the robot of a xacro file, see `is_xacro`, or MJCF (by its root element).
 
     With `loops` those of an MJCF are `Urdf.declared`; they are refused otherwise.
 
     Raises:
-        UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
+        UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file; it is SDF.
     """
     if is_xacro(path, root):
         named = [name for one in root.iter("*") if _is(one, "arg") and (name := one.get("name"))]
         left = [name for name in named if name not in (arguments or {})]
         hint = f"; it was expanded with its own values of {listing(left)}, which [robot] xacro_arguments gives others"
         return read_urdf(path, strict, parse_xml(path, _expanded(path, arguments or {})), True, hint if left else "")
-    return _read_mjcf(path, root, loops) if root.tag == "mujoco" else read_sdf(path, root)
+    if root.tag == "sdf":
+        convert = f"sdf2mjcf {path.name} {path.stem}.xml (pip install sdformat-mjcf) makes MJCF of it, which is read"
+        raise UrdfError(Place(path, root.sourceline or 0), f"is SDF, which only its own library reads: {convert}")
+    return _read_mjcf(path, root, loops)
 
 
 def _expanded(path: Path, arguments: Mapping[str, str]) -> bytes:
