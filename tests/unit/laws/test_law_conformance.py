@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.bench import some_law
+from support.bench import some_law, some_perceptron
 from support.small_arms import central_difference, three_joints
 
 from armflex import Arm, Measurements, Reading, Tracker, calibrate, load_arm, plan
@@ -20,7 +20,6 @@ from armflex.laws import LAWS, AtNode, Law, LinearLaw, Row
 from armflex.laws.joint.carried import ScaledLaw, scaled
 from armflex.laws.joint.linear import LinearFit
 from armflex.laws.joint.network import weight_count
-from armflex.laws.joint.perceptron import Layer, PerceptronLaw
 from armflex.laws.joint.polynomial import PolynomialLaw
 from armflex.laws.law import anywhere
 from armflex.laws.terms import tangent_of, twist_of
@@ -96,18 +95,7 @@ def other_laws() -> dict[str, Law]:
     }
 
 
-def perceptron(*activations: str) -> PerceptronLaw:
-    """Return a network of six components with layers of five neurons."""
-    rng, widths = np.random.default_rng(4), [6, *(5 for _ in activations), 6]
-    layers = [
-        Layer(0.5 * rng.normal(size=(out, into)), 0.3 * rng.normal(size=out), name)
-        for into, out, name in zip(widths, widths[1:], (*activations, "Identity"), strict=False)
-    ]
-    scales = 0.1 * SIZE, SIZE, np.repeat([1e-5, 1e-3], 3)
-    return PerceptronLaw(tuple(layers), *scales, np.repeat([1e-7, 1e-6], 3), np.array([-SIZE, SIZE]))
-
-
-OTHERS = other_laws() | {"layer": perceptron("Sigmoid"), "layers": perceptron("Tanh", "GELU")}
+OTHERS = other_laws() | {"layer": some_perceptron(6, "Sigmoid"), "layers": some_perceptron(6, "Tanh", "GELU")}
 EVERY = (*EXAMPLES, *OTHERS)
 
 
