@@ -1,4 +1,4 @@
-"""Every effect that an arm may have, by name: a new one is its file, and its line here."""
+"""Every effect that an arm may have, by name: a new one is its file, and its line here or an entry point."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from armflex.laws.effects.unnamed import (
     WAVE,
     WAVE_PRODUCT,
 )
+from armflex.plugins import Registry
 
 NAMED = (
     "encoder_offset",
@@ -74,11 +75,21 @@ LAWS: tuple[EffectLaw, ...] = (
 """In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes, and
 last those that are `dense`."""
 
-EVERY: dict[str, EffectLaw] = {law.name: law for law in LAWS}
+
+def _fault(name: str, law: object) -> str:
+    if not isinstance(law, EffectLaw) or law.shape:
+        return "expected an EffectLaw of armflex.laws.effects"
+    return "" if law.name == name else f"expected the law's name, {law.name!r}"
+
+
+GROUP = "armflex.effects"
+"""Of the entry points by which other distributions add laws."""
+
+EVERY: Registry[EffectLaw] = Registry(GROUP, {law.name: law for law in LAWS}, _fault)
 """Name -> law."""
 
-CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in EVERY.values() if not law.shape}
+CATALOGUE: Registry[EffectLaw] = Registry(GROUP, {law.name: law for law in LAWS if not law.shape}, _fault)
 """Those that files call by it."""
 
-SHAPES: dict[str, EffectLaw] = {law.shape: law for law in EVERY.values() if law.shape}
+SHAPES: dict[str, EffectLaw] = {law.shape: law for law in LAWS if law.shape}
 """What files call an unnamed shape -> shape."""
