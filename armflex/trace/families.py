@@ -373,17 +373,18 @@ class Sized:
             sizes = self.model.fitted(sizes.without(*kinds.of(least)).ratios)
         informed, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
         std = np.where(informed, sizes.spread, 0.0)
-        rows, found = kinds.fit.view.rows, list[tuple[Part, EffectBlock | Walk, Array]]()
+        effects, walks = list[tuple[str, EffectBlock, Array]](), list[tuple[str, Walk, Array]]()
         for part, place in zip(kinds.parts, kinds.slices, strict=True):
-            if (block := part.block(std[place], kinds.context, rows)) is not None:
-                found.append((part, block, amplitudes[place][std[place] > 0.0]))
-        effects = [one for one in found if isinstance(one[1], EffectBlock)]
-        walks = [one for one in found if isinstance(one[1], Walk)]
+            block, own = part.block(std[place], kinds.context, kinds.fit.view.rows), amplitudes[place][std[place] > 0.0]
+            if isinstance(block, Walk):
+                walks.append((part.family, block, own))
+            elif block is not None:
+                effects.append((part.family, block, own))
         return Background(
             tuple(there),
             tuple(block for _, block, _ in effects),
             tuple(block for _, block, _ in walks),
-            tuple(part.family for part, *_ in (*effects, *walks)),
+            tuple(family for family, *_ in (*effects, *walks)),
             np.concatenate([np.zeros(0), *(own for *_, own in (*effects, *walks))]),
             price,
         )
