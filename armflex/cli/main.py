@@ -36,7 +36,6 @@ COMMANDS = {
     "export": "write the arm for other programs: URDF, a sheet for the controller, C, URScript, KRL, RAPID",
     "view": "write a page of the arm that opens in a browser",
     "trust": "allow a Python or xacro file that an arm names to run",
-    "compile": "compile the engine now instead of with the first long job",
     "demo": "the whole workflow on the bundled TARM-like arm",
 }
 

@@ -255,7 +255,6 @@ def test_help_says_what_the_files_are_and_where_forces_go(armflex: Run, command:
         "train",
         "fem",
         "trust",
-        "compile",
         "demo",
         "prior",
         "history",
