@@ -211,6 +211,18 @@ class Factor:
             case _:
                 return np.ones_like(x)
 
+    def in_c(self, knots: list[float]) -> tuple[float, float, float, float]:
+        """Return `a` to `d` as C has them: a table's values are put behind the knots, c is its first of these.
+
+        Its d is how many there are, below 0 where they close.
+        """
+        a, b, c, d = (*self.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
+        if self.kind is not Of.TABLE:
+            return a, b, c, d
+        values, first = self.numbers[3:], float(len(knots))
+        knots.extend(values)
+        return a, b, first, -float(len(values)) if c else float(len(values))
+
     def later(self, by: float) -> list[tuple[float, Factor]]:
         """Return shares of factors whose sum at x is this factor at x + by."""
         numbers = list(self.numbers)

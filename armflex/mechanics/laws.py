@@ -12,7 +12,7 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
 from armflex.laws.law import NOWHERE
-from armflex.laws.terms import LEAST, MOST_FACTORS, NOTHING, UNLOADED, Factor, Kind, Neurons, Of, Term
+from armflex.laws.terms import LEAST, MOST_FACTORS, NOTHING, UNLOADED, Factor, Kind, Neurons, Term
 from armflex.mechanics.engine.tables import Factors, Laws
 
 Motion = Callable[[Array], Array]
@@ -118,7 +118,8 @@ class LawStack:
         """
         if any(law.known_terms is None for _, law in self.asked):
             return None
-        rows, knots, names, number = [(0.0,) * 6], [], [], {}
+        rows, names, number = [(0.0,) * 6], [], {}
+        knots: list[float] = []
         weighed = [(i, law, one) for i, law in self.asked for one in law.known_terms or ()] + list(self.by_row)
 
         def place(factor: Factor) -> int:
@@ -128,12 +129,7 @@ class LawStack:
                     names.extend(() if factor.column in names else (factor.column,))
                     column = len(columns) + names.index(factor.column)
                 number[factor] = len(rows)
-                own = factor.numbers
-                if factor.kind is Of.TABLE:
-                    low, apart, closes, *values = own
-                    own = low, apart, float(len(knots)), -float(len(values)) if closes else float(len(values))
-                    knots.extend(values)
-                rows.append((float(factor.kind), float(column), *(*own, 0.0, 0.0, 0.0, 0.0)[:4]))
+                rows.append((float(factor.kind), float(column), *factor.in_c(knots)))
             return number[factor]
 
         def both(term: Term) -> list[int]:

@@ -154,8 +154,9 @@ class LoopSolver:
 
     def _ask(self, engine: Engine, known: tuple, settled: bool, first: int, free: Array, into: Rested) -> int:
         laws, links, wrenches, q = known
-        engine.set_laws(laws, len(q))
-        engine.set_loads(links, wrenches, NO_CHANGES, len(q))
+        if settled:
+            engine.set_laws(laws, len(q))
+            engine.set_loads(links, wrenches, NO_CHANGES, len(q))
         return engine.rest(q, settled, first, free, self._idle, into[:-1])
 
     def rest(

@@ -29,10 +29,7 @@ LEAST = 0.05
 
 
 def _places(records: Records) -> list[Location]:
-    """Return every turning drive with the axes that it tilts about, and forces across the axes of its link.
-
-    In a loop other joints carry a part of the force: there its stop is at an angle.
-    """
+    """Return every turning drive with the axes that it tilts about, and forces across the axes of its link."""
     found = []
     for joint in records.robot.moving:
         if records.axes(joint.name) != AXES:
@@ -40,7 +37,7 @@ def _places(records: Records) -> list[Location]:
         own = drive_axis(joint)
         if joint.kind != "prismatic":
             found += [Location(joint.name, own, (f"q_{joint.name}",), (0,), side) for side in ("q", "-q")]
-        for axis in () if records.robot.linkage else AXES_TURN:
+        for axis in AXES_TURN:
             for force in (one for one in WRENCH_NAMES[:3] if one[1] != axis[1]):
                 found += [Location(joint.name, axis, (), (1,), force)]
                 found += [

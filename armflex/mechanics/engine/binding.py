@@ -147,7 +147,7 @@ class Engine:
             checked(array, name, REAL, rows, *shape)
         checked(free, "free", REAL, p)
         checked(idle, "idle", REAL, m, m)
-        if not self._settled or not 0 <= first:
+        if (settled and not self._settled) or not 0 <= first:
             raise ShapeError("expected laws, and a first row from 0 on")
         struct = RestStruct(*addresses(into))
         given = address(free), address(idle), addressof(struct), address(self._work())

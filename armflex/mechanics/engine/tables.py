@@ -204,7 +204,9 @@ class Tree:
             raise TableError("flexures: expected the elements that give, each once")
         if (number[inner] != np.flatnonzero(self.flexures >= 0)).any():
             raise TableError("kinds: a flexure has another number than its element")
-        _within(-1 - self.flexures[self.flexures < 0], "closures of flexures", 0, int((self.joins[:, 0] < ROD).sum()))
+        _within(closures := -1 - self.flexures[self.flexures < 0], "closures of flexures", 0, len(self.joins))
+        if (self.joins[closures, 0] > ROD).any():
+            raise TableError("flexures: a gear or a spring has none")
         if not 0.0 <= self.elements[-1, 15] < k or self.elements[-1, 15] % 1.0:
             raise TableError(f"elements: the tip is on element {self.elements[-1, 15]} of {k}")
 

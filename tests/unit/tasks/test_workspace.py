@@ -463,7 +463,7 @@ def test_a_copy_of_the_arm_in_another_folder_is_the_same_arm(tarm: Arm, tmp_path
         ({"seed": 3}, "seed is 2 there and 3 here"),
         ({"voxel": 0.7}, "voxel is 0.5 there and 0.7 here"),
         ({"chunk": 32}, "chunk is 16 there and 32 here"),
-        ({"method": "first_order"}, "method is exact there and first_order here"),
+        ({"method": "newton"}, "method is exact there and newton here"),
     ],
 )
 def test_a_store_of_other_settings_is_refused(tarm: Arm, tmp_path: Path, change: dict[str, object], named: str) -> None:
