@@ -842,7 +842,8 @@ static int find_idle(const arm *a, const here *h, work *w, double *idle, double 
     return 1;
 }
 
-/* Fill rows of R, and of S in `here`, of laws with R S' = C, and whose they are; return the largest number of C. */
+/* Fill rows of R, and of S in `here`, of laws with R S' = C, whose they are, and whether R is S: whether all are symmetric
+ * and nowhere negative. Return the largest number of C. */
 static double root(const arm *a, const double *compliance, here *h, double *roots, int *even)
 {
     double largest = 0.0, rest[6][6];
@@ -860,6 +861,7 @@ static double root(const arm *a, const double *compliance, here *h, double *root
                 odd = fmax(odd, fabs(compliance[36 * i + 6 * c + r] - rest[r][c]));
             }
         }
+        *even = *even && (odd <= ROUNDING * largest); /* where a pivot is on the diagonal R is S for even laws alone */
         for (int pass = 0; pass < 6; pass++) {
             int row = 0, column, straight;
             double size, by;
