@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array, covariate_array, real_array, root_of_covariance
-from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming, shown
+from armflex.errors import InputError, ShapeError, UnsupportedError, naming, shown
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.mechanics.deflection import check_positions

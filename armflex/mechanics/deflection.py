@@ -785,7 +785,9 @@ class DeflectionBatch(_Result[Array]):
     @property
     def _compiled(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
         """The arm with each payload, and its rows, where arrays have a quick way."""
-        return by_payload(self.arm, self.payloads, len(self.q)) if self.asked.together(self.arm, self.case) else iter(())
+        return (
+            by_payload(self.arm, self.payloads, len(self.q)) if self.asked.together(self.arm, self.case) else iter(())
+        )
 
     @property
     def _others(self) -> range:

@@ -1,8 +1,9 @@
 """Where the loaded arm comes to rest: `twist = law(load(twist))`, and whether it stays there.
 
-The heart of the package, hence our own: a fixed point, which stiff arms are drawn to in a few steps, and Newton on
-the flexures' exponential coordinates with Pinocchio's geometric stiffness. A fixed point cannot distinguish a stable equilibrium from a buckled one: the bound of `certificate` can where the
-arm is stiff, the tangent `I + C dτ/dtwist` everywhere.
+The heart of the package, hence our own: a fixed point, which stiff arms are drawn to in a few steps, and Newton on the
+flexures' exponential coordinates with Pinocchio's geometric stiffness. A fixed point cannot distinguish a stable
+equilibrium from a buckled one: the bound of `certificate` can where the arm is stiff, the tangent `I + C dτ/dtwist`
+everywhere.
 """
 
 from __future__ import annotations

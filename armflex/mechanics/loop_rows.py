@@ -136,10 +136,10 @@ class LoopSolver:
         """Return where it rests in one row, in arrays that the next one overwrites; None where it is not answered."""
         closing, found, q = self._closing, self._single, row.q[None]
         known, plain = self._known(q, row)
-        if plain and self._nominal is None and closing.last is not None:
-            if self._ask(self._engine, known, True, 0, closing.last[1].copy(), found):
-                closing.last = row.q.copy(), found.closed[0].copy()
-                return found
+        last = closing.last if plain and self._nominal is None else None
+        if last is not None and self._ask(self._engine, known, True, 0, last[1].copy(), found):
+            closing.last = row.q.copy(), found.closed[0].copy()
+            return found
         self.rest(q, row, into=found)
         return found if found.fine[0] else None
 

@@ -127,7 +127,10 @@ class Pushes:
         check_rows(self._wrenches, len(q))
         if not self.posed:
             return self._same
-        poses, found = self._poses(q, twists, tree, state), np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy()
+        poses, found = (
+            self._poses(q, twists, tree, state),
+            np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy(),
+        )
         for j in self.posed:
             found[:, j, 3:] = self._loads[j].at(poses[:, j])
         return found
@@ -240,8 +243,8 @@ class ManyRows:
         """Return one thing about the rows; see `Response`, whose members have these names.
 
         Args:
-            what: "tip" (M, 1, 4, 4), "links" (M, l, 4, 4), "loads" (M, s, 6); or of an end "laws" (M, 6, n, 6), "joints"
-                (M, 6, nq), "sites" (M, 6, s, 6), "motions" (M, l, 6, 6), "gravity" (M, 6, 3).
+            what: "tip" (M, 1, 4, 4), "links" (M, l, 4, 4), "loads" (M, s, 6); or of an end "laws" (M, 6, n, 6),
+                "joints" (M, 6, nq), "sites" (M, 6, s, 6), "motions" (M, l, 6, 6), "gravity" (M, 6, 3).
             end: The link that is meant, None for the tip.
             q, twists: (M, nq) and (M, n, 6) of joints and flexures.
             by_load: (M, 6, n, 6) motion of that end per change of a flexure's wrench, where it is known.

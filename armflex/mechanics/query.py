@@ -16,12 +16,12 @@ from armflex.laws import Row
 from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.deflection import deflect
+from armflex.mechanics.engine.binding import Engine, OneRow
+from armflex.mechanics.engine.tables import NO_CHANGES
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import LoopSolver
-from armflex.mechanics.engine.binding import Engine, OneRow
-from armflex.mechanics.engine.tables import NO_CHANGES
 from armflex.mechanics.many_rows import NO_FRAMES, ROUNDS, SETTLED, RowSolver, responded, turned
 from armflex.mechanics.pinocchio_model import LoadCase, build_model
 from armflex.rows.wrench import Wrench, check_rows

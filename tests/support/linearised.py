@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from armflex import Arm, Wrench
+from armflex import Arm, Payload, Wrench
 from armflex.mechanics.equilibrium import Equilibrium, find_equilibrium
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.mechanism import Mechanism
@@ -74,14 +74,16 @@ class Linearised:
             "tip": poses[:, place],
             "links": poses[:, :-1],
             "joints": np.concatenate([motion(self.places[0]), per_gap[:, :, lengths]], axis=2),
-            "twists": np.concatenate([motion(self.places[1]), per_gap, moved @ by_pin], axis=2).reshape(count, 6, -1, 6),
+            "twists": np.concatenate([motion(self.places[1]), per_gap, moved @ by_pin], axis=2).reshape(
+                count, 6, -1, 6
+            ),
             "wrenches": loads,
             "link_loads": per_load[:, None] @ np.swapaxes(jacobians[:, :-1], 2, 3),
             "gravity": per_load @ weighed,
         }
 
 
-def linearised_rows(arm: Arm, q: np.ndarray, payload: str, wrenches: Sequence[Wrench] = ()) -> Linearised:
+def linearised_rows(arm: Arm, q: np.ndarray, payload: str | Payload, wrenches: Sequence[Wrench] = ()) -> Linearised:
     """Return an arm linearised where it rests at (M, nq) joint positions under loads that are the same in all."""
     loaded = arm.loaded(payload)
     probed, probed_v = _probed(loaded)
@@ -89,10 +91,7 @@ def linearised_rows(arm: Arm, q: np.ndarray, payload: str, wrenches: Sequence[Wr
     founds = [find_equilibrium(loaded, case, "newton") for case in cases]
     flexures = loaded.flex.flexure_v
     tangents = np.array(
-        [
-            loaded.arm.stack.tangents(-one.torque[flexures].reshape(-1, 6), loaded.row(one.case.q, {}))
-            for one in founds
-        ]
+        [loaded.arm.stack.tangents(-one.torque[flexures].reshape(-1, 6), loaded.row(one.case.q, {})) for one in founds]
     )
     rows = [
         _row(loaded, probed, probed_v, one, tangent, case)

@@ -2,8 +2,9 @@
 
 `engine.c` is compiled when the package is built, see `build`; `tables` checks all that it reads, `binding` calls it.
 
-**A chain** comes to rest by a fixed point. Everything is written in the base's axes about the rigid arm: flexing flexure
-k moves all that is outboard of it by the screw `s_k = Ad(T_k) t_k`, with T_k the flexure's pose in the rigid arm, because
+**A chain** comes to rest by a fixed point. Everything is written in the base's axes about the rigid arm: flexing
+flexure k moves all that is outboard of it by the screw `s_k = Ad(T_k) t_k`, with T_k the flexure's pose in the rigid
+arm, because
 
     J1 exp(t1) J2 exp(t2) ... = exp(s1) exp(s2) ... J1 J2 ...
 
@@ -11,10 +12,10 @@ A screw (v, w) moves a point x by `u + b w x u + c w x (w x u)` with `u = v + w 
 series: they hold for turns up to 0.1 rad. Some configurations go side by side, in packs of as many numbers as the
 processor's registers hold; a controller has the same text for one.
 
-**Loops and springs** come to rest by Newton's method, about the base's origin. The coordinates z are positions of passive
-joints and y of laws R y, R S' = C; each moves all that its element carries by a spatial twist s. A closure gaps by
-`W (V2 - V1)` of the twists of its ends, its forces f put the wrench W'f on its first end and minus that on the second.
-With A = W s, F the load on all that an element carries and G the change of -s F with z, every step solves
+**Loops and springs** come to rest by Newton's method, about the base's origin. The coordinates z are positions of
+passive joints and y of laws R y, R S' = C; each moves all that its element carries by a spatial twist s. A closure gaps
+by `W (V2 - V1)` of the twists of its ends, its forces f put the wrench W'f on its first end and minus that on the
+second. With A = W s, F the load on all that an element carries and G the change of -s F with z, every step solves
 
     | 1_y + G   A' | | dz |   | s F - y |
     |   A      -D  | | df | = |  -gap   |      D: a unit for what nothing answers to

@@ -1,4 +1,4 @@
-"""Calls of the engine: one for each question, with arrays that this file has looked at. Nothing else imports it by ctypes.
+"""Calls of the engine: one for each question, with arrays that this file has looked at.
 
 A call lets go of the interpreter's lock, so threads run side by side, each with an `Engine` of its own.
 """
@@ -19,6 +19,7 @@ from armflex.mechanics.engine import build
 from armflex.mechanics.engine.tables import (
     NO_CHANGES,
     REAL,
+    RESTED,
     WHOLE,
     AskedStruct,
     Factors,
@@ -122,9 +123,7 @@ class Engine:
         given = addresses((displacement, loads, twists, fine, self._work()))
         self._library.engine_chain(self._arm, rows, address(q), exact, 1, *given)
 
-    def rest(
-        self, q: Array, settled: bool, first: int, free: Array, idle: Array, into: Sequence[np.ndarray]
-    ) -> int:
+    def rest(self, q: Array, settled: bool, first: int, free: Array, idle: Array, into: Sequence[np.ndarray]) -> int:
         """Fill where a mechanism rests in rows from `first` on, each closed from where the one before it was.
 
         Args:
@@ -143,11 +142,11 @@ class Engine:
         p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
         self._check_rows(q)
         shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
-        for (name, _), array, shape in zip(RestStruct._fields_, into, shapes, strict=True):
+        for name, array, shape in zip(RESTED, into, shapes, strict=True):
             checked(array, name, REAL, rows, *shape)
         checked(free, "free", REAL, p)
         checked(idle, "idle", REAL, m, m)
-        if (settled and not self._settled) or not 0 <= first:
+        if (settled and not self._settled) or not first >= 0:
             raise ShapeError("expected laws, and a first row from 0 on")
         struct = RestStruct(*addresses(into))
         given = address(free), address(idle), addressof(struct), address(self._work())

@@ -1,8 +1,9 @@
 """Compile engine.c for this machine: by its own compiler, or by zig's, which is a package.
 
-On x86-64 there are two libraries, of which the faster is loaded where the processor has AVX2. Their names carry a digest
-of all that they are made of, so that one of another text is never loaded. `python -m armflex.mechanics.engine.build`
-puts them beside the sources; a wheel has them there, an editable installation in a folder of its own.
+On x86-64 there are two libraries, of which the faster is loaded where the processor has AVX2. Their names carry a
+digest of all that they are made of, so that one of another text is never loaded.
+`python -m armflex.mechanics.engine.build` puts them beside the sources; a wheel has them there, an editable
+installation in a folder of its own.
 """
 
 from __future__ import annotations

@@ -41,8 +41,8 @@ NUMBERS = (
     "count flexures driven passive ties rows pushes terms factors changing law_rows weight_rows wrench_rows change_rows"
 )
 ARRAYS = (
-    "elements kinds parents carried tie joins row way flexure compliance offset neurons starts bent shapes spans pieces "
-    "weights factor knots change weighing varies known bounds links wrenches changes"
+    "elements kinds parents carried tie joins row way flexure compliance offset neurons starts bent shapes spans "
+    "pieces weights factor knots change weighing varies known bounds links wrenches changes"
 )
 
 
@@ -52,13 +52,14 @@ class ArmStruct(Structure):
     _fields_ = [(name, c_int64) for name in NUMBERS.split()] + [(name, c_void_p) for name in ARRAYS.split()]
 
 
+RESTED = ("closed", "tips", "flexed", "twists", "loads", "forces", "displacement", "distance", "idles")
+ASKED = ("laws", "joints", "at_sites", "motions", "poses", "loads", "distance", "by_load")
+
+
 class RestStruct(Structure):
     """`rested` of engine.h."""
 
-    _fields_ = [
-        (name, c_void_p)
-        for name in "closed tips flexed twists loads forces displacement distance idles".split()
-    ]
+    _fields_ = [(name, c_void_p) for name in RESTED]
 
 
 class AskedStruct(Structure):
@@ -66,7 +67,7 @@ class AskedStruct(Structure):
 
     _fields_ = [
         ("end", c_void_p), ("frames", c_int64), ("places", c_void_p), ("numbers", c_void_p), ("sites", c_int64),
-        *((name, c_void_p) for name in "laws joints at_sites motions poses loads distance by_load".split()),
+        *((name, c_void_p) for name in ASKED),
         ("tangent_rows", c_int64), ("tangents", c_void_p),
     ]  # fmt: skip
 
@@ -309,9 +310,8 @@ class Tables:
             _climbing(laws.pieces, "pieces", features)
             if not np.isin(laws.shapes[:, 0], range(SHAPES)).all():
                 raise TableError(f"shapes: expected kinds from 0 to {SHAPES - 1}")
-        for name, array, shape in (
-            ("compliance", laws.compliance, (n, 6, 6)), ("offset", laws.offset, (n, 6)), ("weights", laws.weights, (terms,))
-        ):  # fmt: skip
+        by_row = {"compliance": (laws.compliance, (n, 6, 6)), "offset": (laws.offset, (n, 6))}
+        for name, (array, shape) in (by_row | {"weights": (laws.weights, (terms,))}).items():
             if array is not self._kept.get(name) or len(array) > 1:
                 self._point(name, checked(array, name, REAL, allowed, *shape))
         if len(laws.offset) != len(laws.compliance):
@@ -353,7 +353,9 @@ class Tables:
         if (factors.factor[:, :2] % 1.0).any() or (factors.change[:, :3] % 1.0).any() or factors.factor[0, 0]:
             raise TableError("factors: expected whole numbers, and 1 first")
         for kind, _, _, _, first, size in factors.factor.tolist():
-            if kind == TABLE and not (abs(size) >= (2 if size > 0 else 3) and 0 <= first <= len(factors.knots) - abs(size)):
+            if kind == TABLE and not (
+                abs(size) >= (2 if size > 0 else 3) and 0 <= first <= len(factors.knots) - abs(size)
+            ):
                 raise TableError(f"factors: a table of {size:g} knots from {first:g} of {len(factors.knots)}")
             if kind in (POWER, CHEBYSHEV) and not 0 <= first <= MOST_POWER:
                 raise TableError(f"factors: a power of {first:g}")
@@ -374,4 +376,3 @@ class Tables:
 def addresses(arrays: Sequence[np.ndarray | None]) -> list[int | None]:
     """Return where arrays' numbers are, None of those that are not there."""
     return [None if array is None else address(array) for array in arrays]
-

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,8 @@ from support.sprung_arm import BALANCER, STRUT, TIE, sprung
 import armflex
 from armflex import Arm, Wrench
 from armflex.errors import ClosureError
+from armflex.laws.law import WithoutParameters
+from armflex.laws.terms import Term, straight
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.response import respond
 from armflex.robot import Corrections
@@ -232,3 +234,24 @@ def test_a_parallelogram_that_is_not_quite_one_near_its_singular_pose(off: float
     found, bound = replace(arm).deflection(q), rounded(arm, q)
     assert bound[0] < 1e-12 and bound[-1] > 100.0 * bound[0]
     assert (np.abs(found.displacement - expected.displacement) <= bound).all()
+
+
+@dataclass(frozen=True)
+class Skewed(WithoutParameters):
+    """An axis that turns under a force across it as well, which does not shift under a moment."""
+
+    def terms(self) -> list[Term]:
+        compliance = np.zeros((6, 6))
+        compliance[4, 4], compliance[4, 2] = 1e-6, 4e-7
+        return [straight(compliance)]
+
+
+@pytest.mark.parametrize("name", ["uneven", "chain"])
+def test_a_law_that_is_not_symmetric_is_solved_as_it_is(name: str, tmp_path: Path) -> None:
+    arm = CASES[name][0](tmp_path)
+    arm = replace(arm, flexures=tuple(replace(one, law=Skewed()) for one in arm.flexures))
+    q = np.full(len(arm.joint_names), 0.1)
+    exact, newton = (arm.deflection(q, wrenches=LOADS[1:], method=method) for method in ("exact", "newton"))
+    assert np.abs(newton.twists).max() > 1e-5
+    np.testing.assert_allclose(exact.twists, newton.twists, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(arm.deflection(q[None], wrenches=LOADS[1:]).twists[0], newton.twists, rtol=0, atol=1e-12)

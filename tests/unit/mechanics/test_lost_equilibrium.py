@@ -60,7 +60,7 @@ def test_row34_upright_beyond_the_critical_load_buckles(tmp_path, ratio, method)
 @pytest.mark.parametrize("method", ["exact", "newton"])
 @pytest.mark.parametrize("ratio", [0.3, 0.6, 0.9, 0.999])
 def test_the_distance_to_buckling_is_stated(tmp_path, ratio, method):
-    """One spring under m g h: it buckles under k / (m g h) times the load, and gives 1 / (1 - m g h / k) times as much."""
+    """One spring under m g h: it buckles under k / (m g h) times the load, and gives 1 / (1 - m g h / k) as much."""
     arm, near = pendulum(tmp_path, ratio, upright=True), ratio > 0.5
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")

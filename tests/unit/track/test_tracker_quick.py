@@ -12,6 +12,7 @@ from armflex.track.estimate import Seen, estimate_of, take
 
 pytestmark = pytest.mark.slow
 
+
 def test_an_update_is_quick(known, machine):
     """The quickest of many takes some tenths of a millisecond of the processor's time; five of them here."""
     tracker, readings = Tracker(known), machine.readings(3, 40)
