@@ -23,6 +23,7 @@ from armflex.laws.joint.structural import StructuralLaw, SubJoint
 from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.law_file import FORMS, load_law
 from armflex.laws.learned import LearnedLaw, Learning
+from armflex.laws.learned.learned_law import TRAINED_ALONE
 from armflex.robot import Site
 
 NEAR = 0.1
@@ -97,10 +98,10 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
         law = trained.law
     elif model in LAWS:
         law = LAWS[model](table, joint, ranges)
-    elif table.flag("learn") and not FORMS[model].runs_code:
+    elif table.flag("learn") and model not in TRAINED_ALONE:
         law = read_linear(table, joint, ranges)  # what the correction is learned about
     else:
-        other = "" if FORMS[model].runs_code else ", or learn = true and a compliance"
+        other = "" if model in TRAINED_ALONE else ", or learn = true and a compliance"
         raise table.fail("model", f"a {model} law is learned: give the 'file' that `armflex train` wrote{other}")
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
