@@ -79,7 +79,6 @@ def ensemble(
     draws: int = 100,
     seed: int = 0,
     covariates: Mapping[str, ArrayLike] | None = None,
-    method: str = "exact",
 ) -> Array:
     """Return the (draws, 6) or (draws, N, 6) displacements of the tip, each draw with one set of laws in all rows.
 
@@ -97,7 +96,7 @@ def ensemble(
         covariates: What the arm's effects depend on: a number, or one per row.
 
     Raises:
-        InputError: As `Arm.deflection`, or no such method; also where a draw has no equilibrium.
+        InputError: As `Arm.deflection`; also where a draw has no equilibrium.
         UnsupportedError: A draw has no equilibrium that is proven stable, or see `draw_arms`.
     """
     draws, seed = check_draws(draws, seed)

@@ -93,7 +93,7 @@ def find_equilibrium(
     Args:
         loaded: The arm with its payload.
         case: Joint positions, motion, external wrenches and covariates.
-        method: "newton", the reference, or "exact", whatever is quickest that gives the same. Stability is checked.
+        method: "newton", the reference, or "exact", the quickest that answers alike. Stability is checked.
         allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
         within: Whether the joints are within their limits: stability may be known without the tangent.
 
