@@ -157,7 +157,7 @@ class LoopSolver:
         if settled:
             engine.set_laws(laws, len(q))
             engine.set_loads(links, wrenches, NO_CHANGES, len(q))
-        return engine.rest(q, settled, first, free, self._idle, into[:-1])
+        return engine.rest(q, settled, first, free, self._idle, into)
 
     def rest(
         self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: Rested | None = None

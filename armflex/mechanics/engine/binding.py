@@ -87,6 +87,7 @@ class Engine:
     def __init__(self, tree: Tree) -> None:
         self._library, self._tables, self._room = library(), Tables(tree), np.zeros(0)
         self._arm, self._tree, self._settled = addressof(self._tables.struct), tree, False
+        self._into, self._rested = (), RestStruct()
         self._tables.set_loads(NO_LINKS, NO_WRENCHES, NO_CHANGES, 1)
         assert self._library.engine_size() == len(bytes(self._tables.struct))
 
@@ -133,23 +134,25 @@ class Engine:
             free: (p,) joints without a drive from which the first is closed; overwritten.
             idle: (m, m) projector on gaps that nothing answers to, of the row before; zero where it is not known.
             into: closed (N, p), tips (N, 4, 4), flexed (N, p), twists (N, n, 6), loads (N, n, 6), forces (N, m),
-                displacement (N, 6), distance (N,), idles (N, m, m): see `loop_rows.Rested`.
+                displacement (N, 6), distance (N,), idles (N, m, m), first of more: see `loop_rows.Rested`. The same are
+                looked at once.
 
         Returns:
             The number of the row that is not answered, N where there is none.
         """
         tree, rows = self._tree, len(q)
-        p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
         self._check_rows(q)
-        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
-        for name, array, shape in zip(RESTED, into, shapes, strict=True):
-            checked(array, name, REAL, rows, *shape)
-        checked(free, "free", REAL, p)
-        checked(idle, "idle", REAL, m, m)
-        if (settled and not self._settled) or not first >= 0:
-            raise ShapeError("expected laws, and a first row from 0 on")
-        struct = RestStruct(*addresses(into))
-        given = address(free), address(idle), addressof(struct), address(self._work())
+        if into is not self._into:
+            p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
+            shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
+            for name, array, shape in zip(RESTED, into, shapes, strict=False):
+                checked(array, name, REAL, len(into[0]), *shape)
+            self._into, self._rested = into, RestStruct(*addresses(into[: len(RESTED)]))
+        checked(free, "free", REAL, tree.passive)
+        checked(idle, "idle", REAL, len(tree.rows), len(tree.rows))
+        if (settled and not self._settled) or first < 0 or len(into[0]) != rows:
+            raise ShapeError("expected laws, a first row from 0 on, and room for all")
+        given = address(free), address(idle), addressof(self._rested), address(self._work())
         return int(self._library.engine_rest(self._arm, rows, address(q), settled, first, *given))
 
     def respond(
