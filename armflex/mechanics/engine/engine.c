@@ -261,6 +261,16 @@ enum { GAP = 8 }; /* between arrays in the same memory, so that one that is over
 enum { GAP = 0 };
 #endif
 
+/* The caller's memory as it was lent, without gaps. */
+static void whole_again(const arm *a, double *room)
+{
+#if defined(__SANITIZE_ADDRESS__)
+    ASAN_UNPOISON_MEMORY_REGION(room, (size_t)engine_room(a) * sizeof *room);
+#endif
+    (void)a;
+    (void)room;
+}
+
 static double *take(double **room, whole count)
 {
     double *own = *room;
@@ -1427,8 +1437,8 @@ static void logarithm(const double *t, double *found)
     }
 }
 
-whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
-                  double *idle, const rested *f, double *room)
+static whole rest_rows(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
+                       double *idle, const rested *f, double *room)
 {
     whole p = a->passive, m = a->rows, n = a->flexures, d = a->driven, rank = -1;
     here h = memory(a, &room);
@@ -1520,8 +1530,8 @@ static void slots(const arm *a, whole t, const double *force, double *out, whole
     }
 }
 
-void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
-                    const double *forces, const double *idle, const asked *f, double *room)
+static void respond_rows(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
+                         const double *forces, const double *idle, const asked *f, double *room)
 {
     whole d = a->driven, p = a->passive, n = a->flexures, m = a->rows, count = a->count, first = d + p, ties = a->ties, rank = -1;
     here h = memory(a, &room);
@@ -1743,8 +1753,24 @@ void engine_respond(const arm *a, whole rows, const double *q, const double *fle
     }
 }
 
+whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
+                  double *idle, const rested *found, double *room)
+{
+    whole done = rest_rows(a, rows, q, settled, first, free_joints, idle, found, room);
+    whole_again(a, room);
+    return done;
+}
+
+void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
+                    const double *forces, const double *idle, const asked *found, double *room)
+{
+    respond_rows(a, rows, q, flexed, twists, forces, idle, found, room);
+    whole_again(a, room);
+}
+
 void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room)
 {
+    double *lent = room;
     here h = memory(a, &room);
     for (whole row = 0; row < rows; row++) {
         double turn[9], at[3];
@@ -1752,6 +1778,7 @@ void engine_tips(const arm *a, whole rows, const double *q, double *poses, doubl
         frame_at(&h, a->elements + 20 * a->count, turn, at);
         pose(turn, at, poses + 16 * row);
     }
+    whole_again(a, lent);
 }
 
 whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes_, double *displacement,
