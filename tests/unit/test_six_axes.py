@@ -46,7 +46,7 @@ def test_a_fit_that_does_not_settle_names_what_resists(calibrated: Calibration) 
 
 
 @pytest.mark.slow
-def test_poses_too_few_to_tell_an_effect_from_chance_are_said_to_be(capsys: pytest.CaptureFixture) -> None:
+def test_poses_too_few_to_name_an_effect_are_said_to_be(capsys: pytest.CaptureFixture) -> None:
     arm, measurements = six_axes.campaign(7)
     stiff = replace(arm, prior=replace(arm.prior, joint_offset=1e-5, geometry=0.0))
     found = trace(stiff, replace(measurements, q=measurements.q + 5e-3 * np.sin(3.0 * measurements.q)))
