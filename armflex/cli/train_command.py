@@ -104,7 +104,7 @@ def command(
             draw_training(result, data, picture)
         options.conclude(lambda: as_json(result), result.flags)
     print_training(result)
-    say(f'Written to {output}. In an arm.toml: model = "{result.trained.model}", file = "{output.name}"')
+    say(f"Written to {output}. In an arm.toml:", f'model = "{result.trained.model}"', f'file = "{output.name}"')
 
 
 def print_training(result: TrainResult) -> None:

@@ -166,12 +166,8 @@ def is_loaded(law: EffectLaw, location: Location, stage: Stage) -> bool:
     if not law.of_load(location):
         return True
     suffixes = [law.amplitudes[i].name.rpartition("_")[2] for i in location.terms]
-    if law in (TELESCOPE, PIN_PLAY):
-        return True  # whatever axis a beam or a pin is loaded on
-    if law is SUPPORT_LIFT:  # by a force along one axis it turns another
-        force = stage.context.wrenches[location.site][:, :3]
-        size = np.sqrt((force**2).mean(axis=0))
-        return bool(location.covariates) or size["xyz".index(location.partner[-1])] > 0.1 * size.max()
+    if law in (TELESCOPE, PIN_PLAY, SUPPORT_LIFT):
+        return True  # whatever axis a beam or a pin is loaded on; a stop at an angle bears any load
     named = {location.axis, location.partner, *suffixes} & set(TWIST_NAMES)
     wanted = [TWIST_NAMES.index(axis) for axis in named or ("rx", "ry", "rz")]
     sizes = np.sqrt((stage.context.wrenches[location.site] ** 2).mean(axis=0))

@@ -29,9 +29,10 @@ LEAST = 0.05
 
 
 def _places(records: Records) -> list[Location]:
-    """Return every turning drive with the axes that it tilts about, and forces across the axes of its link.
+    """Return every turning drive with the axes that it tilts about, and forces across the axes of a telescope's links.
 
-    In a loop other joints carry a part of the force: there its stop is at an angle.
+    A telescope is balanced: its weight is a force without a moment. Another arm's stop feels the moment, which follows
+    from the force and the position and which `stiffening` is over: there the stop is at an angle.
     """
     found = []
     for joint in records.robot.moving:
@@ -40,7 +41,7 @@ def _places(records: Records) -> list[Location]:
         own = drive_axis(joint)
         if joint.kind != "prismatic":
             found += [Location(joint.name, own, (f"q_{joint.name}",), (0,), side) for side in ("q", "-q")]
-        for axis in () if records.robot.linkage else AXES_TURN:
+        for axis in AXES_TURN if records.stars else ():
             for force in (one for one in WRENCH_NAMES[:3] if one[1] != axis[1]):
                 found += [Location(joint.name, axis, (), (1,), force)]
                 found += [

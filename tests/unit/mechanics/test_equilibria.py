@@ -313,7 +313,8 @@ LOADED = [name for name, law in EVERY.items() if law.loaded]
 @pytest.mark.parametrize("name", LOADED)
 def test_tangents_of_many_loads(name, stage: Stage):
     rng, largest = np.random.default_rng(4), 0.0
-    for effect in some_effects(EVERY[name], stage, 3):
+    effects = some_effects(EVERY[name], stage, 3)
+    for effect in effects:
         bound = BoundTwist(effect, stage.context.here(effect.location, stage.setup.arm))
         row = replace(stage.context.row, covariates=known_rows(stage.with_effect(effect).arm, stage.rows))
         usual = np.maximum(np.sqrt((stage.context.wrenches[effect.location.site] ** 2).mean(axis=0)), 1.0)
@@ -327,4 +328,5 @@ def test_tangents_of_many_loads(name, stage: Stage):
             numeric = central_difference(lambda part, b=bound, r=one, w=load: b.twist(w * part, r), np.ones(6), 1e-5)
             size = max(np.abs(numeric).max(), 1e-6 * np.abs(bound.twist(load, one)).max())
             np.testing.assert_allclose(whole[i] * load, numeric, rtol=0, atol=1e-5 * size + 1e-13)
-    assert largest > 0.0
+    # Without a star in sight what lifts off a support does so at an angle, which no load moves.
+    assert largest > 0.0 or all(effect.location.covariates for effect in effects)
