@@ -33,7 +33,7 @@ from armflex.trace.findings import (
 )
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.probabilities import Credible, bagged, competing
-from armflex.trace.resampling import Resampled, resampled
+from armflex.trace.resampling import Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
@@ -69,8 +69,8 @@ def weighed(here: Standing) -> Weighed:
         state = here.state
         state.reporter.stage("weighing what else the effects may be")
         evidence = competing(here.screen, here.model)
-        model, folds = evidence.here(here.model), Folds(state, evidence, pose_folds(state.groups))
-        resamples = resampled(state, evidence, model, folds)
+        model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
+        resamples = resampled(evidence, model, parted_by(state), folds)
         found, visited = bagged(evidence, model, resamples.times)
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.is_doubtful]
         if doubted:  # each fit takes seconds where more is missing than can be named: there the likeliest is tried

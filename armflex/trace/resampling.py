@@ -16,7 +16,7 @@ gives about s, resamples are the campaign itself and the bagged posterior is the
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +40,9 @@ ALIKE = 0.5
 """Tolerance: square of the difference of two residuals up to which readings hardly distinguish their models."""
 
 
+POSES = "poses"
+
+
 @dataclass(frozen=True, eq=False)
 class Resampled:
     """How often the readings of a campaign count in its resamples.
@@ -55,48 +58,43 @@ class Resampled:
     times: Array
 
 
-def resampled(state: State, evidence: Dense, own: Model, poses: Folds, seed: int = 0) -> Resampled:
+def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], poses: Folds, seed: int = 0) -> Resampled:
     """Return resamples of a campaign by the parts of it that a model foresees worst.
 
     Args:
-        state: The arm with the model.
         evidence: What competes.
         own: The model, of `evidence`.
-        poses: The same in folds of poses.
+        parted: (M,) part of every row, for each way to part them; see `parted_by`.
+        poses: The same problem in folds of poses.
         seed: Of what is drawn.
     """
-    count, here, noise = (
-        len(evidence.projection.data) // len(state.rows),
-        evidence.left(own),
-        evidence.beside(own).noise,
-    )
+    noise, here = evidence.beside(own).noise, evidence.left(own)
     apart = [evidence.left(other) - here for other in _others(evidence, own)]
     apart = [one for one in apart if one @ one > ALIKE * noise**2]
-    by, most, drawn = "poses", 1.0, state.groups
-    for name, parts in _parts(state).items() if apart else ():
-        folds = poses if name == by else Folds(state, evidence, parts % POSE_FOLDS, own)
+    by, most, drawn = POSES, 1.0, parted[POSES]
+    count = len(here) // len(drawn)
+    for name, parts in parted.items() if apart and len(set(drawn)) >= POSE_FOLDS else ():
+        folds = poses if name == POSES else Folds(evidence, parts % POSE_FOLDS, own)
         chance = float(chdtri(int(parts.max()), DOUBT)) / int(parts.max())
         ratio = float(np.median(_mismatches(folds, apart, np.repeat(parts, count), noise))) / chance
         if ratio > most:
             by, most, drawn = name, ratio, parts
-    number = int(drawn.max()) + 1
+    times = np.ones((RESAMPLES, len(drawn)))
     if most > 1.0:
+        number = int(drawn.max()) + 1
         size = round(number / (1.0 - 1.0 / most))
         draws = np.random.default_rng(seed).multinomial(size, np.full(number, 1.0 / number), size=RESAMPLES)
         times = (draws * number / size)[:, drawn]
-    else:
-        times = np.ones((RESAMPLES, len(drawn)))
     return Resampled(by, most, np.repeat(times, count, axis=1))
 
 
-def _parts(state: State) -> dict[str, np.ndarray]:
+def parted_by(state: State) -> dict[str, np.ndarray]:
     """Return (M,) the part of every row, for each way to part a campaign; rows of a pose stay together."""
-    groups, found = state.groups, {"poses": state.groups}
-    first = np.unique(groups, return_index=True)[1]
+    first = np.unique(state.groups, return_index=True)[1]
+    found, sessions = {POSES: state.groups}, np.unique(state.sessions, return_inverse=True)[1]
     if len(first) >= 2 * PARTS:
-        found["parts of joint space"] = apart_folds(state.measurements.q[state.rows[first]], PARTS)[groups]
-        found["parts of time"] = (np.argsort(np.argsort(first)) * PARTS // len(first))[groups]
-    sessions = np.unique(state.sessions, return_inverse=True)[1]
+        found["parts of joint space"] = apart_folds(state.measurements.q[state.rows[first]], PARTS)[state.groups]
+        found["parts of time"] = (np.argsort(np.argsort(first)) * PARTS // len(first))[state.groups]
     return found | ({"sessions": sessions} if sessions.max() + 1 >= PARTS else {})
 
 

@@ -52,7 +52,7 @@ class Compared:
 
 
 class Folds:
-    """The linear problem of a state in folds, each predicted from the others.
+    """A linear problem in folds, each predicted from the others.
 
     Attributes:
         learned: (n,) readings of all rows but those of a fold, for every fold.
@@ -60,14 +60,13 @@ class Folds:
         anew: The model that a climb finds there.
     """
 
-    def __init__(self, state: State, evidence: Dense, folds: np.ndarray, begun: Model = ()) -> None:
+    def __init__(self, evidence: Dense, folds: np.ndarray, begun: Model = ()) -> None:
         """Take (M,) folds of the rows; each climb is `begun` with a model."""
         of_readings = np.repeat(folds, len(evidence.projection.data) // len(folds))
-        self.state, self.evidence = state, evidence
+        self.evidence = evidence
         self.learned = [of_readings != number for number in range(int(folds.max()) + 1)]
         self.parts = [evidence.resampled(learned.astype(float)) for learned in self.learned]
         self.anew = [climbed(part, begun) for part in self.parts]
-        self.judged = state.fit.view.readings.where(state.judged)
 
     def left(self, models: Sequence[Model]) -> Array:
         """Return the (n,) whitened errors of readings predicted from the other folds with a model for each."""
@@ -94,19 +93,6 @@ class Folds:
             found.append((np.flatnonzero(~learned), columns[~learned] @ known.root))
         return found
 
-    def errors(self, models: Sequence[Model]) -> Array:
-        """Return the (M, n) errors of what is read foremost [m], predicted from the other folds; see `left`."""
-        return errors_of(self.state.fit, self.state.quiet * self.left(models))
-
-    def rms(self, squares: Array) -> float:
-        """Return the RMS of (M,) squared errors over the rows that are judged [m]."""
-        return float(np.sqrt(squares[self.judged.foremost_count > 0].mean()))
-
-    def apart(self, before: Array, after: Array) -> float:
-        """Return by how many standard errors the mean of (M,) squared errors of a pose rises."""
-        rise = np.bincount(self.state.groups, np.where(self.judged.foremost_count > 0, after - before, 0.0))
-        return float(rise.mean() / (rise.std() / np.sqrt(len(rise)) + 1e-300))
-
 
 @dataclass(frozen=True, eq=False)
 class Validated:
@@ -123,20 +109,24 @@ class Validated:
 def validated(here: Standing, folds: Folds) -> Validated:
     """Return how a state predicts poses that were held out, in folds of all that competes."""
     own, state, count = folds.evidence.here(here.model), here.state, len(folds.parts)
+    judged = state.fit.view.readings.where(state.judged)
 
-    def squares(models: Sequence[Model]) -> Array:
-        return folds.judged.row_squares(folds.errors(models))
+    def errors(models: Sequence[Model]) -> Array:
+        return errors_of(state.fit, state.quiet * folds.left(models))
 
-    whole, proofs = squares([own] * count), []
+    def rms(squares: Array) -> float:
+        return float(np.sqrt(squares[judged.foremost_count > 0].mean()))
+
+    chosen, whole, proofs = errors(folds.anew), judged.row_squares(errors([own] * count)), []
     for i in range(len(own)):
-        less, sessions = squares([without(own, i)] * count), sessions_held_out(state, state.units[i])
-        first, last = sessions or (None, None)
-        proofs.append(Proof(folds.rms(less), folds.rms(whole), first, last, folds.apart(whole, less)))
+        less = judged.row_squares(errors([without(own, i)] * count))
+        rise = np.bincount(state.groups, np.where(judged.foremost_count > 0, less - whole, 0.0))
+        apart = float(rise.mean() / (rise.std() / np.sqrt(len(rise)) + 1e-300))
+        sessions = sessions_held_out(state, state.units[i]) or (None, None)
+        proofs.append(Proof(rms(less), rms(whole), *sessions, apart))
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
     before = held_out(state.calibrated, pose_folds(state.groups), judged=state.judged).squares
-    errors = folds.errors(folds.anew)
-    compared = Compared(folds.rms(before), folds.rms(folds.judged.row_squares(errors)))
-    return Validated(compared, tuple(proofs), errors)
+    return Validated(Compared(rms(before), rms(judged.row_squares(chosen))), tuple(proofs), chosen)
 
 
 def sessions_held_out(state: State, new: Sequence[int]) -> tuple[float, float] | None:

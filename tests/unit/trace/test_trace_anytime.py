@@ -22,7 +22,6 @@ from armflex.errors import FileError
 from armflex.estimate.held_out import held_out, pose_folds
 from armflex.measured.measurements import Measurements
 from armflex.progress import Doing
-from armflex.show.report import render_report
 from armflex.trace.account import conclude
 from armflex.trace.findings import Trace
 from armflex.trace.screen import ALMOST
