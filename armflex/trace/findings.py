@@ -35,7 +35,6 @@ from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.families import Families
 from armflex.trace.hypotheses import Hypothesis, at_every_drive
-from armflex.trace.probabilities import LIKELY
 from armflex.trace.resampling import Resampled
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
@@ -115,7 +114,7 @@ class Found:
     @property
     def is_named(self) -> bool:
         """Whether it is likelier than all else that it may be, and nothing, together."""
-        return self.probability > LIKELY
+        return self.probability > 0.5
 
 
 @dataclass(frozen=True)

@@ -17,23 +17,17 @@ from scipy.special import logsumexp
 from armflex.conventions import Array
 from armflex.laws.effects.candidate import places_of
 from armflex.parameters import DOUBT
+from armflex.plan.next_measurement import POSSIBLE
 from armflex.trace.hypotheses import Hypothesis, oddness
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
-from armflex.trace.selection import APART, MOST_COMPETING, Chosen, Model, climbed, rivals, without
+from armflex.trace.selection import MOST_COMPETING, WITHIN, Chosen, Model, climbed, rivals, without
 
 SWEEPS = 2
 """Tolerance: sweeps of the sampler in every resample."""
 
 CREDIBLE = 1.0 - DOUBT
 """Confidence: probability of a credible set, beside which nothing is in question."""
-
-LIKELY = 0.5
-"""Confidence: probability above which an effect has a name, and up to which nothing in its place may be; the median
-probability model (Barbieri and Berger 2004, "Optimal predictive model selection", Annals of Statistics 32)."""
-
-FAINT = 0.01
-"""Confidence: probability from which something is told among what an effect may be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +37,7 @@ class Credible:
     Attributes:
         probability: Of the effect itself: its law and place, whatever is inside the law, in any of the places.
         nothing: Probability that there is no effect in its place, nor it in that of another.
-        suspects: What else it may be with the probability of each, from `FAINT` on, the likeliest first.
+        suspects: What else it may be with the probability of each, from 1 % on, the likeliest first.
         ranking: All hypotheses that compete with their log odds beside the other effects, the best first.
     """
 
@@ -65,8 +59,12 @@ class Credible:
 
     @property
     def is_gone(self) -> bool:
-        """Whether nothing in its place is likelier than anything, or it is not among what is credible there."""
-        return self.nothing > LIKELY or self.probability < DOUBT
+        """Whether nothing in its place is likelier than anything, or it is not among what is credible there.
+
+        The median probability model has what is more probable than not (Barbieri and Berger 2004, "Optimal predictive
+        model selection", Annals of Statistics 32).
+        """
+        return self.nothing > 0.5 or self.probability < DOUBT
 
 
 def competing(screen: Screen, model: Model) -> Dense:
@@ -79,7 +77,7 @@ def competing(screen: Screen, model: Model) -> Dense:
     screen.extend(_elsewhere(screen, model))
     beside, found, charges = screen.beside(model), dict[int, float](), dict[int, float]()
     for rest in (*map(beside.without, range(len(model))), beside):
-        for one in rivals(rest, refine, most=MOST_COMPETING, within=APART):
+        for one in rivals(rest, refine, most=MOST_COMPETING, within=4.0 * WITHIN):  # a resample may bring it forward
             if one.chosen.number in aliased:
                 continue
             if screen.groups[one.chosen.number].hypothesis.members in own and one.chosen.number not in mine:
@@ -166,7 +164,7 @@ def bagged(
         for number in np.argsort(-odds).tolist():
             best_of.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
         suspects = [
-            (best_of[name][0], float(chance[name])) for name in best_of if other[name] and chance[name] >= FAINT
+            (best_of[name][0], float(chance[name])) for name in best_of if other[name] and chance[name] >= POSSIBLE
         ]
         probability = float(chance[mine[i]]) if i < len(own) else 0.0
         suspects.sort(key=lambda pair: -pair[1])

@@ -23,22 +23,15 @@ import numpy as np
 from scipy.special import chdtri
 
 from armflex.conventions import Array
-from armflex.estimate.held_out import POSE_FOLDS, apart_folds
+from armflex.estimate.held_out import PARTS, POSE_FOLDS, apart_folds
 from armflex.parameters import DOUBT
 from armflex.trace.screen import Dense
-from armflex.trace.selection import APART, MOST_TRIED, Model, rivals, without
+from armflex.trace.selection import MOST_TRIED, WITHIN, Model, rivals, without
 from armflex.trace.state import State
 from armflex.trace.validate import Folds
 
 RESAMPLES = 50
 """Tolerance: resamples of a campaign; an average over them is off by 0.07 at most (one standard error)."""
-
-PARTS = 16
-"""Tolerance: parts of joint space, and of time, by which a campaign is resampled, and sessions from which they are."""
-
-ALIKE = 0.5
-"""Tolerance: square of the difference of two residuals up to which readings hardly distinguish their models."""
-
 
 POSES = "poses"
 
@@ -70,7 +63,7 @@ def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], pos
     """
     noise, here = evidence.beside(own).noise, evidence.left(own)
     apart = [evidence.left(other) - here for other in _others(evidence, own)]
-    apart = [one for one in apart if one @ one > ALIKE * noise**2]
+    apart = [one for one in apart if one @ one > 0.0]
     by, most, drawn = POSES, 1.0, parted[POSES]
     count = len(here) // len(drawn)
     for name, parts in parted.items() if apart and len(set(drawn)) >= POSE_FOLDS else ():
@@ -90,22 +83,22 @@ def resampled(evidence: Dense, own: Model, parted: Mapping[str, np.ndarray], pos
 
 def parted_by(state: State) -> dict[str, np.ndarray]:
     """Return (M,) the part of every row, for each way to part a campaign; rows of a pose stay together."""
-    first = np.unique(state.groups, return_index=True)[1]
+    first, count = np.unique(state.groups, return_index=True)[1], 4 * PARTS
     found, sessions = {POSES: state.groups}, np.unique(state.sessions, return_inverse=True)[1]
-    if len(first) >= 2 * PARTS:
-        found["parts of joint space"] = apart_folds(state.measurements.q[state.rows[first]], PARTS)[state.groups]
-        found["parts of time"] = (np.argsort(np.argsort(first)) * PARTS // len(first))[state.groups]
-    return found | ({"sessions": sessions} if sessions.max() + 1 >= PARTS else {})
+    if len(first) >= 2 * count:
+        found["parts of joint space"] = apart_folds(state.measurements.q[state.rows[first]], count)[state.groups]
+        found["parts of time"] = (np.argsort(np.argsort(first)) * count // len(first))[state.groups]
+    return found | ({"sessions": sessions} if sessions.max() + 1 >= count else {})
 
 
 def _others(evidence: Dense, own: Model) -> Iterator[Model]:
     """Yield models that one has to be preferred to: without an effect, with another in its place, with one more."""
     for i in range(len(own)):
         yield without(own, i)
-        for rival in rivals(evidence.beside(own).without(i), most=MOST_TRIED, within=APART):
+        for rival in rivals(evidence.beside(own).without(i), most=MOST_TRIED, within=4.0 * WITHIN):
             if rival.chosen.number != own[i].number:
                 yield (*own[:i], rival.chosen, *own[i + 1 :])
-    for rival in rivals(evidence.beside(own), most=MOST_TRIED, within=APART):
+    for rival in rivals(evidence.beside(own), most=MOST_TRIED, within=4.0 * WITHIN):
         yield (*own, rival.chosen)
 
 

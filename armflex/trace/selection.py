@@ -52,9 +52,6 @@ missing."""
 MOST_COMPETING = 40
 """Tolerance: hypotheses that compete for a place at most, and of waves, bumps and products of each kind."""
 
-APART = 45.0
-"""Tolerance: log odds below the best at which a hypothesis may still be the best in a resample of the campaign."""
-
 MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
 

@@ -26,8 +26,8 @@ from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.in_arm import settled_covariates
 from armflex.trace.findings import Found, Trace
-from armflex.trace.validate import Proof
 from armflex.trace.state import State, begin, refit, with_random
+from armflex.trace.validate import Proof
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 

@@ -1,13 +1,13 @@
-"""Resamples of a campaign: as far apart as its parts are beyond what readings scatter, and the certainty that is left."""
+"""Resamples of a campaign: as far apart as its parts are beyond the noise, and the certainty that is left."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from unit.trace.test_posterior import of_readings, problem
+from support.linear_problems import of_readings, problem
 
 from armflex.estimate.held_out import pose_folds
-from armflex.trace.probabilities import LIKELY, Credible, bagged
+from armflex.trace.probabilities import Credible, bagged
 from armflex.trace.resampling import POSES, RESAMPLES, Resampled, resampled
 from armflex.trace.screen import Dense
 from armflex.trace.selection import Model, climbed, prior_of
@@ -89,7 +89,7 @@ def test_a_reading_that_counts_twice_is_one_read_twice() -> None:
     twice = problem(columns[rows], evidence.projection.data[rows], np.full(12, np.log(0.1)))
     counted = evidence.resampled(np.full(POSE_COUNT, 2.0))
     np.testing.assert_allclose(counted.beside(()).odds, twice.beside(()).odds, rtol=1e-12)
-    half = evidence.resampled(np.arange(POSE_COUNT) % 2.0)
+    half = evidence.resampled((np.arange(POSE_COUNT) % 2).astype(float))
     other = problem(columns[1::2], evidence.projection.data[1::2], np.full(12, np.log(0.1)))
     np.testing.assert_allclose(half.beside(()).odds, other.beside(()).odds, rtol=1e-12)
 
@@ -100,4 +100,4 @@ def test_a_credible_set_ends_where_nothing_else_is_credible() -> None:
     seen = Credible(0.66, 0.0, others, ())
     assert [chance for _, chance in seen.others] == [0.2, 0.1] and not seen.is_doubtful and not seen.is_gone
     assert Credible(0.1, 0.0, others, ()).is_doubtful and not Credible(0.1, 0.3, others, ()).is_doubtful
-    assert Credible(0.3, LIKELY + 0.01, (), ()).is_gone and Credible(0.04, 0.1, others, ()).is_gone
+    assert Credible(0.3, 0.51, (), ()).is_gone and Credible(0.04, 0.1, others, ()).is_gone
