@@ -40,17 +40,14 @@ class Configurations:
         """Number of configurations in each chunk."""
         return [min(self.chunk, self.rows - first) for first in range(0, self.rows, self.chunk)]
 
-    def chunks(self, wanted: list[bool]) -> Iterator[Array]:
-        """Yield the (n, nq) configurations of every wanted chunk, in order."""
+    def chunks(self) -> Iterator[Array]:
+        """Yield the (n, nq) configurations of every chunk, in order."""
         from scipy.stats import qmc  # takes half a second
 
         rng = np.random.default_rng(self.seed)
         sequence = qmc.Sobol(len(self.lower), seed=rng)  # pyright: ignore[reportCallIssue] - `rng` since SciPy 1.15
-        for size, asked in zip(self.sizes, wanted, strict=True):
-            if asked:
-                yield self.lower + (self.upper - self.lower) * sequence.random(self.chunk)[:size]
-            else:
-                sequence.fast_forward(self.chunk)
+        for size in self.sizes:
+            yield self.lower + (self.upper - self.lower) * sequence.random(self.chunk)[:size]
 
 
 def drawn_range(arm: Arm) -> tuple[Array, Array, tuple[Flag, ...]]:

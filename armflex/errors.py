@@ -8,7 +8,6 @@ from `InputError`, which the command line turns into exit code 2.
 from __future__ import annotations
 
 import difflib
-import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -100,13 +99,8 @@ class ModelFileError(FileError):
     """A trained model's file is damaged, foreign, or made for something else."""
 
 
-class UntrustedError(FileError):
-    """A file is a program, and the user has not said that it may run; `digest` is its SHA-256."""
-
-    def __init__(self, place: Place, what: str, digest: str) -> None:
-        remedy = f"read it, then say so: armflex trust {shlex.quote(str(place.file))} (in Python trust=[...])"
-        super().__init__(place, f"{what}, and you have not trusted it: {remedy}; SHA-256 {digest}")
-        self.digest = digest
+class PluginError(InputError):
+    """An installed distribution offers armflex something that it cannot take."""
 
 
 class ManyErrors(InputError):

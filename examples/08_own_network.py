@@ -1,4 +1,4 @@
-"""A joint law of your own: any `torch.nn.Module` that turns loads into deflections, trained and put into the boom.
+"""A joint law of your own: layers of torch that turn loads into deflections, trained and put into the boom.
 
 On the command line: `armflex train JOINT.csv --model torch --module 08_own_network.py:Bearing -o law.safetensors`.
 """
@@ -33,7 +33,7 @@ def bench(rows: int) -> JointData:
 
 def main() -> float:
     arm = armflex.load_arm(armflex.bundled_robot("tarm_like") / "arm.toml")
-    trained = armflex.train(bench(100), "torch", options=Options(module=f"{__file__}:Bearing", starts=1))
+    trained = armflex.train(bench(100), "torch", options=Options(module=Bearing, starts=1))
     print(f"error on rows not seen: {trained.held_out_rms.round(4)} mm ({trained.held_out})")
     bearing = armflex.Flexure("A4 bearing", "A4", trained.trained.law)
     there = arm.position(A2=0.2, A4=-0.3)

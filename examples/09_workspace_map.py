@@ -22,7 +22,7 @@ def main(picture: str = "workspace.png", rows: int = 2048) -> dict[str, float]:
 
     draw_map(arm, found, picture, tolerance=0.1)
     # With dask.distributed installed, the same map from a cluster:
-    #   with joblib.parallel_config(backend="dask"): armflex.map_workspace(arm, ..., store="chunks")
+    #   with joblib.parallel_config(backend="dask"): armflex.map_workspace(arm, ...)
     return shares | {"worst": float(found.worst[worst])}
 
 

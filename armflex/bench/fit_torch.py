@@ -1,4 +1,4 @@
-"""A user's own `torch.nn.Module` trained on joint data, whatever is in it.
+"""A `torch.nn.Sequential` of the user's own trained on joint data, see `laws.joint.perceptron`.
 
 Nothing is known of the weights, so none of them has a prior. What keeps a module from following the noise is that it
 ends early (Morgan and Bourlard 1990): every start is trained on three quarters of the rows by L-BFGS, the other quarter
@@ -7,18 +7,18 @@ determines how long that helps, and the best start is then trained on all rows f
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import copy
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from armflex.bench.fitted import Fitted, seen_loads
 from armflex.bench.network_problem import scaled_problem
 from armflex.conventions import Array
-from armflex.errors import LawError
-from armflex.laws.joint.module_source import ModuleSource
-from armflex.laws.joint.torch_law import TorchLaw, as_answering, check_module, the_torch
+from armflex.errors import LawError, UnsupportedError
+from armflex.laws.joint.perceptron import PerceptronLaw, perceptron_of
 
 if TYPE_CHECKING:
     import torch
@@ -35,7 +35,10 @@ LEFT_OUT = 0.25
 @contextmanager
 def _one_thread() -> Iterator[None]:
     """Let torch use one thread: on matrices as small as a bench's, more of them only wait for each other."""
-    torch = the_torch()
+    try:
+        import torch
+    except ImportError:
+        raise UnsupportedError("to train a torch model needs torch: pip install 'armflex[torch]'") from None
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -45,52 +48,55 @@ def _one_thread() -> Iterator[None]:
 
 
 @_one_thread()
-def fit_torch(loads: Array, deflections: Array, source: ModuleSource, starts: int = 10, seed: int = 0) -> Fitted:
-    """Return a module trained on loads and deflections, from the best of some starts; runs the user's own code.
+def fit_torch(loads: Array, deflections: Array, make: Callable[[], Any], starts: int = 10, seed: int = 0) -> Fitted:
+    """Return a module trained on loads and deflections, from the best of some starts, as layers and weights.
 
     The law's noise is the scatter of the rows left out; `train` puts that of held-out rows in its place.
 
     Args:
         loads: (N, k) [N, Nm], k = 3 or 6.
         deflections: (N, k) [m, rad].
-        source: Makes a module, whose random first weights follow torch's seed.
+        make: Makes a module, whose random first weights follow torch's seed; see `perceptron_of`.
         starts: Modules made.
         seed: Of their weights, and of the rows left out.
 
     Raises:
-        InputError: The loads do not span their components; the code fails; or what it makes is no law, see `TorchLaw`.
+        InputError: The loads do not span their components; or what is made is no law.
+        UnsupportedError: torch is not installed.
     """
     problem, scaling = scaled_problem(loads, deflections, neurons=1)
     x, unloaded = problem.x, -scaling.input_mean / scaling.input_scale
     y = deflections / scaling.output_scale
     left = np.random.default_rng(seed).permutation(len(x)) < max(2, round(LEFT_OUT * len(x)))
-    found = []
+    trials = []
     for start in range(starts):
-        module = _made(source, seed, start, problem.size)
-        found.append((*_trained(module, unloaded, (x[~left], y[~left]), (x[left], y[left])), start))
-    loss, rounds, errors, start = min(found, key=lambda one: one[0])
+        module = _made(make, seed, start, problem.size)
+        trials.append((*_trained(module, unloaded, (x[~left], y[~left]), (x[left], y[left])), start))
+    loss, rounds, errors, start = min(trials, key=lambda trial: trial[0])
     if not np.isfinite(loss):
-        raise LawError(f"{source} gives no finite number while it is trained, from none of {starts} starts")
-    module = _made(source, seed, start, problem.size)
+        raise LawError(f"the module gives no finite number while it is trained, from none of {starts} starts")
+    module = _made(make, seed, start, problem.size)
     _trained(module, unloaded, (x, y), (x, y), rounds)
     noise = np.sqrt((errors**2).mean(axis=0)) * scaling.output_scale
-    scales = {"load_mean": scaling.input_mean, "load_scale": scaling.input_scale, "twist_scale": scaling.output_scale}
-    law = TorchLaw(module, problem.size, noise=noise, seen=seen_loads(loads), source=source, **scales)
+    scales = scaling.input_mean, scaling.input_scale, scaling.output_scale
+    law = PerceptronLaw(perceptron_of(module, problem.size), *scales, noise, seen_loads(loads))
     weights = sum(weight.numel() for weight in module.parameters())
-    said = {"module": str(source), "sha256": source.sha256, "weights": weights, "start": start, "steps": rounds * STEPS}
-    return Fitted(law, said)
+    widths = [problem.size, *(len(layer.bias) for layer in law.layers)]
+    said = {"layers": widths, "activations": [layer.activation for layer in law.layers], "weights": weights}
+    return Fitted(law, said | {"start": start, "steps": rounds * STEPS})
 
 
-def _made(source: ModuleSource, seed: int, start: int, size: int) -> torch.nn.Module:
-    """Return a module with the random weights of a start, as a law would ask it."""
+def _made(make: Callable[[], Any], seed: int, start: int, size: int) -> torch.nn.Module:
+    """Return a module with the random weights of a start, in evaluation mode and 64 bits."""
     import torch
 
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(int(np.random.SeedSequence([seed, start]).generate_state(1)[0]))
-        module = as_answering(source.made())
-    check_module(module, size)
+        module = make()
+    perceptron_of(module, size)
+    module = copy.deepcopy(module).to("cpu").double().eval()
     if not any(weight.requires_grad for weight in module.parameters()):
-        raise LawError(f"{source} makes a module without weights: there is nothing to train")
+        raise LawError("the module has no weights: there is nothing to train")
     return module
 
 

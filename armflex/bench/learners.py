@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from numbers import Integral
+from typing import Any
 
 from armflex.bench.cross_validation import Candidate
 from armflex.bench.fit_linear import STRUCTURES, fit_compliance, fit_polynomial, fit_terms
 from armflex.bench.fitted import Fitted, Learner
 from armflex.conventions import Array
 from armflex.errors import InputError, UnknownNameError
-from armflex.laws.joint.module_source import module_source
 from armflex.laws.joint.structural import StructuralLaw
 
 FOUND = "found"
@@ -34,8 +35,7 @@ class Options:
         seed: Of everything random.
         allow_unconverged: Take a chain that has not converged, and say so, rather than refuse it.
         assembly: The structure whose sub-joints a structural model fits.
-        module: "FILE.py:CLASS" or "package.module:CLASS", whose class, called without arguments, makes the module of a
-            torch model. Its code is run.
+        module: Makes the `torch.nn.Sequential` of a torch model when it is called: a class or a function.
 
     Raises:
         InputError: A number is not a whole one, or below the least that it may be.
@@ -50,7 +50,7 @@ class Options:
     seed: int = 0
     allow_unconverged: bool = False
     assembly: StructuralLaw | None = None
-    module: str | None = None
+    module: Callable[[], Any] | None = None
 
     def __post_init__(self) -> None:
         for name, least in (("neurons", 1), ("starts", 1), ("seed", 0)):
@@ -131,9 +131,9 @@ def learner(model: str, options: Options) -> Learner:
             from armflex.bench.fit_torch import fit_torch
 
             if options.module is None:
-                raise InputError("a torch model needs its module: FILE.py:CLASS")
-            source = module_source(options.module)
-            return lambda loads, deflections, seed: fit_torch(loads, deflections, source, options.starts, seed)
+                raise InputError("a torch model needs its module: a class that makes a torch.nn.Sequential")
+            make = options.module
+            return lambda loads, deflections, seed: fit_torch(loads, deflections, make, options.starts, seed)
     raise UnknownNameError("joint deformation model to train", model, MODELS)
 
 

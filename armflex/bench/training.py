@@ -124,8 +124,8 @@ def train(
 
     Args:
         data: See `read_joint_data`.
-        model: "linear", "polynomial", "structural", "neural", "bayesian", "torch" (a module of your own, see
-            `Options.module`, whose code is run), or "auto": all compared, the plainest taken that is within one
+        model: "linear", "polynomial", "structural", "neural", "bayesian", "torch" (layers of your own, see
+            `Options.module`), or "auto": all compared, the plainest taken that is within one
             standard error of the best.
         structure: Of a linear model: "full", "symmetric" or "diagonal".
         options: Everything else that models are learned with; see `Options`.
@@ -165,14 +165,11 @@ def train(
         if model == "torch":  # its weights say nothing of what they leave open
             module: Any = fitted.law
             fitted = replace(fitted, law=replace(module, noise=held.rms))
-            source = f"the Python code of {fitted.parameters['module']}, which must stay as and where it is"
-            trust = "elsewhere than in this process only once `armflex trust` has that file"
-            text = f"to load this law runs {source}, {trust}. A control loop takes about a millisecond for it"
-            flags = (*flags, Flag("runs_code", text))
         compared = compare(plain, data, seed, step=step)
     errors = (data.deflections - predicted(fitted.law, data.loads)) / data.factors
     train_rms, held_out_rms = np.sqrt((errors**2).mean(axis=0)), held.rms / data.factors
-    given = {key: value for key, value in asdict(replace(options, assembly=None)).items() if value is not None}
+    plain_options = asdict(replace(options, assembly=None, module=None))
+    given = {key: value for key, value in plain_options.items() if value is not None}
     metadata = {
         "armflex": __version__,
         "numpy": np.__version__,

@@ -35,10 +35,17 @@ COMMANDS = {
     "map": "worst displacement, uncertainty and margin over the whole workspace",
     "export": "write the arm for other programs: URDF, a sheet for the controller, C, URScript, KRL, RAPID",
     "view": "write a page of the arm that opens in a browser",
-    "trust": "allow a Python or xacro file that an arm names to run",
     "compile": "compile the engine now instead of with the first long job",
     "demo": "the whole workflow on the bundled TARM-like arm",
 }
+
+GONE = {
+    "trust": "an arm file runs no code",
+    "--resume": "leave it out; --minutes N gives a search the time that it needs",
+    "--store": "leave it out; a map of the default size takes seconds",
+    "--chunk": "leave it out",
+}
+"""Command or option of an earlier version -> what to do instead."""
 
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """What the libraries behind SciPy, which no command has loaded yet, ask for their number of threads. The matrices here
@@ -67,6 +74,8 @@ class Commands(click.Group):
 
     def resolve_command(self, context: click.Context, args: list[str]) -> tuple:
         """Find the command; name the nearest one where there is none."""
+        if args[0] in GONE:
+            context.fail(f"{args[0]} is no more: {GONE[args[0]]}")
         if args[0] not in COMMANDS:
             from armflex.errors import did_you_mean
 
@@ -112,12 +121,14 @@ def main() -> None:
     except click.ClickException as error:
         # Worded as everything else is: one line, and where to read on.
         text = " ".join(error.format_message().split()).rstrip(".")
+        if isinstance(error, click.NoSuchOption) and error.option_name in GONE:
+            text = f"{error.option_name} is no more: {GONE[error.option_name]}"
         context = getattr(error, "ctx", None)
         _fail(text[:1].lower() + text[1:] + (f" (see {context.command_path} --help)" if context else ""), 2)
     except Exception as error:
         from armflex.errors import ArmflexError, InputError
 
-        if was_interrupted(error):
+        if _was_interrupted(error):
             _interrupted()
         if isinstance(error, MemoryError):
             _fail("there is not enough memory for this", 1)
@@ -167,7 +178,7 @@ def _interrupted() -> NoReturn:
     _fail("interrupted", 130)
 
 
-def was_interrupted(error: BaseException | None) -> bool:
+def _was_interrupted(error: BaseException | None) -> bool:
     """Return whether Ctrl-C is behind an error: libraries that tidy up after it may fail, and raise that instead."""
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__cause__ or error.__context__

@@ -10,8 +10,7 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.main import was_interrupted
-from armflex.cli.terminal import complain, number, print_table, progress, say, say_written
+from armflex.cli.terminal import number, print_table, progress, say, say_written
 from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
@@ -20,10 +19,9 @@ from armflex.result import record
 from armflex.show.view.map_page import map_page
 from armflex.storage.whole_file import together
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
-from armflex.tasks.workspace.workspace_map import CHUNK, SUFFIXES, VERDICTS
+from armflex.tasks.workspace.workspace_map import SUFFIXES, VERDICTS
 
 DRAWS = "Number of arms drawn from the uncertainty of this one: a voxel is ok only where it is ok for all of them."
-STORE = "Keep finished chunks in DIR: the same command, run again, goes on from them."
 Output = options.OutputPath
 
 
@@ -38,8 +36,6 @@ Output = options.OutputPath
 @click.option("--voxel", metavar="200mm", help="Edge of a voxel, with unit; a round one is chosen otherwise.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the configurations.")
 @click.option("--jobs", type=int, default=1, show_default=True, help="Processes; -1 for one on each core.")
-@click.option("--store", type=options.InputPath, metavar="DIR", help=STORE)
-@click.option("--chunk", type=int, default=CHUNK, show_default=True, help="Configurations in a chunk, a power of two.")
 @click.option("--picture", type=Output(), metavar="MAP.png", help="Draw the map.")
 @click.option("--page", type=Output(), metavar="MAP.html", help="Write a page in which the map can be turned.")
 @click.option("--method", type=options.Choice(METHODS), default="exact", show_default=True)
@@ -74,13 +70,8 @@ def command(
     settings["wrenches"] = () if force is None else (options.parse_force(force, arm),)
     if settings["jobs"] == 0:
         raise InputError("--jobs is 0: expected a number of processes, or -1")
-    try:
-        with progress("mapping") as tick:
-            found = map_workspace(arm, names, voxel=edge, progress=tick, **settings)
-    except BaseException as error:
-        if settings["store"] is not None and was_interrupted(error):
-            complain(f"finished chunks are kept in {settings['store']}: the same command goes on from there")
-        raise
+    with progress("mapping") as tick:
+        found = map_workspace(arm, names, voxel=edge, progress=tick, **settings)
     with together():
         write_map(found, output, limit)
         if picture is not None:

@@ -62,7 +62,6 @@ MOST_ADVICE = 3
     show_default=True,
     help="CPU time that the search may take; then it ends with what it has, and says so.",
 )
-@click.option("--resume", is_flag=True, hidden=True)
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @options.campaign
 def command(
@@ -72,7 +71,6 @@ def command(
     ask: int | None,
     covariates: dict[str, list[float]],
     minutes: float,
-    resume: bool,
     keep: bool,
     anyway: bool,
     measured: Callable[[Arm], Measurements],
@@ -88,8 +86,6 @@ def command(
     Ctrl-C, or SIGTERM, ends the search with what it has accepted: the files are written, marked unfinished, and the
     exit code is 1.
     """
-    if resume:
-        raise click.UsageError("--resume is no more: leave it out; --minutes N gives a search the time that it needs")
     if covariates and ask is None:
         raise InputError("--covariates are values for the rows of --ask")
     outputs = Outputs(output, report_path, options.json_path())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import runpy
+import traceback
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -17,7 +19,7 @@ from armflex.bench.training import CHOICE, TrainResult, train
 from armflex.cli import options
 from armflex.cli.terminal import complain, number, print_table, progress, say
 from armflex.conventions import TWIST_NAMES, WRENCH_NAMES
-from armflex.errors import InputError
+from armflex.errors import InputError, Place, UnknownNameError
 from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
@@ -39,7 +41,7 @@ def learning_options(command: Callable) -> Callable:
             ("sampler", chosen(SAMPLERS), None, "How the posterior is found"),
             ("seed", whole(0), 0, "Seed of everything random"),
             ("assembly", options.InputPath, None, "TOML with nodes, sub-joints and beams"),
-            ("module", str, None, "FILE.py:CLASS of your own torch.nn.Module, made without arguments; its code is run"),
+            ("module", str, None, "FILE.py:CLASS of your own torch.nn.Sequential; its code is run"),
         ]
     ):
         given = {"type": kind, "default": default, "show_default": True}
@@ -62,6 +64,7 @@ def command(
     structure: str,
     features: str,
     assembly: Path | None,
+    module: str | None,
     read_as: tuple[str, ...],
     output: Path,
     picture: Path | None,
@@ -89,7 +92,7 @@ def command(
         raise InputError(f"{output}: a law is a .safetensors file; name it so")
     built = read_assembly(assembly) if assembly else None
     names = tuple(name.strip() for name in features.split(",") if name.strip())
-    how = Options(features=names, assembly=built, **others)
+    how = Options(features=names, assembly=built, module=module_of(module) if module else None, **others)
     if model == "auto":
         tried = "; ".join(candidate.name for candidate in candidates(how))
         starts = f"from {affordable_starts(how, data.deflections.size)} of {how.starts} starts"
@@ -105,6 +108,36 @@ def command(
         options.conclude(lambda: as_json(result), result.flags)
     print_training(result)
     say(f"Written to {output}. In an arm.toml:", f'model = "{result.trained.model}"', f'file = "{output.name}"')
+
+
+def module_of(text: str) -> Callable[[], Any]:
+    """Return what makes the module that FILE.py:CLASS names; runs that file.
+
+    Raises:
+        InputError: The text is of another form, or the code cannot be read, fails, or has no such class.
+    """
+    name, _, called = text.rpartition(":")
+    if not name.endswith(".py") or not called.isidentifier():
+        raise InputError(f"--module {text!r}: expected FILE.py:CLASS")
+    path = Path(name).resolve()
+
+    def guarded(run: Callable[[], Any]) -> Any:
+        try:
+            return run()
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+        except SyntaxError as error:
+            raise InputError(f"{Place(Path(error.filename or path), error.lineno or 0)}: {error.msg}") from None
+        except (Exception, SystemExit) as error:
+            frames = traceback.extract_tb(error.__traceback__)
+            lines = [frame.lineno or 0 for frame in frames if frame.filename == str(path)]
+            raise InputError(f"{Place(path, max(lines[-1:], default=0))}: {type(error).__name__}: {error}") from None
+
+    code = guarded(lambda: runpy.run_path(str(path)))
+    if not callable(make := code.get(called)):
+        own = [key for key, value in code.items() if callable(value) and not key.startswith("_")]
+        raise UnknownNameError(f"class in {path}", called, own)
+    return lambda: guarded(make)
 
 
 def print_training(result: TrainResult) -> None:

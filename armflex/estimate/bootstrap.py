@@ -5,8 +5,6 @@ from __future__ import annotations
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
-from itertools import compress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,7 @@ import numpy as np
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
-from armflex.errors import FileError, InputError, Place, naming
+from armflex.errors import InputError, naming
 from armflex.estimate.calibrate import FEWEST_ROWS, fitted_to, loads_seen
 from armflex.laws.learned import Seen
 from armflex.measured.data_flags import check_joint_units
@@ -24,27 +22,9 @@ from armflex.parallel import in_order
 from armflex.parameters import ParameterKind
 from armflex.progress import Progress
 from armflex.result import Result
-from armflex.storage.array_file import Layout
-from armflex.storage.digest import digest
-from armflex.storage.schema import Numbers
-from armflex.storage.store import PieceForm, open_store
-from armflex.version import __version__
 
 Fitted = tuple[tuple[str, ...], Array]
 """Names of the parameters, and their (P,) values."""
-
-FORM: PieceForm[Fitted] = PieceForm(
-    Layout(
-        "a fit of a bootstrap",
-        "armflex-bootstrap-fit-2",
-        {"values": Numbers(("parameters",))},
-        {"names": tuple[str, ...]},
-        lambda about: {"parameters": (len(about["names"]),)},
-    ),
-    lambda fit: ({"names": list(fit[0])}, {"values": fit[1]}),
-    lambda about, arrays: (about["names"], arrays["values"]),
-)
-"""A finished fit as a file."""
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -92,7 +72,6 @@ def bootstrap(
     seed: int = 0,
     jobs: int | None = None,
     progress: Progress | None = None,
-    store: str | Path | None = None,
 ) -> Bootstrap:
     """Calibrate an arm to campaigns whose poses are drawn, with replacement, from those of one.
 
@@ -106,12 +85,9 @@ def bootstrap(
         seed: The same seed gives the same campaigns, whatever the number of processes.
         jobs: Processes, -1 for all cores; None for what `joblib.parallel_config` says, else one.
         progress: Called with (fits done, in all).
-        store: Folder that keeps finished fits. With it an interrupted bootstrap goes on from where it was, and one of
-            more draws from one of fewer.
 
     Raises:
         InputError: Fewer than two draws, or as `calibrate`.
-        FileError: The store belongs to another bootstrap or cannot be used.
         ConvergenceError: A fit did not settle; its number is named.
     """
     measurements = as_measurements(measurements, arm)
@@ -128,19 +104,9 @@ def bootstrap(
         partial(_fitted, arm, measurements, poses, seen, number, own)
         for number, own in enumerate(np.random.SeedSequence(seed).spawn(draws))
     ]
-    kept = None
-    if store is not None:  # named by everything that a fit depends on
-        asked = {"format": "armflex-bootstrap-2", "arm": digest(arm), "measurements": digest(measurements)}
-        versions = {"armflex": __version__, "numpy": np.__version__}
-        kept = open_store(Path(store), {**asked, "seed": seed, **versions}, FORM)
-    names = [f"fit-{i:07d}" for i in range(draws)]
     fits: list[Fitted] = []
-    with closing(
-        kept.resumed(names, partial(compress, tasks), jobs) if kept is not None else in_order(tasks, jobs)
-    ) as found:
-        for fit in found:
-            if kept is not None and fit[0] != (fits or [fit])[0][0]:
-                raise FileError(Place(kept.folder), "holds fits of different parameters: name another folder")
+    with closing(in_order(tasks, jobs)) as fitted:
+        for fit in fitted:
             fits.append(fit)
             if progress:
                 progress(len(fits), draws)

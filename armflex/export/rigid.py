@@ -125,7 +125,7 @@ def positions(arm: Arm, q: Array) -> Array:
 def configurations(arm: Arm) -> Array:
     """Return (N, nq) positions that fill an arm's limits evenly and close its loops, the same ones every time."""
     lower, upper = (np.clip(limit, -LARGEST_POSITION, LARGEST_POSITION) for limit in drawn_range(arm)[:2])
-    (drawn,) = Configurations(lower, upper, POSES, 0, POSES).chunks([True])
+    (drawn,) = Configurations(lower, upper, POSES, 0, POSES).chunks()
     return drawn[np.isfinite(positions(arm, drawn)).all(axis=1)]
 
 

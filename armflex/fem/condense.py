@@ -16,7 +16,7 @@ from armflex.fem.cholesky import Factor
 from armflex.fem.matrices import MODAL, Matrices, of_mesh
 from armflex.fem.mesh import FACES, Mesh, corners_of, interfaces_of
 from armflex.fem.part import Part
-from armflex.storage.trust import sha256_of
+from armflex.storage.read_file import sha256_of
 
 MODES = 6
 """Natural frequencies that are found."""

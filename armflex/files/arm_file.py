@@ -28,7 +28,6 @@ from armflex.errors import (
     PayloadError,
     UnknownNameError,
     UnsupportedError,
-    UntrustedError,
     UrdfError,
     did_you_mean,
     listing,
@@ -47,6 +46,7 @@ from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.link_table import read_link
 from armflex.files.linkage_table import read_linkage
+from armflex.files.requires_table import check_requires, requires_of
 from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import positive, read_spring
 from armflex.laws import read_law
@@ -66,7 +66,6 @@ from armflex.result import plain
 from armflex.robot import Robot, load_robot
 from armflex.robot.robot import MILLIMETRES
 from armflex.robot.urdf import MAX_LINKS, MOVING, Joint, drive_of
-from armflex.storage.trust import trusting
 from armflex.storage.whole_file import together, write_whole
 
 ROBOTS = (".urdf", ".xacro", ".xml", ".mjcf", ".sdf")
@@ -95,22 +94,18 @@ def load_arm(
     preset: str | None = None,
     tip: str | None = None,
     strict: bool = True,
-    trust: Sequence[str | Path] | str | Path = (),
 ) -> Arm:
     """Read an arm.toml and the URDF it names.
 
     Args:
-        path: The arm.toml; a URDF, xacro, MJCF or SDF is taken as an arm without flexures.
+        path: The arm.toml; a URDF, xacro or MJCF is taken as an arm without flexures.
         preset: Name of a [preset.NAME] table whose flexures replace or join the declared ones.
         tip: Link whose motion is reported, for a bare URDF with several ends; an arm.toml names its own.
         strict: Refuse unknown URDF tags on the chain, and motion with impossible inertias, instead of flagging them.
-        trust: Files that may run as programs, or their digests, beside those that `armflex trust` keeps: the Python
-            file of a torch law, and a xacro file that reads beyond its folder or the environment.
 
     Raises:
         ArmFileError: The file is not valid TOML, misses a key, has an unknown one, or its numbers are not physical.
         UrdfError: The URDF is no robot that can be computed with.
-        UntrustedError: A file that the arm names may not run.
         UnknownNameError: There is no such preset.
     """
     path = Path(path)
@@ -119,15 +114,14 @@ def load_arm(
         raise InputError(f"{path} names its own tip, to which its payloads are fixed; tip is for a bare URDF")
     if is_urdf and preset is not None:
         raise UnknownNameError("preset", preset, ())
-    with trusting(trust):
-        if is_urdf:
-            robot = load_robot(path, tip, strict=strict)
-            arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so no flexures: the arm is rigid")))
-            quoted = (json.dumps(text, ensure_ascii=False) for text in (str(path.absolute()), robot.tip))
-            text = "[robot]\nurdf = {}\ntip = {}\n".format(*quoted)
-        else:
-            root = read_toml(path)
-            arm, text = _read(root, preset, strict), root.source.text
+    if is_urdf:
+        robot = load_robot(path, tip, strict=strict)
+        arm = Arm(robot, flags=(*robot.flags, Flag("rigid", "no arm.toml, so no flexures: the arm is rigid")))
+        quoted = (json.dumps(text, ensure_ascii=False) for text in (str(path.absolute()), robot.tip))
+        text = "[robot]\nurdf = {}\ntip = {}\n".format(*quoted)
+    else:
+        root = read_toml(path)
+        arm, text = _read(root, preset, strict), root.source.text
     if preset is None:
         arm = replace(arm, source=Source(path.absolute(), text))
     warn(arm.flags)
@@ -195,6 +189,7 @@ def make_arm(
 
 
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
+    check_requires(root.part("requires"))
     robot, ratings, flags = _read_robot(root.sub("robot"), strict)
     bent = []
     for name, table in root.subs("link").items():
@@ -565,6 +560,8 @@ def write_arm(
                 value = line
             table.append(key, value)
         document["effect"].append(table)
+    for distribution, least in requires_of(document.unwrap()).items():
+        document.setdefault("requires", tomlkit.table())[distribution] = least
     with together():
         calibration = with_covariance(fitted, path)
         written = tomlkit.item(calibration)
@@ -578,10 +575,7 @@ def _check_declared(arm: Arm, source: Source, document: Any, fitted: Mapping[str
     """Raise where a declaration with what was fitted is not the arm; [prior] and [measurement] it gets from the arm."""
     certain = certainty_table(arm.certainty).keys() if arm.certainty else ()
     values = {name: value for name, value in fitted.items() if name not in certain}
-    try:
-        declared = _read(Declaration({**document.unwrap(), "calibration": values}, (), source), None, False)
-    except UntrustedError:  # `trust` held while the arm was loaded
-        return
+    declared = _read(Declaration({**document.unwrap(), "calibration": values}, (), source), None, False)
     if declared.prior != arm.prior:
         stds = {one.name: getattr(arm.prior, one.name) for one in fields(Prior)}
         document["prior"] = {name: value for name, value in plain(stds).items() if value}

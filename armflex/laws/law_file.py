@@ -1,25 +1,25 @@
 """A trained law in a file, see `storage.array_file`.
 
-Arrays are SI; the units of the data they came from are kept in the metadata. Only a law of the model "torch" needs
-torch to load: its file names a Python file of the user's own, which is run where it is trusted; see `storage.trust`.
+Arrays are SI; the units of the data they came from are kept in the metadata. A file is data: nothing in it is run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
+
 from armflex.arguments import checked_kinds
 from armflex.conventions import Array
-from armflex.errors import InputError, LawError, ModelFileError, Place, UnknownNameError, UntrustedError
-from armflex.laws.joint import linear, network, polynomial, structural, torch_law
+from armflex.errors import LawError, ModelFileError, Place, UnknownNameError
+from armflex.laws.joint import linear, network, perceptron, polynomial, structural
 from armflex.laws.law import Law
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
 from armflex.storage.schema import Numbers
-from armflex.storage.trust import trusting
 
 
 @dataclass(frozen=True)
@@ -46,55 +46,34 @@ def save_law(trained: TrainedLaw, path: str | Path) -> Path:
     """
     if trained.model not in FORMS:
         raise UnknownNameError("model with a file form", trained.model, FORMS)
-    form, path = FORMS[trained.model], Path(path)
-    metadata = {**trained.metadata, **form.said(trained.law, path.parent)}
-    write_arrays(path, LAYOUT, form.to_tensors(trained.law), {"model": trained.model, "metadata": metadata})
+    path, arrays = Path(path), FORMS[trained.model].to_tensors(trained.law)
+    write_arrays(path, LAYOUT, arrays, {"model": trained.model, "metadata": dict(trained.metadata)})
     return path
 
 
 @checked_kinds
-def load_law(path: str | Path, *, trust: Sequence[str | Path] | str | Path = ()) -> TrainedLaw:
+def load_law(path: str | Path) -> TrainedLaw:
     """Read a trained law.
 
-    Args:
-        path: The file. A law of the model "torch" names a Python file, which is run.
-        trust: Files that may run, or their digests, beside those that `armflex trust` keeps and those whose class this
-            process has trained.
-
     Raises:
-        ModelFileError: Missing, too large, damaged, not a law of armflex, or of a model this version does not know; or
-            the code of its module is missing, has changed since, or fails, or torch is not installed.
-        UntrustedError: The code of its module may not run.
+        ModelFileError: Missing, too large, damaged, not a law of armflex, or of a model this version does not know.
     """
     path = Path(path)
     about, arrays, _ = read_arrays(path, LAYOUT)
-    form, metadata = FORMS[about["model"]], about["metadata"]
     try:
-        with trusting(trust):
-            law = form.from_tensors(arrays, metadata, path.parent) if form.runs_code else form.from_tensors(arrays)
-        return TrainedLaw(law, about["model"], metadata)
-    except UntrustedError:
-        raise
+        return TrainedLaw(FORMS[about["model"]].from_tensors(arrays), about["model"], about["metadata"])
     except LawError as error:
         problem = f"does not hold {LAYOUT.what}: {error}; {LAYOUT.anew}"
         raise ModelFileError(Place(path), problem) from None
-    except InputError as error:  # of the code that it runs
-        raise ModelFileError(Place(path), str(error)) from None
 
 
 class Form(NamedTuple):
-    """How the arrays of a model are written and read, and what they are declared to be.
+    """How the arrays of a model are written and read, and what they are declared to be."""
 
-    Where `runs_code`, the arrays depend on the file's metadata, `said` of a law and the file's folder adds to these,
-    and a law is read from arrays, metadata and folder.
-    """
-
-    to_tensors: Callable[[Any], dict[str, Array]]
-    from_tensors: Callable[..., Law]
-    arrays: Mapping[str, Numbers] | Callable[[Mapping[str, Any]], Mapping[str, Numbers]]
+    to_tensors: Callable[[Any], Mapping[str, np.ndarray]]
+    from_tensors: Callable[[Mapping[str, Array]], Law]
+    arrays: Mapping[str, Numbers]
     sizes: Mapping[str, Collection[int]]
-    said: Callable[[Any, Path], dict[str, Any]] = lambda law, folder: {}
-    runs_code: bool = False
 
 
 def _form(module: ModuleType) -> Form:
@@ -108,21 +87,18 @@ FORMS = {
     "structural": _form(structural),
     "neural": _form(network),
     "bayesian": _form(network),
-    "torch": Form(
-        torch_law.to_tensors,
-        torch_law.from_tensors,
-        torch_law.arrays_of,
-        torch_law.SIZES,
-        torch_law.said_of,
-        runs_code=True,
-    ),
+    "torch": _form(perceptron),
 }
 """Model name -> its file form."""
 
 
 def _arrays(about: Mapping[str, Any]) -> Mapping[str, Numbers]:
-    declared = FORMS[about["model"]].arrays
-    return declared(about["metadata"]) if callable(declared) else declared
+    """Return what a file must hold; raise `ValueError` where it names code, as files of modules did."""
+    if isinstance(code := about["metadata"].get("module"), Mapping):
+        source = f"{code.get('file')}:{code.get('class')}"
+        text = f"its class stands in Python code, {source}, and no file runs code any more"
+        raise ValueError(f"{text}: a torch.nn.Sequential is kept as layers and weights; {perceptron.IN_PYTHON}")
+    return FORMS[about["model"]].arrays
 
 
 LAYOUT = Layout(

@@ -204,14 +204,14 @@ def spread_evenly(reach: Reach, setup: Setup, count: int, seed: int) -> Offer:
         InputError: The arm can hold none of them.
     """
     width = len(reach.lower) + len(reach.choices)
-    box = next(Configurations(np.zeros(width), np.ones(width), count, seed, count).chunks([True]))
+    box = next(Configurations(np.zeros(width), np.ones(width), count, seed, count).chunks())
     _held(setup.arm, reach.rows(box[:FEW]))  # an arm too soft for anything says so at once
     offer = _offer(reach, setup, box)
     boxes = [offer.box]
     for batch in range(1, BATCHES if offer.dropped[UNREAD] else 0):
         if sum(map(len, boxes)) >= ENOUGH * count:
             break
-        more = next(Configurations(np.zeros(width), np.ones(width), count, seed + batch, count).chunks([True]))
+        more = next(Configurations(np.zeros(width), np.ones(width), count, seed + batch, count).chunks())
         boxes.append(_offer(reach, setup, more).box)
     return offer if len(boxes) == 1 else _offer(reach, setup, np.vstack(boxes))
 

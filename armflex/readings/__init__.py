@@ -3,6 +3,7 @@
 Nothing outside this room knows how many numbers a reading has, or what of the arm it sees.
 """
 
+from armflex.plugins import Registry
 from armflex.readings.acceleration import Acceleration as Acceleration
 from armflex.readings.direction import Direction as Direction
 from armflex.readings.distance import Distance as Distance
@@ -29,7 +30,13 @@ from armflex.readings.touch import Sockets as Sockets
 from armflex.readings.touch import Touch as Touch
 from armflex.readings.touch import touched as touched
 
-SENSOR_KINDS: dict[str, type[Kind]] = {
+
+def _fault(name: str, kind: object) -> str:
+    right = isinstance(kind, type) and issubclass(kind, Kind)
+    return "" if right else "expected a class of readings, a Kind of armflex.readings"
+
+
+_BUNDLED: dict[str, type[Kind]] = {
     "position": Position,
     "orientation": Orientation,
     "distance": Distance,
@@ -46,4 +53,6 @@ SENSOR_KINDS: dict[str, type[Kind]] = {
     "frequency": Frequency,
     "direction": Direction,
 }
+
+SENSOR_KINDS: Registry[type[Kind]] = Registry("armflex.readings", _BUNDLED, _fault)
 """What [instrument.NAME] may be, as its `kind` says."""

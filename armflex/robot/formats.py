@@ -1,4 +1,4 @@
-"""Robots in other files than URDF: xacro, which a library expands, MJCF, which MuJoCo reads itself, and SDF.
+"""Robots in other files than URDF: xacro, which a library expands, and MJCF, which MuJoCo reads itself.
 
 All become links and joints as a URDF has them, and are judged as those are. Where a joint's axis is not through its
 child's origin, as it is in a URDF, a link without mass stands between.
@@ -21,9 +21,8 @@ import pinocchio as pin
 from lxml import etree
 
 from armflex.conventions import LARGEST
-from armflex.errors import Flag, Place, UntrustedError, UrdfError, listing
+from armflex.errors import Flag, Place, UrdfError, listing
 from armflex.robot import xacro_process
-from armflex.robot.sdf import read_sdf
 from armflex.robot.tree import Tree, rotation_of
 from armflex.robot.urdf import (
     MOVING,
@@ -32,8 +31,7 @@ from armflex.robot.urdf import (
     parse_xml,
     read_urdf,
 )
-from armflex.storage.read_file import check_file
-from armflex.storage.trust import MOST_BYTES, is_trusted, sha256_of
+from armflex.storage.read_file import MOST_BYTES, check_file
 
 XACRO = re.compile(r"https?://(www\.)?ros\.org/wiki/xacro/?")
 """The namespace of its tags, as it was and as it is."""
@@ -65,20 +63,22 @@ def read_other(
     loops: bool = False,
     arguments: Mapping[str, str] | None = None,
 ) -> Urdf:
-    """Return the robot of a xacro file, see `is_xacro`, MJCF or SDF (by their root elements).
+    """Return the robot of a xacro file, see `is_xacro`, or MJCF (by its root element).
 
     With `loops` those of an MJCF are `Urdf.declared`; they are refused otherwise.
 
     Raises:
-        UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file.
-        UntrustedError: A xacro file asks for the environment, or for a file elsewhere.
+        UrdfError: As `read_urdf`; the library that a format needs is not installed, or refuses the file; it is SDF.
     """
     if is_xacro(path, root):
         named = [name for one in root.iter("*") if _is(one, "arg") and (name := one.get("name"))]
         left = [name for name in named if name not in (arguments or {})]
         hint = f"; it was expanded with its own values of {listing(left)}, which [robot] xacro_arguments gives others"
         return read_urdf(path, strict, parse_xml(path, _expanded(path, arguments or {})), True, hint if left else "")
-    return _read_mjcf(path, root, loops) if root.tag == "mujoco" else read_sdf(path, root)
+    if root.tag == "sdf":
+        convert = f"sdf2mjcf {path.name} {path.stem}.xml (pip install sdformat-mjcf) makes MJCF of it, which is read"
+        raise UrdfError(Place(path, root.sourceline or 0), f"is SDF, which only its own library reads: {convert}")
+    return _read_mjcf(path, root, loops)
 
 
 def _expanded(path: Path, arguments: Mapping[str, str]) -> bytes:
@@ -86,9 +86,8 @@ def _expanded(path: Path, arguments: Mapping[str, str]) -> bytes:
     if not find_spec(xacro_process.LIBRARY):
         text = "is a xacro file, which needs a library to be expanded: pip install xacrodoc (or xacro)"
         raise UrdfError(Place(path), f"{text}; or expand it yourself, xacro {path.name} > robot.urdf")
-    digest = sha256_of(path)
-    command = [sys.executable, "-P", xacro_process.__file__, path.name, "trusted" if is_trusted(digest) else ""]
-    command += [f"{name}:={value}" for name, value in arguments.items()]
+    given = [f"{name}:={value}" for name, value in arguments.items()]
+    command = [sys.executable, "-P", xacro_process.__file__, path.name, *given]
     ended, limit = None, xacro_process.PATIENCE
     with suppress(subprocess.TimeoutExpired):
         ended = subprocess.run(command, cwd=path.parent, stdin=subprocess.DEVNULL, capture_output=True, timeout=limit)
@@ -96,7 +95,8 @@ def _expanded(path: Path, arguments: Mapping[str, str]) -> bytes:
         return ended.stdout
     said = "" if ended is None else ended.stdout.decode("utf-8", "replace")
     if ended is not None and ended.returncode == xacro_process.REFUSED:
-        raise UntrustedError(Place(path), f"is xacro that {said}", digest)
+        remedy = f"expand it yourself: xacro {path.name} > robot.urdf"
+        raise UrdfError(Place(path), f"is xacro that {said}, which no robot file may; read it, and {remedy}")
     if not said:
         said = f"cannot be expanded within {xacro_process.SECONDS} s and {xacro_process.MEMORY >> 20} MB"
     raise UrdfError(Place(path), said)

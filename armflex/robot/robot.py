@@ -272,7 +272,7 @@ def load_robot(
     """Read and validate a robot; nothing reaches Pinocchio before it has passed.
 
     Args:
-        urdf: Path of a URDF, or of xacro, MJCF or SDF, see `armflex.robot.formats`, or what was read of another file;
+        urdf: Path of a URDF, or of xacro or MJCF, see `armflex.robot.formats`, or what was read of another file;
             meshes are never opened.
         tip: Link whose motion is reported; the only leaf when not given.
         base: Link in whose frame results are meant; the root when not given. What lies above it is left out.

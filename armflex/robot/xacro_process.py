@@ -43,10 +43,10 @@ class Refused(BaseException):
 def main() -> None:
     """Write the robot that a xacro file stands for to the standard output, or what is wrong.
 
-    The command line has the file's name, "trusted" or nothing, and `name:=value` of each argument.
+    The command line has the file's name, and `name:=value` of each argument.
     """
-    name, trusted = sys.argv[1], sys.argv[2] == "trusted"
-    given = _Arguments(text.split(":=", 1) for text in sys.argv[3:])
+    name = sys.argv[1]
+    given = _Arguments(text.split(":=", 1) for text in sys.argv[2:])
     out, sys.stdout = sys.stdout, sys.stderr  # which is the libraries' own
     sys.dont_write_bytecode = True
     try:
@@ -66,8 +66,7 @@ def main() -> None:
         substitutions._eval_dirname = lambda _: os.path.abspath(
             os.path.dirname((xacro.filestack or [name])[-1] or name)
         )
-        if not trusted:
-            find = confine(Path(name).resolve().parent, find)
+        find = confine(Path(name).resolve().parent, find)
         checked = xacro.check_attrs
 
         def check(tag: Any, required: Sequence[str], optional: Sequence[str]) -> Any:
@@ -79,7 +78,7 @@ def main() -> None:
 
         xacro.check_attrs = check
         found = xacro.process_file(name, mappings=given)
-        if unknown := [one for one in sys.argv[3:] if one.split(":=", 1)[0] not in given.asked]:
+        if unknown := [one for one in sys.argv[2:] if one.split(":=", 1)[0] not in given.asked]:
             known = ", ".join(sorted(given.asked)) or "none"
             raise ArgumentError(f"it has no argument {unknown[0].split(':=', 1)[0]!r} (known: {known})")
         said = re.sub(r"package://([\w-]+)", partial(_file_of, find), found.toxml())

@@ -7,6 +7,7 @@ is 0 for both. What the shell hands over as a stream of this process, `/dev/stdi
 from __future__ import annotations
 
 import errno
+import hashlib
 import io
 import os
 import re
@@ -15,6 +16,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+from armflex.errors import FileError, Place
+
+MOST_BYTES = 500_000_000
+"""Of a file of which nothing is known: meshes are the largest."""
 
 OWN_STREAM = re.compile(r"/dev/stdin|(/dev/fd|/proc/(self|\d+)/fd)/\d+")
 
@@ -30,6 +36,14 @@ def read_file(path: Path, most: int) -> bytes:
     """Return all bytes of a file; raise as `reading`."""
     with reading(path, most) as file:
         return file.read()
+
+
+def sha256_of(path: Path) -> str:
+    """Return the digest of a file; raise `FileError` where it cannot be read."""
+    try:
+        return hashlib.sha256(read_file(path, MOST_BYTES)).hexdigest()
+    except OSError as error:
+        raise FileError(Place(path), f"cannot be read: {error.strerror or error}") from None
 
 
 def check_file(path: Path, most: int) -> None:

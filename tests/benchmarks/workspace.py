@@ -31,12 +31,12 @@ def seconds(call: Callable[[], object]) -> float:
 def main(rows: int = 1 << 15) -> None:
     warnings.simplefilter("ignore")
     arm = load_arm(bundled_robot("tarm_like") / "arm.toml")
-    (q,) = Configurations(arm.robot.lower, arm.robot.upper, rows, 0, 1 << 20).chunks([True])
+    (q,) = Configurations(arm.robot.lower, arm.robot.upper, rows, 0, 1 << 20).chunks()
     calls = {
         "deflection(Q) alone": lambda: arm.deflection(q, "p600"),
         "map": lambda: map_workspace(arm, "p600", rows=rows),
         "map without uncertainty": lambda: map_workspace(arm, "p600", rows=rows, uncertainty=False),
-        "map, two processes": lambda: map_workspace(arm, "p600", rows=rows, jobs=2, chunk=2048),
+        "map, two processes": lambda: map_workspace(arm, "p600", rows=rows, jobs=2),
     }
     arm.deflection(q[:8], "p600")
     times = {name: min(seconds(call) for _ in range(ROUNDS)) for name, call in calls.items()}

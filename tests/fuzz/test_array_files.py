@@ -12,22 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 from array_files import packed, spoilt, unpacked
-from harness import FOLDER, PROFILE, cases, judge, limited, mutated_bytes, written
+from harness import FOLDER, PROFILE, cases, judge, limited, written
 from hypothesis import given
 from hypothesis import strategies as st
-from support.bench import made, some_law, trained
+from support.bench import made, some_law, some_perceptron, trained
 from support.small_arms import ROBOTS
 from support.tracking import in_base
 
 from armflex import Reading, Tracker, load_arm, load_law, map_workspace, save_law
 from armflex.arm import Arm
 from armflex.errors import FileError, ModelFileError
-from armflex.estimate.bootstrap import FORM
 from armflex.files.calibration_table import LAYOUT as COVARIANCE
 from armflex.laws.law import Row
 from armflex.laws.law_file import TrainedLaw
 from armflex.storage.array_file import read_arrays, write_arrays
-from armflex.storage.store import open_store
 from armflex.tasks.workspace import read_map, write_map
 
 TARM = ROBOTS / "tarm_like" / "arm.toml"
@@ -48,6 +46,7 @@ def law_files() -> dict[str, bytes]:
         "polynomial": TrainedLaw(made(3, "linear+radial"), "polynomial", {}),
         "neural": TrainedLaw(some_law(3, 1, laplace=True), "neural", {}),
         "bayesian": TrainedLaw(some_law(6, 3), "bayesian", {}),
+        "torch": TrainedLaw(some_perceptron(3, "Tanh", "SiLU"), "torch", {}),
     }
     return {name: save_law(law, folder / name).read_bytes() for name, law in laws.items()}
 
@@ -88,68 +87,6 @@ def test_maps(data: st.DataObject) -> None:
         return {"centres": found.centres, "worst": worst, "mean": found.mean[some], "sigma": found.margin(0.1)}
 
     judge(lambda: read_map(path), path, use)
-
-
-@pytest.fixture(scope="module")
-def chunk(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes]:
-    store = tmp_path_factory.mktemp("map") / "store"
-    map_workspace(tarm(), rows=4, chunk=4, store=store)
-    path = store / "chunk-0000000-4.safetensors"
-    return path, path.read_bytes()
-
-
-def test_chunks_of_a_map(chunk: tuple[Path, bytes]) -> None:
-    path, whole = chunk
-
-    @cases(100)
-    @given(data=spoilt(whole))
-    def spoil(data: bytes) -> None:
-        path.write_bytes(data)
-        judge(
-            lambda: map_workspace(tarm(), rows=4, chunk=4, store=path.parent, uncertainty=False),
-            path,
-            lambda found: {"worst": found.worst[found.answered > 0], "configurations": found.configurations},
-        )
-
-    spoil()
-
-
-def test_manifests(chunk: tuple[Path, bytes]) -> None:
-    path, whole = chunk[0].parent / "manifest.json", chunk[1]
-    manifest = path.read_bytes()
-    chunk[0].write_bytes(whole)
-
-    @cases(100)
-    @given(
-        data=st.one_of(mutated_bytes(manifest), st.sampled_from((b"[1, 2]", b"3", b"null", b'{"a": NaN}', b"[" * 9999)))
-    )
-    def spoil(data: bytes) -> None:
-        path.write_bytes(data)
-        judge(lambda: map_workspace(tarm(), rows=4, chunk=4, store=path.parent, uncertainty=False), path)
-
-    spoil()
-    path.write_bytes(manifest)
-
-
-def test_fits_of_a_bootstrap(tmp_path: Path) -> None:
-    kept = open_store(tmp_path / "store", {"format": "x"}, FORM)
-    kept.write("fit-0000000", (("a", "b"), np.array([1.0, -2.0])))
-    path = kept.path("fit-0000000")
-    whole = path.read_bytes()
-
-    @cases(300)
-    @given(data=spoilt(whole))
-    def spoil(data: bytes) -> None:
-        path.write_bytes(data)
-        judge(
-            lambda: kept.read("fit-0000000"), path, lambda fit: {"values": fit[1], "names": [len(fit[0]) - len(fit[1])]}
-        )
-
-    spoil()
-    path.write_bytes(whole)
-    path.rename(kept.path("fit-0000001"))
-    with pytest.raises(FileError, match=r"fit-0000001\.safetensors: is a piece of other work, or another piece"):
-        kept.read("fit-0000001")
 
 
 @pytest.fixture(scope="module")

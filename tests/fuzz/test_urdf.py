@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from lxml import etree
 from seeds import ARM, URDF
-from support.robot_files import MJCF, SDF
+from support.robot_files import MJCF
 from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm
@@ -87,13 +87,6 @@ def test_a_spoilt_bare_urdf(text: bytes) -> None:
 def test_a_spoilt_mjcf(text: bytes) -> None:
     path = written("crane.xml", text)
     judge(lambda: load_arm(path, tip="hook"), path, hung, names=("hook", "crane"))
-
-
-@cases(80)
-@given(st.one_of(mutated_xml(SDF), mutated_bytes(SDF.encode())))
-def test_a_spoilt_sdf(text: bytes) -> None:
-    path = written("arm.sdf", text)
-    judge(lambda: load_arm(path), path, hung)
 
 
 def hung(arm: Arm) -> Mapping[str, Any]:

@@ -10,7 +10,7 @@ from support.heavy_campaign import PAYLOADS, declared
 from support.plant import Campaign, Plant
 
 from armflex import Arm, Measurements, calibrate, load_arm, read_measurements
-from armflex.errors import FileError, InputError
+from armflex.errors import InputError
 from armflex.estimate import Bootstrap, bootstrap
 
 pytestmark = pytest.mark.slow
@@ -92,26 +92,3 @@ def test_too_little_is_refused(campaign: Path) -> None:
     arm, measurements = asked(campaign, GEOMETRY)
     with pytest.raises(InputError, match="1 draws: expected 2 or more"):
         bootstrap(arm, measurements, draws=1)
-
-
-def test_an_interrupted_one_goes_on_from_where_it_was(campaign: Path, tmp_path: Path) -> None:
-    arm, measurements = asked(campaign, GEOMETRY)
-    store, whole = tmp_path / "store", bootstrap(arm, measurements, draws=4, seed=3)
-
-    def interrupt(done: int, _: int) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        bootstrap(arm, measurements, draws=4, seed=3, store=store, progress=interrupt)
-    finished = {path.name: path.stat().st_mtime_ns for path in store.glob("fit-*.safetensors")}
-    assert len(finished) == 2
-    again = bootstrap(arm, measurements, draws=4, seed=3, store=store)
-    np.testing.assert_array_equal(again.values, whole.values)
-    assert again.names == whole.names
-    assert {name: (store / name).stat().st_mtime_ns for name in finished} == finished
-    with pytest.raises(FileError, match="belongs to other work"):
-        bootstrap(arm, measurements, draws=4, seed=4, store=store)
-    (store / "fit-0000001.safetensors").write_bytes(b"no")
-    with pytest.raises(FileError, match=r"is no safetensors file .*; delete it"):
-        bootstrap(arm, measurements, draws=4, seed=3, store=store)

@@ -10,6 +10,7 @@ from armflex import train
 from armflex.bench.fit_network import network_law
 from armflex.bench.network_problem import scaled_problem
 from armflex.laws.joint.network import NetworkLaw, weight_count
+from armflex.laws.joint.perceptron import Layer, PerceptronLaw
 from armflex.laws.joint.polynomial import PolynomialLaw, features_of
 from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData
@@ -50,6 +51,17 @@ def some_law(size: int, draws: int, seed: int = 0, neurons: int = 7, laplace: bo
     root = 0.01 * rng.normal(size=(count, count))
     noise = np.full(size, 0.01)
     return network_law(rng.normal(size=(draws, count)), noise, scaling, loads, root @ root.T if laplace else None)
+
+
+def some_perceptron(size: int, *activations: str) -> PerceptronLaw:
+    """Return a network of layers of five neurons with these activations."""
+    rng, widths = np.random.default_rng(4), [size, *(5 for _ in activations), size]
+    layers = [
+        Layer(0.5 * rng.normal(size=(out, into)), 0.3 * rng.normal(size=out), name)
+        for into, out, name in zip(widths, widths[1:], (*activations, "Identity"), strict=False)
+    ]
+    loads, scale = LARGEST[:size], np.repeat([1e-5, 1e-3], 3)[:size]
+    return PerceptronLaw(tuple(layers), 0.1 * loads, loads, scale, 0.01 * scale, np.array([-loads, loads]))
 
 
 def trained(size: int) -> TrainedLaw:

@@ -59,7 +59,7 @@ COLD: dict[str, tuple[str, ...]] = {
     "predict": (COMMAND, "predict", str(ARM), str(ROWS), "-o", "predicted-{number}.csv"),
     "check": (COMMAND, "check", str(ARM), str(PATH), "--tolerance", "1m"),
     "compensate": (COMMAND, "compensate", str(ARM), str(PATH), "-o", "compensated-{number}.csv"),
-    "map": (COMMAND, "map", str(ARM), "-o", "map-{number}.csv", "--rows", "16", "--chunk", "4", "--jobs", "2"),
+    "map": (COMMAND, "map", str(ARM), "-o", "map-{number}.csv", "--rows", "16", "--jobs", "2"),
     "calibrate": (COMMAND, "calibrate", str(ARM), "some.csv", "-o", "calibrated-{number}.toml"),
     "a batch in threads": (BATCH.format(arm=ARM.as_posix()),),
     "threads of one's own": (THREADS.format(arm=ARM.as_posix()),),

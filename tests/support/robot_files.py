@@ -1,4 +1,4 @@
-"""Robots in other formats than URDF: a crane for MuJoCo with every kind of joint, the smallest arm in SDF."""
+"""Robots in other formats than URDF: a crane for MuJoCo with every kind of joint."""
 
 MJCF = """<mujoco model="crane">
   <compiler angle="degree" autolimits="true"/>
@@ -28,17 +28,4 @@ MJCF = """<mujoco model="crane">
   </worldbody>
   <actuator><motor joint="luff" gear="100" forcerange="-3 3"/></actuator>
 </mujoco>
-"""
-
-SDF = """<sdf version="1.7">
-<model name="m">
-<link name="base"/>
-<link name="arm"><pose>0 0 0.5 0 0 0</pose>
-<inertial><pose>0.4 0 0 0 0 0</pose><mass>5</mass>
-<inertia><ixx>0.1</ixx><iyy>0.2</iyy><izz>0.2</izz></inertia></inertial></link>
-<joint name="lift" type="revolute"><parent>base</parent><child>arm</child>
-<axis><xyz>0 1 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint>
-<frame name="tip" attached_to="arm"/>
-</model>
-</sdf>
 """

@@ -229,7 +229,7 @@ def _sha256(name: str) -> str:
     """Return the digest of a file, as a remark; nothing where it cannot be read again."""
     from pathlib import Path
 
-    from armflex.storage.trust import sha256_of
+    from armflex.storage.read_file import sha256_of
 
     try:
         return f", SHA-256 {sha256_of(Path(name))}" if Path(name).is_file() else ""

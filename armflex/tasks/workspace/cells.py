@@ -1,15 +1,14 @@
-"""What is asked of an arm at many configurations, what was found in each cell of space, and a chunk of it as a file.
+"""What is asked of an arm at many configurations, and what was found in each cell of space.
 
 A single answer is a tally of one row, so that counting answers and joining tallies are the same thing. It takes the
-place of a list of all answers: its size is that of the space reached, however many answers there were. Chunks are kept
-as files, so that an interrupted map goes on from where it was.
+place of a list of all answers: its size is that of the space reached, however many answers there were.
 """
 
 from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from itertools import product
 from typing import Any
@@ -24,9 +23,6 @@ from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
 from armflex.mechanics.many_rows import kernel_pays
 from armflex.parallel import in_halves
-from armflex.storage.array_file import Layout
-from armflex.storage.schema import Numbers
-from armflex.storage.store import PieceForm
 
 BITS = 21
 """Bits of a cell's number for each axis."""
@@ -256,42 +252,3 @@ def frequencies(question: Question, q: Array, payload: np.ndarray) -> Array:
         with contextlib.suppress(*NO_ANSWER.values()):
             found[i] = arm.modes(row, question.payloads[number], count=1, **loads).frequencies[0]
     return found
-
-
-INF = float("inf")
-
-ARRAYS = {
-    "cell": Numbers(("cells",), "i8", least=0, most=(1 << 3 * BITS) - 1),
-    "configurations": Numbers(("cells",), "i8", least=0),
-    "answered": Numbers(("cells",), "i8", least=0),
-    "refused": Numbers(("cells", len(NO_ANSWER)), "i8", least=0),
-    "total": Numbers(("cells",), least=0.0),
-    "worst": Numbers(("cells",), least=0.0, beside=(-INF,)),
-    "payload": Numbers(("cells",), "i8", least=0),
-    "q": Numbers(("cells", "joints")),
-    "worst_of_draws": Numbers(("cells",), least=0.0, beside=(INF, -INF)),
-}
-
-
-def form_of(joints: int, payloads: int) -> PieceForm[Answer]:
-    """Return how the chunks of an arm of so many joints, carrying so many payloads in turn, become files."""
-    about, sizes = {"flags": list[Flag]}, {"joints": (joints,)}
-    layout = Layout("a chunk of a workspace map", "armflex-map-chunk-4", ARRAYS, about, sizes)
-
-    def described(answer: Answer) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        arrays = {one.name: getattr(answer.tally, one.name) for one in fields(Tally)}
-        return {"flags": [asdict(flag) for flag in answer.flags]}, arrays
-
-    def made(about: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Answer:
-        tally, rows = Tally(**arrays), int(about["piece"].rpartition("-")[2])
-        asked, some = rows * payloads, tally.answered > 0
-        if not (len(tally) and (np.diff(tally.cell) > 0).all() and (tally.payload < payloads).all()):
-            raise ValueError("its cells are not in order, or a payload is not among those asked for")
-        answered = tally.answered.sum() + tally.refused.sum()
-        if tally.configurations.sum() != rows or answered != asked or (np.isfinite(tally.worst) != some).any():
-            raise ValueError(f"{asked} questions are not as many as were answered and refused")
-        if (tally.total > tally.answered * np.where(some, tally.worst, 0.0) * (1.0 + 1e-9)).any():
-            raise ValueError("a mean is above the largest")
-        return Answer(tally, tuple(about["flags"]))
-
-    return PieceForm(layout, described, made)

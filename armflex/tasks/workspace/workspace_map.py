@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property, partial
@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, warn
@@ -29,9 +28,7 @@ from armflex.result import Result
 from armflex.rows.rows import TIME
 from armflex.rows.wrench import Wrench
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
-from armflex.storage.digest import digest
 from armflex.storage.schema import Numbers
-from armflex.storage.store import open_store
 from armflex.tasks.check import COVERAGE, doubtful_tolerance
 from armflex.tasks.workspace.cells import (
     SIDE,
@@ -40,15 +37,13 @@ from armflex.tasks.workspace.cells import (
     Tally,
     answers,
     cell_indices,
-    form_of,
     frequencies,
     joined,
     sigmas,
 )
-from armflex.version import __version__
 
 CHUNK = 8192
-"""Configurations that are asked, counted and kept together."""
+"""Configurations that are asked and counted together, a power of two."""
 
 JOINED_AT_ONCE = 16
 """Chunks whose tallies wait to be joined with the rest, as all cells are sorted each time."""
@@ -61,9 +56,6 @@ MOST_DRAWS = 1000
 
 MOST_VOXELS = 5_000_000
 """Voxels that a map may have, which is about a gigabyte."""
-
-PARTS = ("robot", "flexures", "corrections", "effects")
-"""What an arm's answers depend on, beside what it carries."""
 
 VERDICTS = ("ok", "uncertain", "fail")
 
@@ -196,8 +188,6 @@ def map_workspace(
     frequency: bool = False,
     draws: int = 0,
     jobs: int | None = None,
-    chunk: int = CHUNK,
-    store: str | Path | None = None,
     progress: Progress | None = None,
 ) -> WorkspaceMap:
     """Ask an arm how far its tip moves at configurations spread evenly over its joint limits, under every payload.
@@ -220,18 +210,14 @@ def map_workspace(
         draws: Ask so many arms drawn from what is known of this one as well, see `draw_arms`; `seed` is theirs, too.
             All else in the map is as without them.
         jobs: Processes, -1 for all cores; None for what joblib is set to, else one.
-        chunk: Configurations that are asked at once, a power of two; part of what the map's last digits depend on.
-        store: Folder that keeps finished chunks. With it an interrupted map goes on from where it was, and one of more
-            rows from one of fewer.
         progress: Called with (done, in all): configurations, then also voxels whose uncertainty is found.
 
     Raises:
         UnknownNameError: No such payload or method.
         InputError: A number is out of its range, no effect depends on a covariate, or the voxels would be too many.
-        FileError: The store belongs to another map or cannot be used.
         MissingCovariateError: An effect depends on something that was not given.
     """
-    rows, seed, chunk, draws = _counts(rows, seed, chunk, draws)
+    rows, seed, draws = _counts(rows, seed, draws)
     lower, upper, flags = drawn_range(arm)
     names = (payloads,) if isinstance(payloads, str) else tuple(payloads)
     if not names or not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
@@ -246,17 +232,9 @@ def map_workspace(
     options = {"covariates": known, "method": method, "strict": strict, "wrenches": tuple(wrenches)}
     arms = (without_declared_uncertainty(arm), *(draw_arms(arm, draws, seed) if draws else ()))
     question = Question(arms, names, edge, options, rows * len(names))
-    drawn = Configurations(lower, upper, rows, seed, chunk)
+    drawn = Configurations(lower, upper, rows, seed, CHUNK)
 
-    def tasks(wanted: list[bool]) -> Iterator[Callable[[], Answer]]:
-        return (partial(answers, question, q) for q in drawn.chunks(wanted))
-
-    if store is None:
-        found = in_order(tasks([True] * len(drawn.sizes)), jobs)
-    else:  # every chunk's answer in order: read where it is kept, else found, and kept
-        kept = open_store(Path(store), _manifest(question, drawn), form_of(len(lower), len(names)))
-        found = kept.resumed([f"chunk-{i:07d}-{size}" for i, size in enumerate(drawn.sizes)], tasks, jobs)
-    with closing(found) as chunks:
+    with closing(in_order((partial(answers, question, q) for q in drawn.chunks()), jobs)) as chunks:
         tally, met = _gathered(drawn, chunks, progress)
     sigma, own = _uncertainties(question, drawn, tally, jobs, progress) if uncertainty else (None, ())
     some = tally.answered > 0
@@ -292,11 +270,11 @@ def map_workspace(
     )
 
 
-def _counts(rows: int, seed: int, chunk: int, draws: int) -> tuple[int, int, int, int]:
+def _counts(rows: int, seed: int, draws: int) -> tuple[int, int, int]:
     try:
-        rows, seed, chunk, draws = (operator.index(value) for value in (rows, seed, chunk, draws))
+        rows, seed, draws = (operator.index(value) for value in (rows, seed, draws))
     except TypeError:
-        text = f"rows {rows!r}, seed {seed!r}, chunk {chunk!r}, draws {draws!r}"
+        text = f"rows {rows!r}, seed {seed!r}, draws {draws!r}"
         raise InputError(f"{text}: expected whole numbers") from None
     if not 0 <= draws <= MOST_DRAWS:
         raise InputError(f"draws is {draws}, expected 0 to {MOST_DRAWS}")
@@ -304,9 +282,7 @@ def _counts(rows: int, seed: int, chunk: int, draws: int) -> tuple[int, int, int
         raise InputError(f"{rows} configurations: expected 1 to {MOST_ROWS}")
     if seed < 0:
         raise InputError(f"seed is {seed}, expected 0 or more")
-    if not 1 <= chunk <= 1 << 20 or chunk & (chunk - 1):
-        raise InputError(f"chunk is {chunk}, expected a power of two up to {1 << 20}")
-    return rows, seed, chunk, draws
+    return rows, seed, draws
 
 
 def _edge(voxel: float | None, reach: float, rows: int) -> float:
@@ -324,21 +300,6 @@ def _edge(voxel: float | None, reach: float, rows: int) -> float:
         text = f"voxels of {edge:g} m within {reach:.3g} m of the base may be more than {MOST_VOXELS}"
         raise InputError(f"{text}: ask for larger ones or for fewer configurations")
     return edge
-
-
-def _manifest(question: Question, drawn: Configurations) -> dict[str, object]:
-    """Return everything that a chunk depends on by name, in numbers where a person can read them."""
-    import scipy  # not needed otherwise before there is work
-
-    arm = question.arm
-    parts = {name: digest(getattr(arm, name)) for name in PARTS}
-    carried = {f"payload {name}": digest(arm.payload(name)) for name in question.payloads}
-    software = {"armflex": __version__, **{module.__name__: module.__version__ for module in (np, scipy, pinocchio)}}
-    draws = [digest(tuple(getattr(one, name) for name in PARTS)) for one in question.arms[1:]]
-    settings = {"payloads": list(question.payloads), "voxel": question.voxel}
-    settings |= {"seed": drawn.seed, "chunk": drawn.chunk, **question.options, "draws": draws}
-    pulled = {f"force {i}": digest(one) for i, one in enumerate(settings.pop("wrenches"))}
-    return {"format": "armflex-map-chunks-4", **parts, **carried, **pulled, **settings, **software}
 
 
 def _gathered(

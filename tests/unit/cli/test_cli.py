@@ -265,6 +265,8 @@ def test_the_demo_traces_what_it_traced(demo) -> None:
 
 A, T = TARM / "arm.toml", TARM / "trajectory.csv"
 BAD = {
+    "a command that is gone": (["trust", A], "trust is no more: an arm file runs no code"),
+    "an option that is gone": (["map", A, "--store", "d"], "--store is no more: leave it out; a map of the default"),
     "no such command": (["chek"], "no command 'chek', did you mean 'check'"),
     "no such option": (["deflect", A, "--paylod", "p600"], "Did you mean '--payload'"),
     "missing option": (["check", A, T], "missing option '--tolerance'"),

@@ -39,7 +39,6 @@ READ = {
     "fem": ["bar.inp", "--fixed", "ROOT", "--loaded", "TIP"],
     "map": ["arm.toml"],
     "view": ["arm.toml", "--traj", "rows.csv"],
-    "trust": ["rows.csv"],
     "prior": ["arm.toml"],
     "history": ["arm.toml"],
     "export": ["arm.toml", "--to", "urscript", "--traj", "rows.csv"],
@@ -193,5 +192,5 @@ def test_commands_that_fit_take_a_doubtful_robot_with_lax_as_all_others_do(
 
 @pytest.mark.slow
 def test_every_command_that_takes_a_robot_has_lax(armflex: Run) -> None:
-    for name in READ.keys() - {"train", "fem", "trust", "intake", "prior", "history"}:
+    for name in READ.keys() - {"train", "fem", "intake", "prior", "history"}:
         assert "--lax" in fine(armflex(name, "--help")).stdout, name

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
-from support.bench import some_law
+from support.bench import some_law, some_perceptron
 from support.small_arms import central_difference, three_joints
 
 from armflex import Arm, Measurements, Reading, Tracker, calibrate, load_arm, plan
@@ -27,7 +25,7 @@ from armflex.laws.terms import tangent_of, twist_of
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
 
-EXAMPLES = {name: import_module(f"armflex.laws.joint.{name}").EXAMPLE for name in LAWS}
+EXAMPLES = {name: model.example for name, model in LAWS.items()}
 COUNT, SIGMA = 60, 1e-5
 SIZE = np.repeat([2e3, 1e3], 3)
 FACTOR = np.exp(0.5 * np.array([0.0, 0.1, 0.0, 0.2, 0.4, -0.2]))
@@ -96,21 +94,7 @@ def other_laws() -> dict[str, Law]:
     }
 
 
-def modules() -> dict[str, Law]:
-    """A module of the user's own, where torch is installed."""
-    if find_spec("torch") is None:
-        return {}
-    import torch
-
-    from armflex.laws.joint.torch_law import TorchLaw
-
-    torch.manual_seed(0)
-    module = torch.nn.Sequential(torch.nn.Linear(6, 5), torch.nn.Tanh(), torch.nn.Linear(5, 6))
-    scales = {"load_scale": SIZE, "twist_scale": np.repeat([1e-5, 1e-3], 3), "load_mean": 0.1 * SIZE}
-    return {"module": TorchLaw(module, 6, noise=np.repeat([1e-7, 1e-6], 3), seen=np.array([-SIZE, SIZE]), **scales)}
-
-
-OTHERS = other_laws() | modules()
+OTHERS = other_laws() | {"layer": some_perceptron(6, "Sigmoid"), "layers": some_perceptron(6, "Tanh", "GELU")}
 EVERY = (*EXAMPLES, *OTHERS)
 
 

@@ -1,4 +1,4 @@
-"""Network laws: tangents, averages, flags, files, and a user's own torch module."""
+"""Network laws: tangents, averages, flags, files, and the same as layers."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from armflex.laws.joint.network import (
     weight_count,
     weight_jacobian,
 )
+from armflex.laws.joint.perceptron import Layer, PerceptronLaw
 
 NOWHERE = Row(np.zeros(0), {})
 
@@ -211,37 +212,21 @@ def test_only_a_single_network_has_a_laplace_covariance() -> None:
         from_tensors(tensors)
 
 
-@pytest.mark.slow
-def test_a_torch_module_as_a_law() -> None:
-    torch = pytest.importorskip("torch")
-    from armflex.laws.joint.torch_law import TorchLaw
-
+def test_as_layers_it_gives_the_same() -> None:
+    """A perceptron of one hidden layer of sigmoids, but for what this one gives without a load."""
     law, rng = some_law(3, 1), np.random.default_rng(6)
-    first, last = torch.nn.Linear(3, 7), torch.nn.Linear(7, 3)
-    for layer, weight, bias in ((first, law.hidden[0], law.bias[0]), (last, law.output[0], law.offset[0])):
-        layer.weight.data, layer.bias.data = torch.tensor(weight), torch.tensor(bias)
-    module = torch.nn.Sequential(first, torch.nn.Sigmoid(), torch.nn.Dropout(0.5), last)
-    shifted = replace(law, input_mean=np.zeros(3), output_mean=np.zeros(3))
-    own = TorchLaw(module, 3, law.input_scale, law.output_scale, law.noise, law.seen)
+    layers = Layer(law.hidden[0], law.bias[0], "Sigmoid"), Layer(law.output[0], law.offset[0], "Identity")
+    own = PerceptronLaw(layers, law.input_mean, law.input_scale, law.output_scale, law.noise, law.seen)
     wrenches = LARGEST * rng.uniform(-1.0, 1.0, size=(2, 5, 6))
     for wrench in (wrenches, wrenches[0], wrenches[0, 0]):
-        moved = shifted.twist(wrench, NOWHERE) - shifted.twist(np.zeros(6), NOWHERE)  # no deflection without a load
+        moved = law.twist(wrench, NOWHERE) - law.twist(np.zeros(6), NOWHERE)
         np.testing.assert_allclose(own.twist(wrench, NOWHERE), moved, rtol=1e-9, atol=1e-18)
-        np.testing.assert_allclose(own.tangent(wrench, NOWHERE), shifted.tangent(wrench, NOWHERE), atol=1e-18)
+        np.testing.assert_allclose(own.tangent(wrench, NOWHERE), law.tangent(wrench, NOWHERE), atol=1e-18)
     np.testing.assert_allclose(np.diag(own.covariance(wrenches[0, 0], NOWHERE))[:3], law.noise**2)
-    assert own.trained and own.flags(9 * LARGEST, NOWHERE)
-    plain = TorchLaw(module.float())
-    assert plain.covariance(LARGEST, NOWHERE) is None and not plain.trained and plain.flags(LARGEST, NOWHERE) == ()
-    assert plain.twist(LARGEST, NOWHERE).dtype == np.float64
-    for size, match in ((4, "3 or 6"), (6, "does not take loads")):
-        with pytest.raises(LawError, match=match):
-            TorchLaw(module, size)
-    with pytest.raises(LawError, match="gives"):
-        TorchLaw(torch.nn.Linear(3, 2), 3)
 
 
 @pytest.mark.slow
 def test_torch_is_not_imported_before_it_is_asked() -> None:
-    modules = "armflex.laws.joint.network, armflex.laws.joint.torch_law, armflex.bench.fit_network"
+    modules = "armflex.laws.joint.network, armflex.laws.joint.perceptron, armflex.bench.fit_network"
     text = f"import sys, {modules}; sys.exit('torch' in sys.modules)"
     subprocess.run([sys.executable, "-c", text], check=True, timeout=600)

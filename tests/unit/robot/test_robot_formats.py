@@ -1,4 +1,4 @@
-"""Robots in xacro, MJCF and SDF: tips and loads as MuJoCo has them, and errors as good as those of a URDF."""
+"""Robots in xacro and MJCF: tips and loads as MuJoCo has them, and errors as good as those of a URDF."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from support.command_line import fine, run_here, strict_json
-from support.robot_files import MJCF, SDF
-from support.small_arms import ROBOTS, line_of, write
+from support.robot_files import MJCF
+from support.small_arms import line_of, write
 from support.two_links import GOOD, Q, declared
 
 from armflex import Arm, load_arm, make_arm
-from armflex.errors import ArmFileError, ArmflexWarning, UnsupportedError, UntrustedError, UrdfError
+from armflex.errors import ArmFileError, ArmflexWarning, UnsupportedError, UrdfError
 from armflex.export.urdf_file import export
 from armflex.robot import load_robot
 
@@ -236,199 +236,17 @@ def test_without_mujoco_mjcf_says_what_to_install(tmp_path: Path, monkeypatch: p
         load_robot(write(tmp_path, MJCF, "crane.xml"), "hook")
 
 
-# --- SDF -----------------------------------------------------------------------------------------------------------
+SDF = """<sdf version="1.4">
+<model name="m"><link name="base"/></model>
+</sdf>
+"""
 
 
-def as_sdf(urdf: Path, related: bool) -> str:
-    """Return a URDF as SDF: its links' poses in the model, or each in its parent's link and joints apart from them."""
-    robot = load_robot(urdf, "tool")
-    places = {robot.urdf.links and robot.base: pin.SE3.Identity()}
-    out = ['<sdf version="1.9">', f'<model name="{robot.urdf.name}">']
-    for joint in robot.chain:
-        places[joint.child] = places[joint.parent] * pin.SE3(joint.rotation, joint.origin)
-
-    def pose(value: pin.SE3, to: str = "") -> str:
-        numbers = " ".join(repr(float(x)) for x in (*value.translation, *pin.rpy.matrixToRpy(value.rotation)))
-        return f'<pose relative_to="{to}">{numbers}</pose>' if to else f"<pose>{numbers}</pose>"
-
-    for name, place in places.items():
-        parent = next((joint.parent for joint in robot.chain if joint.child == name), "")
-        own = pose(places[parent].inverse() * place, parent) if related and parent else pose(place)
-        body = robot.urdf.links[name].inertial
-        text = ""
-        if body is not None:
-            names = [(i, j) for i in range(3) for j in range(i, 3)]
-            inertia = "".join(
-                f"<i{'xyz'[i]}{'xyz'[j]}>{float(body.inertia[i, j])!r}</i{'xyz'[i]}{'xyz'[j]}>" for i, j in names
-            )
-            where = pose(pin.SE3(body.rotation, body.origin))
-            text = f"<inertial>{where}<mass>{body.mass!r}</mass><inertia>{inertia}</inertia></inertial>"
-        out.append(f'<link name="{name}">{own}{text}</link>')
-    shift = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.0]))
-    for joint in robot.chain:
-        limits = f"<lower>{joint.lower!r}</lower><upper>{joint.upper!r}</upper><effort>{joint.effort!r}</effort>"
-        axis = f"<xyz>{' '.join(repr(float(x)) for x in joint.axis)}</xyz>"
-        if related and joint.kind == "revolute":
-            # The joint's frame elsewhere on its axis, and turned about it.
-            shift = pin.SE3(pin.exp3(0.4 * joint.axis), 0.07 * joint.axis)
-            axis = f'<xyz expressed_in="{joint.child}">{" ".join(repr(float(x)) for x in joint.axis)}</xyz>'
-        moving = f"<axis>{axis}<limit>{limits}</limit></axis>" if joint.kind != "fixed" else ""
-        place = pose(shift) if related and joint.kind == "revolute" else ""
-        out.append(f'<joint name="{joint.name}" type="{joint.kind}">{place}<parent>{joint.parent}</parent>')
-        out.append(f"<child>{joint.child}</child>{moving}</joint>")
-    return "\n".join([*out, "</model>", "</sdf>"])
-
-
-def as_nested_sdf(urdf: Path) -> str:
-    """Return a URDF as SDF, degrees and quaternions in turn: the outer half of it is a model in the model.
-
-    That is placed by one of its frames, and stands for its second link, from which a frame hangs.
-    """
-    robot = load_robot(urdf, "tool")
-    places = {robot.base: pin.SE3.Identity()}
-    for joint in robot.chain:
-        places[joint.child] = places[joint.parent] * pin.SE3(joint.rotation, joint.origin)
-    inner = [joint.child for joint in robot.chain][3:]
-    wrist = pin.SE3(pin.exp3(np.array([0.3, -0.8, 0.2])), np.array([0.4, 0.1, -0.6]))
-    handle = pin.SE3(pin.exp3(np.array([-0.1, 0.5, 0.9])), np.array([0.0, 0.2, 0.3]))
-
-    def pose(value: pin.SE3, to: str = "", quaternion: bool = False) -> str:
-        parts = [*value.translation, *np.degrees(pin.rpy.matrixToRpy(value.rotation))]
-        how = 'degrees="true"'
-        if quaternion:
-            parts, how = pin.SE3ToXYZQUAT(value), 'rotation_format="quat_xyzw"'
-        related = f' relative_to="{to}"' if to else ""
-        return f"<pose {how}{related}>{' '.join(repr(float(x)) for x in parts)}</pose>"
-
-    def link(name: str, i: int) -> str:
-        body, text = robot.urdf.links[name].inertial, ""
-        if body is not None:
-            names = [(i, j) for i in range(3) for j in range(i, 3)]
-            matrix = "".join(f"<i{'xyz'[i]}{'xyz'[j]}>{body.inertia[i, j]!r}</i{'xyz'[i]}{'xyz'[j]}>" for i, j in names)
-            text = f"<mass>{body.mass!r}</mass><inertia>{matrix.replace('np.float64(', '').replace(')', '')}</inertia>"
-            text = f"<inertial>{pose(pin.SE3(body.rotation, body.origin), quaternion=i % 2 == 1)}{text}</inertial>"
-        here = wrist.inverse() * places[name] if name in inner else places[name]
-        return f'<link name="{name}">{pose(here, quaternion=i % 2 == 0)}{text}</link>'
-
-    def joint(one: object, parent: str, child: str, expressed: str) -> str:
-        turn = places[one.child].rotation if expressed == "__model__" else np.eye(3)
-        axis = (wrist.rotation.T @ turn if one.child in inner else turn) @ one.axis if expressed else one.axis
-        about = f' expressed_in="{expressed}"' if expressed else ""
-        limits = f"<lower>{one.lower!r}</lower><upper>{one.upper!r}</upper><effort>{one.effort!r}</effort>"
-        xyz = f"<xyz{about}>{' '.join(repr(float(x)) for x in axis)}</xyz>"
-        moving = f"<axis>{xyz}<limit>{limits}</limit></axis>" if one.kind != "fixed" else ""
-        ends = f"<parent>{parent}</parent><child>{child}</child>"
-        return f'<joint name="{one.name}" type="{one.kind}">{ends}{moving}</joint>'
-
-    out = ['<sdf version="1.10">', f'<model name="m">{pose(wrist)}', link(robot.base, 0)]
-    out += [link(one.child, i) for i, one in enumerate(robot.chain[:3])]
-    out += [joint(one, one.parent, one.child, "__model__") for one in robot.chain[:3]]
-    out += [joint(robot.chain[3], robot.chain[2].child, "wrist", "")]
-    # Where the handle is in the outer model, seen from a frame that stands elsewhere.
-    aside = pin.SE3(pin.exp3(np.array([0.0, 0.4, 0.0])), np.array([1.0, 2.0, 3.0]))
-    out += [f'<frame name="aside">{pose(aside)}</frame><model name="wrist" placement_frame="handle">']
-    out += [
-        pose(aside.inverse() * wrist * handle, "aside", quaternion=True),
-        f'<frame name="handle">{pose(handle)}</frame>',
-    ]
-    out += [link(name, i) for i, name in enumerate(inner)]
-    out += [joint(one, one.parent, one.child, "__model__") for one in robot.chain[4:]]
-    return "\n".join([*out, "</model>", "</model>", "</sdf>"])
-
-
-@pytest.mark.parametrize("form", ["plain", "related", "nested"])
-@pytest.mark.parametrize("name", ["heavy_six", "tarm_like"])
-def test_sdf_is_the_robot_that_its_urdf_is(tmp_path: Path, name: str, form: str) -> None:
-    urdf, tip = ROBOTS / name / "robot.urdf", "wrist::tool" if form == "nested" else "tool"
-    one = Arm(load_robot(urdf, "tool"))
-    text = as_nested_sdf(urdf) if form == "nested" else as_sdf(urdf, form == "related")
-    two = Arm(load_robot(write(tmp_path, text, "arm.sdf"), tip))
-    inner = len(one.joint_names[:3]) if form == "nested" else 99
-    assert two.joint_names == tuple(f"wrist::{n}" if i > inner else n for i, n in enumerate(one.joint_names))
-    np.testing.assert_array_equal(one.robot.upper, two.robot.upper)
-    for q in some_q(one, 4):
-        q = np.clip(q, one.robot.lower, one.robot.upper)
-        np.testing.assert_allclose(two.rigid_pose(q).homogeneous, one.rigid_pose(q).homogeneous, rtol=0, atol=1e-11)
-        np.testing.assert_allclose(drives(two, q), drives(one, q), rtol=1e-9, atol=1e-7)
-
-
-BAD_SDF = {
-    "nested": (
-        ('<frame name="tip" attached_to="arm"/>', "<include/>"),
-        r"<include> inside <model> is not supported",
-        "<include",
-    ),
-    "link": (("<child>arm<", "<child>amr<"), r"joint 'lift', child: no link named 'amr', did you mean 'arm'", "lift"),
-    "axis": (("0 1 0</xyz>", "0 0 0</xyz>"), r"joint 'lift': axis is zero", "<axis>"),
-    "no axis": (("<axis>", "<axes>"), r"not well-formed XML", "<axis>"),
-    "number": (("<mass>5<", "<mass>5kg<"), r"<mass> '5kg': expected a finite number", "<mass>"),
-    "mass": (("<mass>5<", "<mass>-5<"), r"link 'arm': mass is -5 kg, expected more than 0", "<inertial>"),
-    "pose": (("0 0 0.5 0 0 0", "0 0 0.5"), r"<pose> '0 0 0.5': expected 6 finite numbers", "0 0 0.5"),
-    "degrees": (("<pose>0 0", '<pose degrees="yes">0 0'), r"<pose degrees='yes'>: expected false or true", "degrees"),
-    "grads": (("<pose>0 0", '<pose grads="true">0 0'), r"<pose grads=...> is not supported: write metres", "grads"),
-    "quaternion": (
-        ("<pose>0 0 0.5 0 0 0", '<pose rotation_format="quat_xyzw">0 0 0.5 0 0 0 0'),
-        r"a quaternion x y z w is a unit vector",
-        "quat",
-    ),
-    "nested circle": (
-        (
-            "</model>",
-            '<model name="n" canonical_link="f"><frame name="f"/></model>'
-            '<joint name="j" type="fixed"><parent>arm</parent><child>n</child></joint></model>',
-        ),
-        r"frames are attached in a circle: n -> n::f -> n",
-        '<joint name="j',
-    ),
-    "nested name": (
-        ('<frame name="tip" attached_to="arm"/>', '<model name="a::b"/>'),
-        r"model 'a::b': this name means something else in SDF",
-        '<model name="a::b',
-    ),
-    "static": (
-        ('<frame name="tip" attached_to="arm"/>', '<model name="n"><static>true</static></model>'),
-        r"model 'n' is static inside another: fix it by a joint",
-        '<model name="n',
-    ),
-    "mimic": (
-        ("<axis><xyz>0 1 0</xyz>", "<axis><mimic joint='x'/><xyz>0 1 0</xyz>"),
-        r"joint 'lift' follows another by <mimic>, which is not supported",
-        "lift",
-    ),
-    "relative": (("<pose>0 0", '<pose relative_to="bas">0 0'), r"no frame named 'bas', did you mean 'base'", ""),
-    "circle": (
-        ("<pose>0 0", '<pose relative_to="lift">0 0'),
-        r"relative to each other in a circle: lift -> arm -> lift",
-        "",
-    ),
-    "type": (('type="revolute"', 'type="screw"'), r"joint 'lift': type 'screw' is not supported", "lift"),
-    "limits": (("<lower>-1<", "<lower>2<"), r"lower limit 2 exceeds upper limit 1", "lift"),
-    "twice": (('name="tip"', 'name="arm"'), r"second frame or frame named 'arm'; the first is at line 4", "<frame"),
-    "models": (("</sdf>", '<model name="n"/></sdf>'), r"has 2 models, expected one", ""),
-    "inertia": (("<iyy>0.2</iyy>", ""), r"<inertia> needs <iyy>", "<inertia>"),
-}
-
-
-@pytest.mark.parametrize("name", BAD_SDF)
-def test_bad_sdf_is_refused_with_its_line(tmp_path: Path, name: str) -> None:
-    edit, match, mark = BAD_SDF[name]
-    assert SDF.count(edit[0]) == 1 or name in ("no axis", "circle", "relative", "degrees")
-    path = write(tmp_path, SDF.replace(edit[0], edit[1], 1), "arm.sdf")
-    with pytest.raises(UrdfError, match=match) as caught:
-        load_robot(path)
-    if mark and name != "no axis":
-        assert caught.value.place.line == line_of(path.read_text(), mark)
-
-
-def test_an_sdf_of_no_links_is_refused(tmp_path: Path) -> None:
-    path = write(tmp_path, '<sdf version="1.7"><link name="base"/><model name="m"></model></sdf>', "arm.sdf")
-    with pytest.raises(UrdfError, match=r"arm\.sdf: 'm' has no links"):
-        load_robot(path)
-
-
-def test_a_good_sdf_is_read(tmp_path: Path) -> None:
-    arm = Arm(load_robot(write(tmp_path, SDF, "arm.sdf")))
-    assert drives(arm, np.zeros(1))[0] == pytest.approx(5 * 9.81 * 0.4)
+@pytest.mark.parametrize("name", ["arm.sdf", "arm.xml"])
+def test_sdf_is_refused_with_what_converts_it(tmp_path: Path, name: str) -> None:
+    path = write(tmp_path, SDF, name)
+    with pytest.raises(UrdfError, match=rf"{name}:1: is SDF, .*sdf2mjcf {name} arm\.xml \(pip install sdformat-mjcf\)"):
+        load_arm(path)
 
 
 # --- xacro ---------------------------------------------------------------------------------------------------------
@@ -517,17 +335,10 @@ def test_xacro_reads_what_lies_below_its_folder_or_a_package(tmp_path: Path, rea
 
 @with_xacro
 @pytest.mark.parametrize(("reach", "head", "match"), REFUSED.values(), ids=REFUSED)
-def test_xacro_reaches_no_further_unless_it_is_trusted(tmp_path: Path, reach: str, head: str, match: str) -> None:
-    path = asking(tmp_path, reach, head)
-    with pytest.raises(UntrustedError, match=rf"robot\.xacro: is xacro that .*{match}.*armflex trust .*robot\.xacro"):
-        load_arm(path)
-
-
-@with_xacro
-def test_a_trusted_xacro_reads_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = asking(tmp_path, "$(env REACH)", "")
-    monkeypatch.setenv("REACH", "1.0")
-    assert load_arm(path, trust=path).robot.reach == load_robot(write(tmp_path, GOOD)).reach
+def test_xacro_reaches_no_further(tmp_path: Path, reach: str, head: str, match: str) -> None:
+    remedy = r"which no robot file may; read it, and expand it yourself: xacro robot\.xacro > robot\.urdf"
+    with pytest.raises(UrdfError, match=rf"robot\.xacro: is xacro that .*{match}.*, {remedy}"):
+        load_arm(asking(tmp_path, reach, head))
 
 
 ARGUED = XACRO.replace(OPEN, f'{OPEN}<xacro:arg name="long"/>').replace("${0.5 + 0.5}", "$(arg long)")

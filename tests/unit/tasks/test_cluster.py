@@ -37,7 +37,9 @@ def cluster() -> Iterator[distributed.Client]:
 
 
 def mapped(arm: Arm, **options: object) -> WorkspaceMap:
-    return map_workspace(arm, ["none", "p600"], rows=400, chunk=4, seed=4, voxel=2.0, **options)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("armflex.tasks.workspace.workspace_map.CHUNK", 4)
+        return map_workspace(arm, ["none", "p600"], rows=400, seed=4, voxel=2.0, **options)
 
 
 def same(one: WorkspaceMap, other: WorkspaceMap) -> bool:

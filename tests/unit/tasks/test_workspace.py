@@ -1,11 +1,10 @@
-"""Workspace maps: against a plain loop and a closed form; kept and resumed; questions without sense."""
+"""Workspace maps: against a plain loop and a closed form; questions without sense."""
 
 from __future__ import annotations
 
 import csv
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -23,7 +22,6 @@ from safetensors.numpy import load_file, save_file
 from scipy.optimize import brentq
 from scipy.stats import qmc
 from support.command_line import wait_for
-from support.effect_arms import arm_with
 from support.small_arms import ROBOTS, arm_of, central_difference, joint, link, one_joint, robot, three_joints
 
 from armflex import Arm, load_arm, map_workspace
@@ -100,9 +98,15 @@ def near(one: WorkspaceMap, other: WorkspaceMap) -> bool:
     return all(close)
 
 
+@pytest.fixture(autouse=True)
+def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ask so few configurations at once that a small map is joined of several tallies."""
+    monkeypatch.setattr("armflex.tasks.workspace.workspace_map.CHUNK", 64)
+
+
 def test_a_plain_loop_finds_the_same(tarm: Arm) -> None:
     """Every configuration by itself, its voxel by its rigid tip, and the worst of each."""
-    found = map_workspace(tarm, PAYLOADS, rows=150, chunk=64, voxel=2.0, seed=3)
+    found = map_workspace(tarm, PAYLOADS, rows=150, voxel=2.0, seed=3)
     met = defaultdict(list)
     for q in configurations(tarm, 150, 3):
         place = tuple(np.floor(tarm.rigid_pose(q).translation / 2.0).astype(int))
@@ -127,7 +131,7 @@ def test_a_pendulum_in_closed_form(tmp_path: Path) -> None:
     k = 0.12
     law = LinearLaw(np.diag([0, 0, 0, 0, k / (2.0 * 9.81 * 0.5), 0]))
     arm = one_joint(tmp_path, law, (0.5, 0, 0))
-    found = map_workspace(arm, rows=512, chunk=128, voxel=0.05, seed=1)
+    found = map_workspace(arm, rows=512, voxel=0.05, seed=1)
     turns = np.array([brentq(lambda f, q=q: f - k * np.cos(q + f), -1, 1) for (q,) in configurations(arm, 512, 1)])
     assert found.refused.sum(axis=0).tolist() == [0, int((np.abs(turns) > 0.1).sum()), 0, 0]
     assert found.answered.sum() == (np.abs(turns) <= 0.1).sum() > 100
@@ -171,7 +175,7 @@ def test_what_a_fit_left_uncertain_is_propagated(heavy: Arm) -> None:
 
 def test_draws_are_asked_as_well(tarm: Arm) -> None:
     """The map is what it is without draws; beside it, the worst of a voxel among all arms drawn, each asked alone."""
-    asked = {"rows": 200, "voxel": 2.0, "seed": 3, "chunk": 64}
+    asked = {"rows": 200, "voxel": 2.0, "seed": 3}
     found, plain = map_workspace(tarm, PAYLOADS, **asked, draws=3), map_workspace(tarm, PAYLOADS, **asked)
     assert (found.draws, plain.worst_of_draws) == (3, None) and plain.sigma is not None
     assert same(replace(found, draws=0, worst_of_draws=None), plain)
@@ -251,7 +255,7 @@ REFUSALS = (
 
 def test_refusals_are_counted_by_reason_and_the_others_answered(tmp_path: Path) -> None:
     arm = one_joint(tmp_path, Refusing(REFUSALS), (0.5, 0, 0))
-    found = map_workspace(arm, rows=200, chunk=64)
+    found = map_workspace(arm, rows=200)
     (q,) = configurations(arm, 200, 0).T
     counts = dict(zip(found.reasons, found.refused.sum(axis=0).tolist(), strict=True))
     assert counts == {
@@ -340,7 +344,6 @@ def test_a_continuous_joint_makes_one_turn(tmp_path: Path) -> None:
         ({"rows": 2**31}, InputError, "expected 1 to 1073741824"),
         ({"rows": 1e3}, InputError, "whole numbers"),
         ({"seed": -1}, InputError, "seed is -1"),
-        ({"chunk": 100}, InputError, "power of two"),
         ({"voxel": 0.0}, InputError, "voxel must be positive"),
         ({"voxel": float("nan")}, InputError, "voxel must be positive"),
         ({"voxel": 1e-3, "rows": 10**7}, InputError, "more than 5000000"),
@@ -422,96 +425,6 @@ def test_pictures_of_an_arm_that_never_stands(tmp_path: Path) -> None:
         map_page(arm, found, tmp_path / "a.html")
 
 
-# Kept and resumed
-
-
-def kept_map(arm: Arm, store: Path, **options: object) -> WorkspaceMap:
-    return map_workspace(arm, PAYLOADS, **({"rows": 100, "chunk": 16, "seed": 2, "store": store} | options))
-
-
-def test_what_is_done_is_not_done_again(tarm: Arm, tmp_path: Path) -> None:
-    store = tmp_path / "store"
-    whole = kept_map(tarm, store)
-    assert same(whole, kept_map(tarm, None))
-    gone = sorted(store.glob("chunk-*"))[2:5]
-    for path in gone:
-        path.unlink()
-    others = {path: path.stat().st_mtime_ns for path in store.iterdir()}
-    done = []
-    assert same(kept_map(tarm, store, progress=lambda now, total: done.append((now, total))), whole)
-    assert {path: path.stat().st_mtime_ns for path in others} == others and all(path.exists() for path in gone)
-    assert done[:7] == [(min(16 * i, 100), 100) for i in range(1, 8)]
-    assert done[-1] == (100 + len(whole), 100 + len(whole))
-
-
-def test_more_rows_go_on_from_fewer(tarm: Arm, tmp_path: Path) -> None:
-    kept_map(tarm, tmp_path / "store", rows=40)
-    times = {path: path.stat().st_mtime_ns for path in (tmp_path / "store").iterdir()}
-    assert same(kept_map(tarm, tmp_path / "store"), kept_map(tarm, None))
-    assert {path: path.stat().st_mtime_ns for path in times} == times
-
-
-def test_a_copy_of_the_arm_in_another_folder_is_the_same_arm(tarm: Arm, tmp_path: Path) -> None:
-    whole = kept_map(tarm, tmp_path / "store")
-    shutil.copytree(TARM.parent, tmp_path / "copy")
-    assert same(kept_map(load_arm(tmp_path / "copy" / "arm.toml"), tmp_path / "store"), whole)
-
-
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"seed": 3}, "seed is 2 there and 3 here"),
-        ({"voxel": 0.7}, "voxel is 0.5 there and 0.7 here"),
-        ({"chunk": 32}, "chunk is 16 there and 32 here"),
-        ({"method": "first_order"}, "method is exact there and first_order here"),
-    ],
-)
-def test_a_store_of_other_settings_is_refused(tarm: Arm, tmp_path: Path, change: dict[str, object], named: str) -> None:
-    kept_map(tarm, tmp_path / "store", rows=16)
-    with pytest.raises(FileError, match="belongs to other work") as caught:
-        kept_map(tarm, tmp_path / "store", **change)
-    assert named in str(caught.value) and str(caught.value).count(" there and ") == 1
-
-
-def test_a_store_of_another_temperature_is_refused(tmp_path: Path) -> None:
-    arm = arm_with(tmp_path, 'name = "base_thermal"\nsite = "base"\naxis = "rx"\nparameters = { beta_rx = 1e-5 }')
-    asked = {"rows": 16, "chunk": 16, "store": tmp_path / "store"}
-    map_workspace(arm, covariates={"temperature": 20.0}, **asked)
-    with pytest.raises(FileError, match=r"'temperature': 20\.0.* there and .*'temperature': 30\.0.* here"):
-        map_workspace(arm, covariates={"temperature": 30.0}, **asked)
-
-
-def test_a_store_of_another_arm_is_refused(tarm: Arm, tmp_path: Path) -> None:
-    kept_map(tarm, tmp_path / "store", rows=16)
-    softer = replace(tarm.flexures[1], law=replace(tarm.flexures[1].law, relative_std=0.21))
-    other = replace(tarm, flexures=(tarm.flexures[0], softer, *tarm.flexures[2:]))
-    with pytest.raises(FileError, match=r"other work \(flexures is \w{16} there and \w{16} here\)"):
-        kept_map(other, tmp_path / "store")
-    heavier = replace(tarm, payloads={**tarm.payloads, "p600": replace(tarm.payloads["p600"], mass=601.0)})
-    with pytest.raises(FileError, match=r"other work \(payload p600 is"):
-        kept_map(heavier, tmp_path / "store")
-
-
-def test_a_store_that_is_none_is_refused(tarm: Arm, tmp_path: Path) -> None:
-    (tmp_path / "thesis").mkdir()
-    (tmp_path / "thesis" / "chapter.txt").write_text("1")
-    with pytest.raises(FileError, match="is not empty"):
-        kept_map(tarm, tmp_path / "thesis")
-    assert [path.name for path in (tmp_path / "thesis").iterdir()] == ["chapter.txt"]
-    with pytest.raises(FileError, match="cannot be a folder"):
-        kept_map(tarm, tmp_path / "thesis" / "chapter.txt")
-    with pytest.raises(FileError, match="cannot be a folder"):
-        kept_map(tarm, tmp_path / "no" / "folder")
-
-
-def test_a_damaged_chunk_is_named(tarm: Arm, tmp_path: Path) -> None:
-    kept_map(tarm, tmp_path / "store")
-    path = sorted((tmp_path / "store").glob("chunk-*"))[1]
-    path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(FileError, match=f"{path.name}: is no safetensors file .*; delete it"):
-        kept_map(tarm, tmp_path / "store")
-
-
 # The command
 
 
@@ -533,8 +446,8 @@ def test_frequencies_are_those_of_the_worst_configurations(tarm: Arm, tmp_path: 
 
 @pytest.mark.slow
 def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
-    asked = ("map", TARM, "--rows", 64, "--payload", "none,p600", "--chunk", 16, "--seed", 5)
-    found = map_workspace(tarm, PAYLOADS, rows=64, chunk=16, seed=5)
+    asked = ("map", TARM, "--rows", 64, "--payload", "none,p600", "--seed", 5)
+    found = map_workspace(tarm, PAYLOADS, rows=64, seed=5)
     said = fine(armflex(*asked, "-o", "a.safetensors", "--jobs", 2)).stdout
     # The command may be answered by another engine than this process: to rounding, not to the last bit.
     assert near(read_map(tmp_path / "a.safetensors"), found) and "Largest displacement of the tip" in said
@@ -567,7 +480,6 @@ def test_the_command(armflex: Run, tmp_path: Path, tarm: Arm) -> None:
         (("-o", "no/map.safetensors"), "folder no"),
         (("-o", TARM), "is an input of this command"),
         (("--page", TARM), "is an input of this command"),
-        (("--store", "no/store"), "cannot be a folder"),
     ],
 )
 def test_the_command_refuses(armflex: Run, tmp_path: Path, options: tuple[str, ...], text: str) -> None:
@@ -578,36 +490,30 @@ def test_the_command_refuses(armflex: Run, tmp_path: Path, options: tuple[str, .
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="sends a signal to a group of processes")
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_interrupted_and_resumed(armflex: Run, tmp_path: Path, tarm: Arm, jobs: int) -> None:
-    """Ctrl-C goes to every process of the terminal; the same command again does only what was left."""
-    asked = ["map", TARM, "-o", "map.safetensors", "--rows", 600, "--chunk", 2, "--store", "store", "--jobs", jobs]
+def test_interrupted(tmp_path: Path, jobs: int) -> None:
+    """Ctrl-C goes to every process of the terminal; nothing is written."""
+    asked = ["map", TARM, "-o", "map.safetensors", "--rows", 1 << 24, "--jobs", jobs]
     # Where these tests run in the background Ctrl-C is ignored, and so it would be by their children.
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     code = f"{heard}; from armflex.cli.main import main; main()"
-    running = subprocess.Popen(
-        [sys.executable, "-c", code, *map(str, asked)],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROBOTS.parent)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    wait_for(lambda: len(list(tmp_path.glob("store/chunk-*"))) >= 3)
-    os.killpg(running.pid, signal.SIGINT)
-    _, said = running.communicate(timeout=600)
-    assert running.returncode == 130 and "kept in store" in said and "error: interrupted" in said, said
-    assert "Traceback" not in said
-    done = {path: path.stat().st_mtime_ns for path in tmp_path.glob("store/chunk-*")}
-    assert 3 <= len(done) < 300 and not (tmp_path / "map.safetensors").exists()
-    fine(armflex(*asked))
-    assert not [path for path in tmp_path.glob("store/*") if path.name.startswith(".")]
-    assert {path: path.stat().st_mtime_ns for path in done} == done
-    assert same(read_map(tmp_path / "map.safetensors"), map_workspace(tarm, rows=600, chunk=2))
+    with (tmp_path / "said").open("w") as said:
+        running = subprocess.Popen(
+            [sys.executable, "-c", code, *map(str, asked)],
+            cwd=tmp_path,
+            env={**os.environ, "PYTHONPATH": str(ROBOTS.parent)},
+            stdout=subprocess.DEVNULL,
+            stderr=said,
+            start_new_session=True,
+        )
+        wait_for(lambda: "mapping" in (tmp_path / "said").read_text())
+        os.killpg(running.pid, signal.SIGINT)
+        assert running.wait(timeout=600) == 130
+    told = (tmp_path / "said").read_text()
+    assert "error: interrupted" in told and "Traceback" not in told and not (tmp_path / "map.safetensors").exists()
 
 
 @pytest.mark.slow
-def test_interrupted_while_a_chunk_is_written(tmp_path: Path) -> None:
+def test_interrupted_while_a_map_is_written(tmp_path: Path) -> None:
     """What is raised in tidying up after Ctrl-C in the middle of a file is no failure of its own."""
     code = """
 import armflex.storage.array_file
@@ -620,7 +526,7 @@ armflex.storage.array_file.save = save
 from armflex.cli.main import main
 main()
 """
-    asked = ["map", TARM, "-o", "map.safetensors", "--rows", 8, "--store", "store"]
+    asked = ["map", TARM, "-o", "map.safetensors", "--rows", 8]
     ended = subprocess.run(
         [sys.executable, "-c", code, *map(str, asked)],
         cwd=tmp_path,
@@ -629,5 +535,5 @@ main()
         text=True,
         timeout=600,
     )
-    assert ended.returncode == 130 and "kept in store" in ended.stderr, ended.stderr
+    assert ended.returncode == 130 and not (tmp_path / "map.safetensors").exists(), ended.stderr
     assert "error: interrupted" in ended.stderr and "Traceback" not in ended.stderr
