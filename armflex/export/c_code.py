@@ -1,6 +1,6 @@
 """The arm as one file of C99 for a controller: `arm.c` beside this file, with the arm's numbers in its tables.
 
-The algorithm is that of the compiled kernel, for one configuration. Laws reach it as terms; see `laws.terms`.
+The algorithm is that of the engine, for one configuration. Laws reach it as terms; see `laws.terms`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
 from armflex.laws.terms import Factor, Of, Term
-from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree, link_frame
+from armflex.mechanics.chain import link_frame
+from armflex.mechanics.engine.tables import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree
 from armflex.rows.rows import HOLD, TIME
 from armflex.version import __version__
 
