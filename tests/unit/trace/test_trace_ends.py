@@ -29,7 +29,7 @@ from armflex.trace import search as searching
 from armflex.trace import state as states
 from armflex.trace.account import conclude, so_far
 from armflex.trace.hypotheses import hypotheses, sought
-from armflex.trace.search import entered, linear, refitted, search, standing, with_families
+from armflex.trace.search import entered, linear, refitted, search, standing
 from armflex.trace.selection import Chosen
 from armflex.trace.state import begin, with_random
 
@@ -91,7 +91,7 @@ def test_rows_that_come_and_go_do_not_keep_a_search_going(begun: states.State, m
     monkeypatch.setattr(states, "lost_of", lost)
     monkeypatch.setattr(searching, "_modelled", lambda here, more: () if here.model else _play(here))
     monkeypatch.setattr(searching, "PROPOSALS", (searching._more_probable,))
-    here = search(standing(with_families(begun)), lambda one: entries.append(one.state.identity))
+    here = search(standing(begun), lambda one: entries.append(one.state.identity))
     assert entries == [here.state.identity] and len(here.state.rows) == POSES - 1
 
 
