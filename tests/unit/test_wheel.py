@@ -41,7 +41,6 @@ def test_it_holds_everything_that_the_package_and_the_robots_are(wheel: Path) ->
         names = set(file.namelist())
     assert {f"armflex/{name}" for name in kept(ROOT / "armflex")} <= names
     assert {f"armflex/bundled/{name}" for name in kept(ROOT / "robots")} <= names
-    assert {f"armflex/show/view/meshcat/{name}" for name in ("LICENSE", "main.min.js")} <= {*names}
     assert "armflex/py.typed" in names and {name for name in names if name.endswith(".html")}
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == {"armflex"}
 
