@@ -215,7 +215,7 @@ def _counting(progress: Progress | None, total: int) -> Callable[..., None]:
 
 
 def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
-    if model in ("linear", "bayesian") and options.sampler in ("nuts", "metropolis"):
+    if model == "bayesian" and options.sampler in ("nuts", "metropolis"):
         return random_folds(len(data), CHAIN_FOLDS, options.seed)
     if len(data) <= (FEW if model in SLOW else LEAVE_ONE_OUT_LIMIT):
         return np.arange(len(data))

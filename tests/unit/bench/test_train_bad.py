@@ -35,7 +35,6 @@ TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 SMALL = {"neurons": 2, "starts": 1}
 MODELS = {
     "linear": ("linear", Options()),
-    "linear by chain": ("linear", Options(sampler="metropolis")),
     "polynomial": ("polynomial", Options(features=("radial",))),
     "terms found": ("polynomial", Options(features=("found",))),
     "neural": ("neural", Options(**SMALL)),
