@@ -29,7 +29,7 @@ from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.plan.drive import RUN_UP
 from armflex.plan.planning import READING, plan
-from armflex.readings import Kind, Position, Readings
+from armflex.readings import Kind, Position, Readings, TouchingSensor
 from armflex.readings.instrument import Instrument
 from armflex.result import Result
 from armflex.rows import Rows
@@ -140,7 +140,8 @@ def rehearse(
     for name, value, least in (("draws", draws, 1), ("seed", seed, 0)):
         if value < least:
             raise InputError(f"{name} is {value}, expected {least} or more")
-    unknown = [f"[instrument.{name}]" for name, one in arm.sensors.items() if not one.foreseen and one.sockets is None]
+    unseen = [name for name, one in arm.sensors.items() if not (one.foreseen or isinstance(one, TouchingSensor))]
+    unknown = [f"[instrument.{name}]" for name in unseen]
     if unknown:
         text = "may be anywhere, and is not read: give anchor, mounting, board_at, board_turn and focal with their _std"
         warn(

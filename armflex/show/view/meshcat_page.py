@@ -165,7 +165,7 @@ def _lathe_faces(rings: int, sides: int) -> np.ndarray:
 
 
 def commands(scene: Scene, camera: Camera) -> Iterator[Json]:
-    """Yield what the viewer is told, in order; arrays of numbers are `_packed`."""
+    """Yield the commands to the viewer, in order; arrays of numbers are `_packed`."""
     yield _property("/Background", "top_color", _BACKGROUND_TOP)
     yield _property("/Background", "bottom_color", _BACKGROUND_BOTTOM)
     yield _property("/Axes", "visible", False)
