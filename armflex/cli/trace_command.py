@@ -18,10 +18,10 @@ from armflex.cli.calibrate_command import campaigns_json, outlier_json, print_ca
 from armflex.cli.terminal import doing, number, print_table, say, say_written, show_flags, show_stage
 from armflex.conventions import SHOWN
 from armflex.errors import InputError, enough_memory, listing
-from armflex.files.effect_file import names_of
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.files.effect_file import names_of, place_json
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
-from armflex.laws.effects.location import LINK, Location
+from armflex.laws.effects.location import LINK
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
 from armflex.plan import MOST_ASKED
@@ -339,10 +339,3 @@ def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
         name: {"value": value, "std": stds.get(name), "unit": unit}
         for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
     }
-
-
-def place_json(law: EffectLaw, location: Location) -> dict[str, Any]:
-    """Return which law acts where; `shape` and `partner` only where there is one."""
-    name, shape = names_of(law)
-    place = {"effect": name} | record(location, "axis covariates", site="place")
-    return place | ({"shape": shape} if shape else {}) | ({"partner": location.partner} if location.partner else {})
