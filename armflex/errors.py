@@ -99,6 +99,10 @@ class ModelFileError(FileError):
     """A trained model's file is damaged, foreign, or made for something else."""
 
 
+class PluginError(InputError):
+    """An installed distribution offers armflex something that it cannot take."""
+
+
 class ManyErrors(InputError):
     """Files that are read as they are have `problems`: everything that is wrong or open in them, each with a remedy."""
 

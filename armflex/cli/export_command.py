@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import inspect
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,9 @@ from armflex.cli import options
 from armflex.cli.terminal import complain, doing, say, say_written, show_flags
 from armflex.errors import InputError, listing
 from armflex.export import Exported
+from armflex.export.programs import is_name
 from armflex.measured.forces import UNLOADED, Unnamed
+from armflex.plugins import Registry
 from armflex.storage.whole_file import together, write_whole
 
 
@@ -38,7 +42,7 @@ class Format:
 PATH = ("traj", "compensate", "covariates", "unnamed", "table_path")
 """Options of the formats of a path."""
 
-FORMATS = {
+_BUNDLED = {
     "urdf": Format("urdf_file", options=("over",)),
     "sheet": Format("sheet", options=("over",), needs=()),
     "yaml": Format("yaml_files", options=("flavour", "over"), needs=("flavour", "output")),
@@ -52,10 +56,28 @@ FORMATS = {
 }
 
 
+def _fault(name: str, export: object) -> str:
+    return "" if callable(export) else "expected a function export(arm, **options) -> Exported"
+
+
+FORMATS: Registry[Any] = Registry("armflex.exporters", _BUNDLED, _fault)
+"""What `--to` may be: a `Format`, or the function of a plug-in."""
+
+
+def _exporter(target: str) -> tuple[Format, Callable[..., Exported]]:
+    """Return what a format wants, and its function; a plug-in's function says by its parameters what it wants."""
+    form = FORMATS[target]
+    if isinstance(form, Format):
+        return form, getattr(importlib.import_module(f"armflex.export.{form.module}"), form.function)
+    _, *parameters = inspect.signature(form).parameters.values()
+    needs = [parameter.name for parameter in parameters if parameter.default is parameter.empty]
+    return Format("", tuple(parameter.name for parameter in parameters), (*needs, "output")), form
+
+
 @click.command(cls=options.Command)
 @options.arm
 @options.as_in_campaign
-@click.option("--to", "target", type=options.Choice(list(FORMATS)), required=True,
+@click.option("--to", "target", type=options.Choice(FORMATS.names()), required=True,
               help="sheet: what is typed into a controller; yaml: calibrations for ROS; c: C99 without dependencies; "
                    "shaper: C99 with the impulses that calm the path of --traj; the last six: a program with "
                    "that path (ls: FANUC, val3: Staubli).")  # fmt: skip
@@ -81,13 +103,13 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
 
     What a format cannot express is refused by name, or omitted, and the error of omitting it is printed in mm.
     """
-    wanted, asked = FORMATS[target], {option: value for option, value in given.items() if value is not None}
+    (wanted, export), asked = _exporter(target), {option: value for option, value in given.items() if value is not None}
     asked |= {} if unnamed == UNLOADED else {"unnamed": unnamed}
     context = click.get_current_context()
     flags = {one.name: one.opts[0] for one in context.command.params}
     for option in asked:
         if option not in wanted.options:
-            known = [name for name, other in FORMATS.items() if option in other.options]
+            known = [name for name in FORMATS if option in _exporter(name)[0].options]
             flag = flags.get(option, "--payload or --force")
             raise InputError(f"{flag} has no meaning for --to {target}; it is an option of --to {listing(known)}")
     for option in wanted.needs:
@@ -97,20 +119,19 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
             }
             more = f" {' or '.join(choices[option])}" if option in choices else ""
             raise InputError(f"--to {target} needs {flags[option]}{more}")
-    if "traj" in asked:
+    if wanted.module and "traj" in asked:
         asked["arm_file"] = str(context.params["arm_path"])
     doing("exporting")
-    exporter = importlib.import_module(f"armflex.export.{wanted.module}")
-    if "axes" in wanted.options and output is not None and exporter.is_name(output.stem):
+    if "axes" in wanted.options and output is not None and is_name(output.stem):
         asked.setdefault("name", output.stem)  # controllers want a file to be named as its program
-    found: Exported = getattr(exporter, wanted.function)(arm, **asked)
+    exported = export(arm, **asked)
     with together():
         if output is not None:
-            write_whole(output, found.text.encode())
-        options.write_json({"format": "armflex-export-1", "to": target, **found.numbers})
+            write_whole(output, exported.text.encode())
+        options.write_json({"format": "armflex-export-1", "to": target, **exported.numbers})
     if output is None:
-        say(*(found.page or found.text).splitlines())
-    show_flags(found.flags)
-    for line in found.notes:
+        say(*(exported.page or exported.text).splitlines())
+    show_flags(exported.flags)
+    for line in exported.notes:
         complain(line) if output is None else say(line)
     say_written(output)

@@ -46,6 +46,7 @@ from armflex.files.dh_table import FLANGE, read_dh
 from armflex.files.effect_file import read_effect
 from armflex.files.link_table import read_link
 from armflex.files.linkage_table import read_linkage
+from armflex.files.requires_table import check_requires, requires_of
 from armflex.files.sensor_table import read_sensors
 from armflex.files.spring_table import positive, read_spring
 from armflex.laws import read_law
@@ -188,6 +189,7 @@ def make_arm(
 
 
 def _read(root: Declaration, preset: str | None, strict: bool) -> Arm:
+    check_requires(root.part("requires"))
     robot, ratings, flags = _read_robot(root.sub("robot"), strict)
     bent = []
     for name, table in root.subs("link").items():
@@ -558,6 +560,8 @@ def write_arm(
                 value = line
             table.append(key, value)
         document["effect"].append(table)
+    for distribution, least in requires_of(document.unwrap()).items():
+        document.setdefault("requires", tomlkit.table())[distribution] = least
     with together():
         calibration = with_covariance(fitted, path)
         written = tomlkit.item(calibration)

@@ -125,14 +125,14 @@ def place_json(law: EffectLaw, location: Location) -> dict[str, Any]:
     return place | ({"shape": shape} if shape else {}) | ({"partner": location.partner} if location.partner else {})
 
 
-def locations_on(law: EffectLaw, arm: Arm, session: str = "") -> list[Location]:
+def locations_on(law: EffectLaw, arm: Arm, session: str = "", recorded: Iterable[str] = ()) -> list[Location]:
     """Return every place of a law of the catalogue on an arm, as if everything had been recorded.
 
     There are two sessions, and a payload beside those of the arm: with a single one there would be no choice between it
-    and all of them.
+    and all of them. Columns of other names than armflex's own are those of `recorded`.
     """
     payloads = ("", *sorted(name for name in arm.payloads if name != "none")) if arm.payloads else ()
-    columns = ("time", "hold", TEMPERATURE)
+    columns = tuple(dict.fromkeys(("time", "hold", TEMPERATURE, *recorded)))
     known = {"payloads": payloads, "sessions": (session, f"{session}'"), "springs": tuple(o.name for o in arm.springs)}
     known["stars"] = True
     return list(law.places(Records(arm.robot, columns, timed=True, **known)))
@@ -144,7 +144,8 @@ def _locations(table: Declaration, law: EffectLaw, called: str, arm: Arm) -> lis
         every = tuple(range(len(law.amplitudes)))
         locations = [Location(site, axis, (), every) for site in (BASE, *arm.joint_names, TOOL) for axis in AXES]
     else:  # a file cannot know which sessions there will be, so any will do
-        locations = locations_on(law, arm, table.text("partner") if law.of_session else "")
+        recorded = table.texts("covariates") if table.has("covariates") else ()
+        locations = locations_on(law, arm, table.text("partner") if law.of_session else "", recorded)
     if law.symmetric:  # either axis may come first
         locations += [replace(location, axis=location.partner, partner=str(location.axis)) for location in locations]
 

@@ -1,6 +1,7 @@
 """Joint deformation models, one file per law; `LAWS` maps the names that arm.toml uses."""
 
 from armflex.laws.declared import LAWS as LAWS
+from armflex.laws.declared import LawModel as LawModel
 from armflex.laws.declared import read_law as read_law
 from armflex.laws.joint.beam import Beam as Beam
 from armflex.laws.joint.beam import Section as Section

@@ -24,6 +24,7 @@ from armflex.laws.law import Law, Ranges, Row
 from armflex.laws.law_file import FORMS, load_law
 from armflex.laws.learned import LearnedLaw, Learning
 from armflex.laws.learned.learned_law import TRAINED_ALONE
+from armflex.plugins import Registry
 from armflex.robot import Site
 
 NEAR = 0.1
@@ -97,7 +98,7 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
             raise table.fail("file", f"{path.name} holds a {trained.model} law, but model = {model!r}")
         law = trained.law
     elif model in LAWS:
-        law = LAWS[model](table, joint, ranges)
+        law = LAWS[model].read(table, joint, ranges)
     elif table.flag("learn") and model not in TRAINED_ALONE:
         law = read_linear(table, joint, ranges)  # what the correction is learned about
     else:
@@ -218,11 +219,36 @@ DECLARED = (
 """Laws by numbers: a file of `joint/` each, with a function `read_NAME` and an `EXAMPLE` of what it reads; a new law is
 one more file and a line here."""
 
-LAWS: dict[str, Callable[[Declaration, str, Ranges], Law]] = {
-    **{name: getattr(import_module(f"armflex.laws.joint.{name}"), f"read_{name}") for name in DECLARED},
-    "structural": read_structural,
-}
-"""`model` in arm.toml -> how its law is read."""
+
+@dataclass(frozen=True)
+class LawModel:
+    """A joint law that an arm.toml declares.
+
+    Attributes:
+        read: (table, joint, ranges) -> the law of a [flexure.NAME] table at a joint, which may depend on the joints of
+            `ranges`; raises ArmFileError. The caller looks for keys that nobody asked for.
+        example: The table's keys with values, as TOML.
+    """
+
+    read: Callable[[Declaration, str, Ranges], Law]
+    example: str
+
+
+def _bundled(name: str, read: Callable[[Declaration, str, Ranges], Law] | None = None) -> LawModel:
+    module = import_module(f"armflex.laws.joint.{name}")
+    return LawModel(read or getattr(module, f"read_{name}"), module.EXAMPLE)
+
+
+def _fault(name: str, model: object) -> str:
+    return "" if isinstance(model, LawModel) else "expected a LawModel of armflex.laws"
+
+
+LAWS: Registry[LawModel] = Registry(
+    "armflex.laws",
+    {**{name: _bundled(name) for name in DECLARED}, "structural": _bundled("structural", read_structural)},
+    _fault,
+)
+"""`model` in arm.toml -> its law."""
 
 
 def soft(flexures: Iterable[Flexure], row: Row, known: Iterable[Flag] = ()) -> Iterator[Flag]:

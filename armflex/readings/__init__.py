@@ -3,6 +3,7 @@
 Nothing outside this room knows how many numbers a reading has, or what of the arm it sees.
 """
 
+from armflex.plugins import Registry
 from armflex.readings.acceleration import Acceleration as Acceleration
 from armflex.readings.direction import Direction as Direction
 from armflex.readings.distance import Distance as Distance
@@ -31,7 +32,13 @@ from armflex.readings.touch import TouchingSensor as TouchingSensor
 from armflex.readings.touch import sockets_of as sockets_of
 from armflex.readings.touch import touched as touched
 
-SENSOR_KINDS: dict[str, type[Kind]] = {
+
+def _fault(name: str, kind: object) -> str:
+    right = isinstance(kind, type) and issubclass(kind, Kind)
+    return "" if right else "expected a class of readings, a Kind of armflex.readings"
+
+
+_BUNDLED: dict[str, type[Kind]] = {
     "position": Position,
     "orientation": Orientation,
     "distance": Distance,
@@ -48,4 +55,6 @@ SENSOR_KINDS: dict[str, type[Kind]] = {
     "frequency": Frequency,
     "direction": Direction,
 }
+
+SENSOR_KINDS: Registry[type[Kind]] = Registry("armflex.readings", _BUNDLED, _fault)
 """What [instrument.NAME] may be, as its `kind` says."""

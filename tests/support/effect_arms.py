@@ -89,7 +89,7 @@ MECHANICAL = ("pin_play", "cylinder_leak", "weak_spring", "bent_rod")
 """Effects of loops, cylinders and springs."""
 
 OTHERS = (*MECHANICAL, "telescope", "refraction")
-LAWS = {name: law for name, law in (CATALOGUE | SHAPES).items() if not law.changes_model and name not in OTHERS}
+LAWS = {name: law for name, law in {**CATALOGUE, **SHAPES}.items() if not law.changes_model and name not in OTHERS}
 """Those that a chain on which nothing slides can have."""
 
 

@@ -10,7 +10,7 @@ PACKAGE = Path(__file__).parents[2] / "armflex"
 TESTS = Path(__file__).parents[1]
 
 ROOMS = (
-    *("errors", "arguments", "conventions", "version", "linear_gaussian", "result", "progress"),
+    *("errors", "arguments", "conventions", "version", "linear_gaussian", "result", "progress", "plugins"),
     *("parallel", "storage", "sampling"),
     *("bundled", "declaration", "plotting"),
     *("robot", "rows", "readings"),
@@ -23,6 +23,7 @@ ROOMS = (
     "tasks",
     "export",
     *("show.view", "show.report"),
+    "testing",
     "cli",
     "__main__",
 )

@@ -1,4 +1,4 @@
-"""Every effect that a campaign is searched for, by name: a new one is its file, and its line here."""
+"""Every effect that a campaign is searched for, by name: a new one is its file, and its line here or an entry point."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from importlib import import_module
 
 from armflex.laws.effects.effect import EffectLaw
 from armflex.laws.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
+from armflex.plugins import Registry
 
 NAMED = (
     "encoder_offset",
@@ -60,10 +61,20 @@ LAWS: tuple[EffectLaw, ...] = (
 )
 """In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes."""
 
-EVERY: dict[str, EffectLaw] = {law.name: law for law in LAWS}
+
+def _fault(name: str, law: object) -> str:
+    if not isinstance(law, EffectLaw) or law.shape:
+        return "expected an EffectLaw of armflex.laws.effects"
+    return "" if law.name == name else f"expected the law's name, {law.name!r}"
+
+
+GROUP = "armflex.effects"
+"""Of the entry points by which other distributions add laws."""
+
+EVERY: Registry[EffectLaw] = Registry(GROUP, {law.name: law for law in LAWS}, _fault)
 """Name -> law."""
 
-CATALOGUE: dict[str, EffectLaw] = {law.name: law for law in LAWS if not law.shape}
+CATALOGUE: Registry[EffectLaw] = Registry(GROUP, {law.name: law for law in LAWS if not law.shape}, _fault)
 """Those that files call by it."""
 
 SHAPES: dict[str, EffectLaw] = {law.shape: law for law in LAWS if law.shape}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,7 @@ from armflex.laws.terms import tangent_of, twist_of
 from armflex.readings import Position, Readings
 from armflex.rows import Rows
 
-EXAMPLES = {name: import_module(f"armflex.laws.joint.{name}").EXAMPLE for name in LAWS}
+EXAMPLES = {name: model.example for name, model in LAWS.items()}
 COUNT, SIGMA = 60, 1e-5
 SIZE = np.repeat([2e3, 1e3], 3)
 FACTOR = np.exp(0.5 * np.array([0.0, 0.1, 0.0, 0.2, 0.4, -0.2]))

@@ -1,0 +1,151 @@
+"""Effects, joint laws, readings and exporters by name: those of armflex, and those of installed distributions.
+
+A distribution adds one by an entry point of a group: `armflex.effects`, `armflex.laws`, `armflex.readings` or
+`armflex.exporters`. Nothing of it is imported before somebody asks for a name of the group.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import EntryPoint, PackageNotFoundError, entry_points, version
+from typing import Any, TypeVar
+
+from armflex.errors import PluginError
+
+T = TypeVar("T")
+
+HERE = "armflex"
+"""The distribution that everything else of a registry is of."""
+
+VERSION = re.compile(r"(>=)?\s*(\d+(?:\.\d+)*)\S*")
+"""What [requires] may say: a version, or the least one; what follows the numbers (rc1, +local) is not compared."""
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """An installed distribution.
+
+    Attributes:
+        name, version: As it calls itself.
+    """
+
+    name: str
+    version: str
+
+
+class Registry(MutableMapping[str, T]):
+    """Objects of one kind by the names that files and commands use: armflex's first, then those of entry points.
+
+    A program may enter more by `registry[name] = object`; they hold for its own process.
+    """
+
+    def __init__(self, group: str, bundled: Mapping[str, T], fault: Callable[[str, Any], str]) -> None:
+        """Nothing is loaded yet.
+
+        Args:
+            group: Of the entry points, `armflex.effects`.
+            bundled: What armflex has.
+            fault: (name, object) -> what the object should have been, '' where it is right.
+        """
+        self.group, self._bundled, self._fault = group, dict(bundled), fault
+
+    @cached_property
+    def _objects(self) -> dict[str, T]:
+        objects, owners = dict(self._bundled), dict.fromkeys(self._bundled, HERE)
+        for point in self._points():
+            owner = _owner(point).name
+            if point.name in owners:
+                text = f"{self.group}: both {owners[point.name]} and {owner} have {point.name!r}: uninstall one of them"
+                raise PluginError(text)
+            try:
+                loaded = point.load()
+            except Exception as error:
+                text = f"{self.group}: {point.value!r} of {owner} cannot be imported: {type(error).__name__}: {error}"
+                raise PluginError(text) from error
+            if expected := self._fault(point.name, loaded):
+                raise PluginError(f"{self.group}: {point.value!r} of {owner} is called {point.name!r}: {expected}")
+            objects[point.name], owners[point.name] = loaded, owner
+        return objects
+
+    def __getitem__(self, name: str) -> T:
+        """Return what is called so.
+
+        Raises:
+            KeyError: Nothing is.
+            PluginError: A distribution's object cannot be imported, is of another kind, or has a name that is taken.
+        """
+        return self._objects[name]
+
+    def __setitem__(self, name: str, value: T) -> None:
+        self._objects[name] = value
+
+    def __delitem__(self, name: str) -> None:
+        del self._objects[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._objects)
+
+    def __len__(self) -> int:
+        return len(self._objects)
+
+    @contextmanager
+    def entered(self, name: str, value: T) -> Iterator[None]:
+        """Have an object under a name for a while, unless it is there."""
+        taken = name in self
+        if not taken:
+            self[name] = value
+        try:
+            yield
+        finally:
+            if not taken:
+                del self[name]
+
+    def names(self) -> tuple[str, ...]:
+        """Return all names, without importing what they are of."""
+        return tuple(dict.fromkeys((*self._bundled, *(point.name for point in self._points()))))
+
+    def distribution(self, name: str) -> Distribution | None:
+        """Return which distribution a name is of, None of armflex's own and of unknown ones."""
+        return next((_owner(point) for point in self._points() if point.name == name), None)
+
+    def _points(self) -> Iterator[EntryPoint]:
+        return iter(sorted(entry_points(group=self.group), key=lambda point: (_owner(point).name, point.name)))
+
+
+def _owner(point: EntryPoint) -> Distribution:
+    metadata = point.dist
+    if metadata is None:
+        return Distribution("an unknown distribution", "0")
+    return Distribution(metadata.name, metadata.version)
+
+
+def missing(name: str, wanted: str) -> str:
+    """Return what is wrong with the installed version of a distribution, '' where it is as wanted.
+
+    Args:
+        name: Of the distribution.
+        wanted: `VERSION` or `>=VERSION`.
+
+    Raises:
+        ValueError: `wanted` is neither.
+    """
+    match = VERSION.fullmatch(wanted.strip())
+    if match is None:
+        raise ValueError(f"expected a version such as '>=0.1', got {wanted!r}")
+    try:
+        installed = version(name)
+    except PackageNotFoundError:
+        return f"needs {name} {wanted}, which is not installed: pip install '{name}{match[1] or '=='}{match[2]}'"
+    numbers = VERSION.fullmatch(installed)
+    there = _numbers(numbers[2]) if numbers else ()
+    enough = there >= _numbers(match[2]) if match[1] else there == _numbers(match[2])
+    return "" if enough else f"needs {name} {wanted}, but {installed} is installed"
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    """Return the numbers of a version without zeros at its end: 1.2 is 1.2.0."""
+    return tuple(map(int, re.sub(r"(\.0+)+$", "", text).split(".")))

@@ -1,0 +1,195 @@
+"""What other distributions add: the template installed and at work, and what is wrong with others named."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.small_arms import ROBOTS
+
+from armflex.errors import PluginError
+from armflex.laws import LAWS
+from armflex.laws.effects import CATALOGUE, EffectLaw
+from armflex.laws.effects.catalogue import GROUP, _fault
+from armflex.plugins import Registry, missing
+from armflex.readings import SENSOR_KINDS
+from armflex.testing import check_effect, check_law, check_reading
+
+TEMPLATE = Path(__file__).parents[2] / "examples" / "plugin"
+
+LAGGING = """
+import sys
+import numpy as np
+import armflex
+from armflex.laws.effects import CATALOGUE, Effect, Location
+
+arm, rng, count = armflex.load_arm(sys.argv[1]), np.random.default_rng(1), 90
+q = rng.uniform(-0.8, 0.8, (count, 6))
+speed = rng.uniform(-0.5, 0.5, (count, 6))
+law = CATALOGUE["following_error"]
+lag = Effect(law, Location("J3", "ry", ("speed_J3",)), (1e-3,))
+from dataclasses import replace
+lagging = replace(arm, effects=(lag,))
+points = [lagging.deflection(q[i], "p100", covariates={"speed_J3": speed[i, 2]}).pose.translation for i in range(count)]
+points += rng.normal(0.0, 2e-5, (count, 3))
+names = [f"q_J{i}" for i in range(1, 7)] + [f"speed_J{i}" for i in range(1, 7)]
+with open("campaign.csv", "w") as file:
+    print("pose,payload,sigma", *names, "x,y,z", sep=",", file=file)
+    for i in range(count):
+        print(f"p{i},p100,2e-5", *q[i], *speed[i], *points[i], sep=",", file=file)
+"""
+
+
+def run(folder: Path, packages: Path | None, *command: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run Python in a folder, with a folder of installed packages or without."""
+    paths = [str(path) for path in (packages, Path(__file__).parents[2]) if path]
+    given = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "COLUMNS": "160"}
+    return subprocess.run(
+        [sys.executable, *map(str, command)], cwd=folder, env=given, capture_output=True, text=True, timeout=600
+    )
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The template as pip installs it, without a network."""
+    pytest.importorskip("hatchling", reason="the build backend is not installed")
+    folder = tmp_path_factory.mktemp("packages")
+    options = ("--quiet", "--no-deps", "--no-build-isolation", "--no-index", "--disable-pip-version-check", "--target")
+    ran = run(folder, None, "-m", "pip", "install", *options, folder, TEMPLATE)
+    assert ran.returncode == 0, ran.stderr
+    return folder
+
+
+@pytest.mark.slow
+def test_the_template_keeps_its_own_tests(installed: Path, tmp_path: Path) -> None:
+    ran = run(tmp_path, installed, "-m", "pytest", "-q", "-p", "no:cacheprovider", TEMPLATE / "test_extras.py")
+    assert ran.returncode == 0, ran.stdout
+
+
+@pytest.mark.slow
+def test_an_effect_of_a_plugin_is_traced_written_and_missed(installed: Path, tmp_path: Path) -> None:
+    text = (ROBOTS / "heavy_six" / "arm.toml").read_text().replace('"robot.urdf"', f'"{ROBOTS}/heavy_six/robot.urdf"')
+    (tmp_path / "arm.toml").write_text(text)
+    assert (ran := run(tmp_path, installed, "-c", LAGGING, "arm.toml")).returncode == 0, ran.stderr
+    ran = run(tmp_path, installed, "-m", "armflex", "trace", "arm.toml", "campaign.csv", "-o", "traced.toml")
+    assert ran.returncode == 0, ran.stderr
+    traced = (tmp_path / "traced.toml").read_text()
+    assert 'name = "following_error"' in traced and 'armflex-extras = ">=0.1"' in traced
+    assert run(tmp_path, installed, "-m", "armflex", "deflect", "traced.toml", "--covariates", "speed_J3=0.1").stdout
+    alone = run(tmp_path, None, "-m", "armflex", "deflect", "traced.toml", "--covariates", "speed_J3=0.1")
+    line = traced[: traced.index("armflex-extras")].count("\n") + 1
+    assert alone.returncode == 2 and f"traced.toml:{line}" in alone.stderr
+    needs = "needs armflex-extras >=0.1, which is not installed: pip install 'armflex-extras>=0.1'"
+    assert needs in " ".join(alone.stderr.split())
+
+
+@pytest.mark.slow
+def test_a_law_and_an_exporter_of_a_plugin_are_used_by_name(installed: Path, tmp_path: Path) -> None:
+    text = (ROBOTS / "heavy_six" / "arm.toml").read_text().replace('"robot.urdf"', f'"{ROBOTS}/heavy_six/robot.urdf"')
+    start = text.index("[flexure.J1]")
+    law = '[flexure.J1]\njoint = "J1"\nmodel = "contact"\ncompliance = [0, 0, 0, 0, 0, 4e-7]\nenergy = 2.0\n'
+    (tmp_path / "arm.toml").write_text(text[:start] + law)
+    ran = run(tmp_path, installed, "-m", "armflex", "export", "arm.toml", "--to", "stiffness_csv", "-o", "k.csv")
+    assert ran.returncode == 0, ran.stderr
+    assert (tmp_path / "k.csv").read_text() == "joint,stiffness\nJ1,2.5e+06\n"
+    ran = run(tmp_path, installed, "-m", "armflex", "export", "arm.toml", "--to", "stiffness_csv", "--name", "k")
+    assert ran.returncode == 2 and "--name has no meaning for --to stiffness_csv" in ran.stderr
+    alone = run(tmp_path, None, "-m", "armflex", "export", "arm.toml", "--to", "stiffness_csv", "-o", "k.csv")
+    assert alone.returncode == 2 and "'stiffness_csv' is not known" in alone.stderr
+
+
+def offer(folder: Path, name: str, points: str, module: str = "") -> None:
+    """Write an installed distribution with entry points and a module of its name."""
+    information = folder / f"{name}-1.2.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.2\n")
+    (information / "entry_points.txt").write_text(points)
+    (folder / f"{name}.py").write_text(module)
+
+
+@pytest.mark.parametrize(
+    ("points", "complaint"),
+    [
+        ("backlash = stray:LAW", "both armflex and stray have 'backlash': uninstall one of them"),
+        (
+            "wobble = stray:LAW",
+            "'stray:LAW' of stray is called 'wobble': expected an EffectLaw of armflex.laws.effects",
+        ),
+        ("wobble = stray:NONE", "'stray:NONE' of stray cannot be imported: AttributeError"),
+    ],
+)
+def test_a_plugin_that_cannot_be_taken_is_named(
+    points: str, complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offer(tmp_path, "stray", f"[{GROUP}]\n{points}\n", "LAW = 3\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    registry: Registry[EffectLaw] = Registry(GROUP, {"backlash": CATALOGUE["backlash"]}, _fault)
+    with pytest.raises(PluginError, match=complaint):
+        registry["backlash"]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "problem"),
+    [
+        (">=1.2", ""),
+        ("1.2.0", ""),
+        (">=1.10", "needs other >=1.10, but 1.2 is installed"),
+        ("1.1", "needs other 1.1, but 1.2 is installed"),
+    ],
+)
+def test_versions_are_compared_by_their_numbers(
+    wanted: str, problem: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    offer(tmp_path, "other", "")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert missing("other", wanted) == problem
+    with pytest.raises(ValueError, match=r"expected a version such as '>=0\.1', got 'new'"):
+        missing("other", "new")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", list(LAWS))
+def test_own_joint_laws_conform(name: str) -> None:
+    check_law(LAWS[name])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["backlash", "gear_harmonic", "thermal_growth", "creep", "umbilical", "gravity_tilt"])
+def test_own_effects_conform(name: str) -> None:
+    check_effect(CATALOGUE[name])
+
+
+WIRE = 'link = "tool"\npoint = [0.0, 0.0, 0.1]\nanchor = [1.6, -1.2, 0.3]\nanchor_std = 0.01\nsigma = 5e-5'
+
+
+def test_a_kind_of_reading_conforms_and_one_with_a_wrong_sign_does_not() -> None:
+    distance = SENSOR_KINDS["distance"]
+    check_reading(distance, WIRE)
+
+    class Backwards(distance):  # type: ignore[misc, valid-type]
+        def ends(self, at):
+            return {key: (end, -change) for key, (end, change) in super().ends(at).items()}
+
+    with pytest.raises(AssertionError, match=r"by_own|jacobian"):
+        check_reading(Backwards, WIRE)
+
+
+def test_a_law_whose_tangent_is_another_does_not_conform() -> None:
+    from dataclasses import replace
+
+    linear = LAWS["linear"]
+
+    def read(table, joint, ranges):
+        law = linear.read(table, joint, ranges)
+
+        class Bent(type(law)):
+            def tangent(self, wrench, row):
+                return 1.01 * super().tangent(wrench, row)
+
+        return Bent(law.compliance, law.relative_std)
+
+    with pytest.raises(AssertionError, match="tangent"):
+        check_law(replace(linear, read=read))
