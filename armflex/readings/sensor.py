@@ -85,7 +85,7 @@ class Sensor:
         return every if len(self.free) else ()
 
     def std_in(self, key: str) -> Array:
-        """Return (K,) as `std`, of one key."""
+        """Return (K,) as `std`, of one key, in their units."""
         return self.std
 
     def free_in(self, key: str) -> np.ndarray:
@@ -135,7 +135,7 @@ class Sensor:
         return self.declared + self.deviations(session)
 
     def deviations(self, session: str) -> Array:
-        """Return the (K,) deviations found in a session, those of every other where it has none of its own."""
+        """Return the (K,) deviations found in a session, in their units; those of all others where it has none."""
         return self.found.get(session, self.found.get("", np.zeros(len(self.declared))))
 
     def moved(self, session: str, step: Array) -> Sensor:
