@@ -83,6 +83,13 @@ def record(one: object, names: str = "", **renamed: str) -> dict[str, Any]:
     return {name: attrgetter(path)(one) for name, path in paths.items()}
 
 
+def scaled(errors: Any, factor: float) -> Any:
+    """Return an error, or errors by name, in another unit; None where there are none."""
+    if isinstance(errors, dict):
+        return {name: scaled(value, factor) for name, value in errors.items()}
+    return None if errors is None else errors * factor
+
+
 def plain(value: Any) -> Any:
     """Return a value as JSON has it; dataclasses by their fields, `LEFT_OUT` for what has no plain form."""
     if value is None or isinstance(value, bool | int | str):
