@@ -20,7 +20,7 @@ from armflex.files.dh_table import in_other_form
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
-from armflex.readings import Encoder, Kind, Orientation, Position, Touch
+from armflex.readings import Encoder, Kind, Orientation, Position, TouchingSensor
 from armflex.readings.acceleration import OPPOSITE, Acceleration
 from armflex.readings.distance import ANYWHERE
 from armflex.readings.instrument import Instrument
@@ -275,7 +275,7 @@ def _from_quaternion(vectors: Array) -> Rotation:
 def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     """Yield what else may be meant by what a sensor read, or of where it is."""
     name, sensor = kind.name, arm.sensors[kind.name]
-    if isinstance(kind, Touch) or kind.apart:  # it reads no number, or numbers whose meaning is no question
+    if isinstance(sensor, TouchingSensor) or kind.apart:  # it reads no number, or numbers whose meaning is no question
         return
     for unit, taken, factor in _factors(kind.unit):
         remedy = "write the unit into the header"
