@@ -201,18 +201,6 @@ def print_trace(found: Trace) -> None:
     for title, some in (("Effects identified", found.named), ("In the arm, but not settled", unsettled)):
         if some:
             print_table(title, columns, [row for one in some for row in _lines(one, factor)])
-    if found.at_every_drive:
-        columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
-        rows = [
-            [
-                one.title.removesuffix(" at every drive"),
-                f"{number(one.size, 2)} {one.unit}",
-                f"{one.evidence:.0f}",
-                f"{number(one.proof.before * factor, 3)} -> {number(one.proof.after * factor, 3)}",
-            ]
-            for one in found.at_every_drive
-        ]
-        print_table("Families: small errors at every drive", columns, rows)
     say(*_remarks(found))
 
 
@@ -237,10 +225,9 @@ def _remarks(found: Trace) -> Iterator[str]:
     yield headline(found)
     signs = {one.effect.law.words.title: one.effect.law.words.signs for one in found.named}
     yield from (f"Signs of {title}: {text}." for title, text in signs.items() if text)
-    for one in (*found.found, *found.at_every_drive):
-        title = one.title if one.family else f"{one.title}{numbered(one.number)}"
+    for one in found.found:
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-        yield f"Probability: {one.probability:.0%} {title}{others}."
+        yield f"Probability: {one.probability:.0%} {one.title}{numbered(one.number)}{others}."
     if found.outliers:
         lost, less = found.outlier_count("lost beam"), found.outlier_count("counted less")
         yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."
@@ -299,19 +286,6 @@ def as_json(found: Trace) -> dict[str, Any]:
         "held_out_chosen_again_rms_mm": found.compared and _before_after(found.compared, stages),
         "held_out_is_of": HELD_OUT_IS_OF if found.compared is not None else "nothing was chosen",
         "families": [] if kinds is None else [_family_json(family, kinds) for family in kinds.found],
-        "at_every_drive": [
-            {
-                "effect": names_of(one.members[0][0].law)[0],
-                **record(one, "title unit evidence probability", std="size", family="number"),
-                "credible": _credible_json(one.credible),
-                "held_out_rms_mm": _before_after(one.proof),
-                "members": [
-                    place_json(effect.law, effect.location) | {"parameters": _values_json(effect, std)}
-                    for effect, std in one.members
-                ],
-            }
-            for one in found.at_every_drive
-        ],
         "undecided": undecided
         and record(undecided, "poses likeliest") | {"rms_mm": undecided.rms * 1e3, "stated_mm": undecided.stated * 1e3},
         "suspects": _credible_json(found.suspects),

@@ -224,8 +224,8 @@ class Places:
         known = [group.hypothesis for group in screen.groups]
         spots = {spot: i for i, spot in enumerate(dict.fromkeys(one.spot for one in known))}
         number = np.array([*(spots[one.spot] for one in known), len(spots)])
-        titles = {one.spot: f"{one.one.law.name} at every drive" if one.family else one.one.name for one in known}
-        named = [i for i, one in enumerate(known) if not one.family and one.one.law.physical]
+        titles = {one.spot: one.one.name for one in known}
+        named = [i for i, one in enumerate(known) if one.one.law.physical]
         grouped: dict[int, list[int]] = {}
         for i in named:
             grouped.setdefault(int(number[i]), []).append(i)

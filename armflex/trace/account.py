@@ -123,8 +123,7 @@ def conclude(
     here.state.reporter.stage("fitting to the end")
     known = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
-    every = [_found(known, number) for number in range(len(state.known))]
-    found, common = (tuple(one for one in every if one.family is family) for family in (False, True))
+    found = tuple(_found(known, number) for number in range(len(state.known)))
     left = unexplained(state, here.scattered)
     together = np.setdiff1d(state.asked[~(lost_of(state, heed=True)[1] | state.undirected)], state.rows)
     if left is None and len(together):  # rows left out although their neighbours are far off, too
@@ -142,7 +141,6 @@ def conclude(
     return Trace(
         **errors,
         found=found,
-        at_every_drive=common,
         families=beside_effects(state) if state.background.names else families,
         unexplained=left,
         places=places,
@@ -189,19 +187,16 @@ def _errors(state: State, seen: Validated | None = None) -> dict:
 def _found(known: Weighed, number: int) -> Found:
     state, credible, seen = known.here.state, known.credible[number], known.validated
     assert seen is not None
-    own, unit, size = state.units[number], state.known[number].unit, 0.0
-    if unit is not None:
-        size = float(np.sqrt((np.concatenate([state.fitted[i].acting for i in own]) ** 2 / unit**2).mean()))
     return Found(
-        members=tuple((state.fitted[i], state.std_of(state.effects[i])) for i in own),
+        effect=state.fitted[number],
+        std=state.std_of(state.effects[number]),
         evidence=2.0 * credible.ranking[0][1],
         proof=seen.proofs[number],
-        ranking=tuple((one, 2.0 * odds) for one, odds in credible.ranking if not one.family),
-        index=own[0],
-        number=state.effects[own[0]].number if unit is None else number + 1,
+        ranking=tuple((one, 2.0 * odds) for one, odds in credible.ranking),
+        index=number,
+        number=state.effects[number].number,
         probability=credible.probability,
         credible=_others(credible),
-        size=size,
     )
 
 
@@ -210,16 +205,15 @@ def _suspects(known: Weighed) -> tuple[tuple[Effect, float], ...]:
     chances = dict[tuple, tuple[Hypothesis, float]]()
     own = ((one, seen.probability) for one, seen in zip(known.here.state.known, known.credible, strict=False))
     for one, chance in (*own, *(pair for seen in known.credible for pair in seen.suspects)):
-        if not one.family:
-            first, before = chances.get(one.spot, (one, 0.0))
-            chances[one.spot] = first, min(before + chance, 1.0)
+        first, before = chances.get(one.spot, (one, 0.0))
+        chances[one.spot] = first, min(before + chance, 1.0)
     ranked = sorted(chances.values(), key=lambda pair: -pair[1])
     return tuple((one.one.effect(np.zeros(len(one.one.location.terms))), chance) for one, chance in ranked)
 
 
 def _others(credible: Credible) -> tuple[tuple[Effect, float], ...]:
     """Return what else may be in a place, single effects without a size, with the probability of each."""
-    single = [(one.one, chance) for one, chance in credible.others if not one.family]
+    single = [(one.one, chance) for one, chance in credible.others]
     return tuple((one.effect(np.zeros(len(one.location.terms))), chance) for one, chance in single)
 
 
@@ -227,7 +221,7 @@ def _places(known: Weighed, found: Sequence[Found]) -> list[Place]:
     """Return what may be in the place of every effect that was found, or what may be missing where nothing was."""
     count = len(known.here.state.declared.arm.effects)
     causes: Sequence[Cause | None] = [Cause(one.effect, one.probability, count + one.index) for one in found]
-    single = [known.credible[i] for i, one in enumerate(known.here.state.known) if not one.family]
+    single = known.credible[: len(known.here.state.known)]
     if not known.here.state.known:
         causes, single = [None], [known.credible[-1]]
     return [

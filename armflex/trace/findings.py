@@ -34,7 +34,7 @@ from armflex.parameters import ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.families import Families
-from armflex.trace.hypotheses import Hypothesis, at_every_drive
+from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.resampling import Resampled
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
@@ -55,18 +55,19 @@ class Found:
     """An effect that was added; or a family, one law at every drive, few of which show alone.
 
     Attributes:
-        members: The effect with its fitted values, of a family at each drive, and their standard uncertainties by name.
+        effect: With its fitted values.
+        std: Standard uncertainty of each of them by name.
         evidence: Twice the log odds of it beside the others, over none.
         proof: Held-out rows.
         ranking: What competes for its place with twice the log odds, the best first.
         index: Its place among the effects of the final fit.
-        number: Which of its name it is in the arm, see `numbers_of`; of a family its place among all found, from 1 on.
+        number: Which of its name it is in the arm, see `numbers_of`.
         probability: Of it, law and place.
         credible: Single effects that with it make up the 95 % credible set, with the probability of each.
-        size: Standard deviation of the twists of a family, RMS over the rows [rad or m].
     """
 
-    members: tuple[tuple[Effect, Mapping[str, float]], ...]
+    effect: Effect
+    std: Mapping[str, float]
     evidence: float
     proof: Proof
     ranking: tuple[tuple[Hypothesis, float], ...]
@@ -74,36 +75,11 @@ class Found:
     number: int
     probability: float
     credible: tuple[tuple[Effect, float], ...] = ()
-    size: float = 0.0
-
-    @property
-    def family(self) -> bool:
-        """Whether it is of every drive."""
-        return len(self.members) > 1
-
-    @property
-    def effect(self) -> Effect:
-        """The effect, of a family the first."""
-        return self.members[0][0]
-
-    @property
-    def std(self) -> Mapping[str, float]:
-        """Standard uncertainty of each of its fitted values by name."""
-        return self.members[0][1]
 
     @property
     def title(self) -> str:
-        """What it is in words; of a family with the values that all have in common."""
-        if not self.family:
-            return self.effect.title
-        inner = list(self.effect.named.items())[len(self.effect.location.terms) :]
-        said = "".join(f" {name} = {value:.3g}" for name, value in inner)
-        return at_every_drive(self.effect.law, said)
-
-    @property
-    def unit(self) -> str:
-        """Of the size of a family."""
-        return "rad" if self.effect.location.turns else "m"
+        """What it is in words."""
+        return self.effect.title
 
     @property
     def equivalent(self) -> tuple[tuple[Effect, float], ...]:
@@ -204,7 +180,7 @@ class Trace(Result):
     Attributes:
         arm: With everything fitted and every effect added.
         state: The final fit, and the calibration before it.
-        found: Effects in the order added; of families, the members that show by themselves.
+        found: Effects in the order added.
         unexplained: What is left above the noise, None when nothing is.
         places: Likeliest places of what was left at first.
         held_out_before, held_out_after: RMS of the 3-D error on held-out poses [m].
@@ -214,7 +190,6 @@ class Trace(Result):
         next_measurement: What to measure next, in words.
         asked: The rows that decide what is in question, where they were wanted.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
-        at_every_drive: Laws that all drives have.
         families: Which kinds of effect are in the arm beside what is named; where none is, which kinds the calibrated
             arm lacks before anything is named.
         undecided: What is left where these rows do not determine whether anything is missing, None where they can.
@@ -245,7 +220,6 @@ class Trace(Result):
     next_measurement: tuple[str, ...] = ()
     asked: Asked | None = None
     compared: Compared | None = None
-    at_every_drive: tuple[Found, ...] = ()
     families: Families | None = None
     undecided: Undecided | None = None
     unfinished: bool = False
@@ -309,13 +283,13 @@ class Trace(Result):
 
     @property
     def unsettled(self) -> tuple[Found, ...]:
-        """Those of `found`, and laws at every drive, that are there or something else is: no name."""
-        return tuple(one for one in (*self.found, *self.at_every_drive) if not one.is_named)
+        """Those of `found` that are there or something else is: no name."""
+        return tuple(one for one in self.found if not one.is_named)
 
     @property
     def common(self) -> list[str]:
-        """Laws that all drives have, in words."""
-        return [family.title for family in self.at_every_drive if family.is_named]
+        """Families that are in the arm."""
+        return list(self.state.background.names)
 
     @cached_property
     def judged_rows(self) -> np.ndarray:

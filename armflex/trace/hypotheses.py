@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log
 
-from armflex.conventions import Array
 from armflex.laws.effects.candidate import Candidate, candidates_of, grid, places_of
 from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.context import Context
@@ -50,59 +49,41 @@ LOST_MOTION = (DEADBAND, HYSTERESIS)
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A law at a place, or at every drive, that an arm may lack.
+    """A law at a place that an arm may lack.
 
     Attributes:
-        members: A candidate; or the same law at several drives, whose amplitudes come from one distribution.
+        one: Which.
         prior: Log of the number of such effects that is expected of a machine.
-        unit: (k,) amplitudes of all members that count as alike; none where a hypothesis has one member.
     """
 
-    members: tuple[Candidate, ...]
+    one: Candidate
     prior: float
-    unit: Array | None = None
-
-    @property
-    def one(self) -> Candidate:
-        """The only member, or the first."""
-        return self.members[0]
-
-    @property
-    def family(self) -> bool:
-        """Whether it is of every drive."""
-        return self.unit is not None
 
     @property
     def title(self) -> str:
         """What it is in words."""
-        return at_every_drive(self.one.law) if self.family else self.one.title
+        return self.one.title
 
     @cached_property
-    def spot(self) -> tuple:
+    def spot(self) -> tuple[str, Location]:
         """Law and place, whatever is inside the law."""
-        places = tuple(one.location for one in self.members)
-        return (self.one.law.name, self.family, places)
+        return self.one.law.name, self.one.location
 
     def alike(self, other: Hypothesis) -> bool:
         """Whether it is of the same law and place as another, about the same axis or one of them about all.
 
         That is whatever is inside the law and whichever of its terms act.
         """
-        (*own, places), (*others, elsewhere) = self.spot, other.spot
-        axes = [{a.axis, b.axis} - {None} for a, b in zip(places, elsewhere, strict=False)]
-        places, elsewhere = ([replace(one, axis=None, terms=()) for one in some] for some in (places, elsewhere))
-        return own == others and places == elsewhere and all(len(one) < 2 for one in axes)
+        (own, place), (others, elsewhere) = self.spot, other.spot
+        axes = {place.axis, elsewhere.axis} - {None}
+        same = replace(place, axis=None, terms=()) == replace(elsewhere, axis=None, terms=())
+        return own == others and same and len(axes) < 2
 
     @cached_property
     def positive(self) -> bool:
         """Whether its only amplitude must be positive."""
         terms = self.one.location.terms
-        return not self.family and len(terms) == 1 and self.one.law.amplitudes[terms[0]].positive
-
-
-def at_every_drive(law: EffectLaw, values: str = "") -> str:
-    """Return what a law at every drive is in words, with the values that all have in common."""
-    return f"{law.name.replace('_', ' ')}{values} at every drive"
+        return len(terms) == 1 and self.one.law.amplitudes[terms[0]].positive
 
 
 def searched() -> list[EffectLaw]:
@@ -127,7 +108,7 @@ def hypotheses(context: Context) -> list[Hypothesis]:
         prior += log(RARE_VALUE) * _rare(one, beside, context)
         if one.law in LOST_MOTION and not one.location.turns and one.location.axis != drives.get(one.location.site):
             prior += log(ODD_PLACE)
-        found.append(Hypothesis((one,), prior + oddness(one) - log(len(terms[spot]) * len(beside))))
+        found.append(Hypothesis(one, prior + oddness(one) - log(len(terms[spot]) * len(beside))))
     return found
 
 
@@ -168,4 +149,4 @@ def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> I
         inners, acting = list(grid(law, location, context)), replace(location, terms=tuple(range(len(law.amplitudes))))
         for inner in inners:
             one = Candidate(law, acting, inner)
-            yield Hypothesis((one,), _of_law(law) + oddness(one) - log(places * len(inners)))
+            yield Hypothesis(one, _of_law(law) + oddness(one) - log(places * len(inners)))

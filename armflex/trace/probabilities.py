@@ -73,14 +73,14 @@ def competing(screen: Screen, model: Model) -> Dense:
     What fitted parameters take over does not: no reading could show it, and no prediction lacks it.
     """
     aliased = {number for number, share in screen.single().items() if share is None or share <= ALMOST}
-    own, mine = {screen.groups[one.number].hypothesis.members for one in model}, {one.number for one in model}
+    own, mine = {screen.groups[one.number].hypothesis.one for one in model}, {one.number for one in model}
     screen.extend(_elsewhere(screen, model))
     beside, found, charges = screen.beside(model), dict[int, float](), dict[int, float]()
     for rest in (*map(beside.without, range(len(model))), beside):
         for one in rivals(rest, refine, most=MOST_COMPETING, within=4.0 * WITHIN):  # a resample may bring it forward
             if one.chosen.number in aliased:
                 continue
-            if screen.groups[one.chosen.number].hypothesis.members in own and one.chosen.number not in mine:
+            if screen.groups[one.chosen.number].hypothesis.one in own and one.chosen.number not in mine:
                 continue  # the same again, from the grid: it would count twice
             number, odds = one.chosen.number, float(rest.odds_at(one.chosen.number).max())
             if one.odds > found.get(number, -np.inf):  # of the amplitudes that it has where it competes most
@@ -93,13 +93,13 @@ def competing(screen: Screen, model: Model) -> Dense:
 
 def _elsewhere(screen: Screen, model: Model) -> list[Hypothesis]:
     """Return shapes of a model that were only sought where they are, at all other places over the same columns."""
-    known, found = {one.hypothesis.members for one in screen.groups}, list[Hypothesis]()
+    known, found = {one.hypothesis.one for one in screen.groups}, list[Hypothesis]()
     for shape in (screen.groups[one.number].hypothesis for one in model):
         law, covariates = shape.one.law, shape.one.location.covariates
         for place in places_of(law, screen.context) if law.sought else ():
             one = replace(shape.one, location=place)
-            if place.covariates == covariates and (one,) not in known:
-                found.append(replace(shape, members=(one,), prior=shape.prior + oddness(one) - oddness(shape.one)))
+            if place.covariates == covariates and one not in known:
+                found.append(replace(shape, one=one, prior=shape.prior + oddness(one) - oddness(shape.one)))
     return found
 
 

@@ -78,7 +78,7 @@ def refine(beside: Beside, some: Sequence[Rival]) -> None:
         if spot != lead.spot and led not in before:
             before.add(led)
             grid = of_grid(spot)[0]
-            there = replace(grid, members=(replace(grid.one, inner=inner),))
+            there = replace(grid, one=replace(grid.one, inner=inner))
             found += best([grid, there], SCALES[len(SCALES) // 2])
     screen.extend(found)
 
@@ -136,7 +136,7 @@ class _Search:
         self.known_left = screen.columns_of(beside.places)[1]
 
     def columns(self, inner: Values) -> Array:
-        return self.screen.made([replace(one, inner=inner) for one in self.hypothesis.members])
+        return self.screen.bank.made(replace(self.hypothesis.one, inner=inner))
 
     def reduced(self, columns: Array) -> tuple[Array, Array]:
         """Return information and score of (n, k) columns beside the model."""
@@ -147,7 +147,7 @@ class _Search:
 
     def held(self, columns: Array) -> Array:
         """Return the (k,) prior precisions of amplitudes of columns."""
-        scale = self.screen.scale_of(columns, self.hypothesis.unit)
+        scale = self.screen.scale_of(columns)
         return 1.0 / (self.tau * np.where(scale > 0.0, scale, 1e-12)) ** 2
 
     def at(self, inner: Values) -> _At | None:
@@ -181,9 +181,9 @@ class _Search:
         here, cost = self._climbed(here, one.fitted) if one.fitted else (here, 0.0)
         if here.inner == self.start:
             return None
-        members = tuple(replace(one, inner=here.inner) for one in self.hypothesis.members)
+        one = replace(self.hypothesis.one, inner=here.inner)
         chosen = sum(float(np.log(1.0 + len(inner.tried))) for inner in self.law.inner if inner.tried)
-        return replace(self.hypothesis, members=members, prior=self.hypothesis.prior - cost - chosen), here.value - cost
+        return replace(self.hypothesis, one=one, prior=self.hypothesis.prior - cost - chosen), here.value - cost
 
     def _moments(self, inner: Inner, value: float) -> list[float]:
         """Return the moments near a value at which something may have stepped."""

@@ -11,7 +11,6 @@ from typing import Self
 import numpy as np
 
 from armflex.conventions import RESOLUTION, Array
-from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.possible import sensible, size_prior
 from armflex.trace.bank import Bank
 from armflex.trace.columns import Columns
@@ -111,11 +110,9 @@ class Screen(Evidence):
         moves = np.isfinite(squares) & (squares > MOTIONLESS)
         return np.where(moves, np.sqrt(self.unit / np.where(moves, squares, 1.0)), 0.0)
 
-    def scale_of(self, columns: Array, unit: Array | None) -> Array:
-        """Return the (k,) scale of a hypothesis's (n, k) columns; `unit` where members are alike as they are."""
-        if unit is None:
-            return self._scaled((columns**2).sum(axis=0))
-        return unit * np.sqrt(self.unit / max(float(((columns * unit) ** 2).sum(axis=0).mean()), MOTIONLESS))
+    def scale_of(self, columns: Array) -> Array:
+        """Return the (k,) scale of a hypothesis's (n, k) columns."""
+        return self._scaled((columns**2).sum(axis=0))
 
     def extend(self, more: Iterable[Hypothesis]) -> None:
         """Add hypotheses."""
@@ -150,14 +147,14 @@ class Screen(Evidence):
         """Yield hypotheses with their (n, k) columns, `SOUGHT_AT_ONCE` at a time."""
         rest = iter(more)
         while piece := list(islice(rest, SOUGHT_AT_ONCE)):
-            yield [(one, self.made(one.members)) for one in piece]
+            yield [(one, self.bank.made(one.one)) for one in piece]
 
     def _moving(self, some: Iterable[tuple[Hypothesis, Array]], idle: bool = False) -> tuple[list[Group], Array]:
         """Return those of some hypotheses that move what is read, or all, and their (K, n) columns, scaled."""
         groups, columns, first = list[Group](), list[Array](), 0
         for one, own in some:
             if np.isfinite(own).all() and (idle or own.any()):
-                groups.append(Group(one, first, self.scale_of(own, one.unit)))
+                groups.append(Group(one, first, self.scale_of(own)))
                 columns.append((own * groups[-1].scale).T)
                 first += own.shape[1]
         return groups, np.concatenate([np.empty((0, len(self.projection.residual))), *columns])
@@ -176,10 +173,6 @@ class Screen(Evidence):
         """Return the (n, k) scaled columns at some places, and what the projection leaves of them."""
         columns, left = self._held.of(places)
         return columns.T, left.T
-
-    def made(self, members: Sequence[Candidate]) -> Array:
-        """Return the (n, k) columns of some candidates."""
-        return np.hstack([self.bank.made(one) for one in members])
 
     def single(self) -> dict[int, float | None]:
         """Return which share of its square the projection leaves of every hypothesis of the catalogue with one column.
@@ -242,16 +235,12 @@ class Screen(Evidence):
         sizes = tuple(np.round(np.sign(amplitudes) * np.log10(np.abs(amplitudes) + 1e-30), 1).tolist())
         key, one = (number, sizes), self.groups[number].hypothesis
         if key not in self._charges:
-            possible = one.family or sensible(
-                one.one.effect(amplitudes), self.fit.view, self.context, self.fit.declared.arm
-            )
+            possible = sensible(one.one.effect(amplitudes), self.fit.view, self.context, self.fit.declared.arm)
             self._charges[key] = 0.0 if possible else IMPOSSIBLE
         return self._charges[key] + self._short.get(one.spot, 0.0)
 
     def sized(self, number: int) -> Array | float:
         group = self.groups[number]
-        if group.hypothesis.family:
-            return 0.0
         if number not in self._sized:
             effect = group.hypothesis.one.effect(group.scale)
             likely = size_prior(effect, SCALES, self.fit.view, self.context)

@@ -177,7 +177,9 @@ def own_model(screen: Screen, known: Sequence[Hypothesis]) -> Model:
 
     All of them, also where values inside a law have come to where no reading shows it: that may be nothing.
     """
-    model = tuple(Chosen(number, 2) for number in screen.hold([(one, screen.made(one.members)) for one in known], True))
+    model = tuple(
+        Chosen(number, 2) for number in screen.hold([(one, screen.bank.made(one.one)) for one in known], True)
+    )
     for i, one in enumerate(model):
         odds = screen.beside(without(model, i)).odds_at(one.number)
         model = (*model[:i], replace(one, scale=int(odds.argmax())), *model[i + 1 :])
@@ -345,10 +347,10 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
 
 
 def _instead_of_families(here: Standing) -> Standing | None:
-    """Propose names instead of a family, or of all of them, where they are worth more."""
-    names, proposed = here.state.background.names, list[tuple[float, Standing, Model]]()
-    for gone in dict.fromkeys([*((name,) for name in names), names] if names else []):
-        fewer = _without(here, gone)
+    """Propose names instead of a family where they are worth more; see `beginning` for all of them."""
+    proposed = list[tuple[float, Standing, Model]]()
+    for name in here.state.background.names:
+        fewer = _without(here, name)
         model = climbed(fewer.screen, fewer.model, refine, most=min(len(fewer.model) + MOST_TRIED, MOST_EFFECTS))
         value = fewer.screen.log_posterior(model)
         if value > here.value + BETTER:
@@ -368,11 +370,11 @@ def _with_families(here: Standing) -> Standing | None:
     return entered(state, here) if linear(state).value > here.value + BETTER else None
 
 
-def _without(here: Standing, gone: Sequence[str]) -> Standing:
-    """Return the linear problem of a state as it is without some families."""
-    state, fewer = here.state, here.state.background.without(*gone)
-    state.reporter.stage(f"screening what names explain without {', '.join(gone)}")
-    projection = state.bare_without(*gone)
+def _without(here: Standing, family: str) -> Standing:
+    """Return the linear problem of a state as it is without a family."""
+    state, fewer = here.state, here.state.background.without(family)
+    state.reporter.stage(f"screening what names explain without {family}")
+    projection = state.bare_without(family)
     screen = Screen(hypotheses(state.context), here.screen.bank, projection, fewer.charge)
     return Standing(replace(state, background=fewer), screen, own_model(screen, state.hypotheses))
 
@@ -385,26 +387,22 @@ def refitted(here: Standing, model: Model) -> State | None:
     titles = Counter(one.title for one in known).items()
     names = ", ".join(f"{title}{f' ({number} times)' if number > 1 else ''}" for title, number in titles)
     state.reporter.stage(f"refitting with {names or 'nothing'}")
-    present = {one.spot: [state.fitted[i].acting for i in own]
-               for one, own in zip(state.known, state.units, strict=True)}  # fmt: skip
+    present: dict[tuple, list[Array]] = {}
+    for one, effect in zip(state.known, state.fitted, strict=True):
+        present.setdefault(one.spot, []).append(effect.acting)
     blocks, starts = list[EffectBlock](), list[tuple[Array, Array]]()
     for chosen, group, amplitudes in zip(model, groups, beside.amplitudes, strict=True):
         tau = group.scale * SCALES[chosen.scale] / (beside.noise * screen.quiet)
-        one, std, first = group.hypothesis, np.where(tau > 0.0, tau, 1e-12), 0
-        for member in one.members:
-            count, now = len(member.location.terms), present.get(one.spot)
-            effect = member.effect(amplitudes[first : first + count])
-            derived = tuple(name for name in member.location.covariates if name in state.measurements.derived)
-            effect = replace(effect, derived=derived).seen_in(state.context, state.rows)
-            free = () if one.family else member.fitted
-            prior = amplitude_prior(effect, free, state.fit.view, state.context)
-            prior[:count] = np.minimum(prior[:count], std[first : first + count])
-            number = len(state.declared.arm.effects) + len(blocks)
-            blocks.append(EffectBlock(effect, free, state.context, number, prior))
-            start, promised = blocks[-1].start, np.zeros(len(prior))
-            promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
-            starts.append((start, promised))
-            first += count
+        one, count, now = group.hypothesis.one, len(amplitudes), present.get(group.hypothesis.spot)
+        derived = tuple(name for name in one.location.covariates if name in state.measurements.derived)
+        effect = replace(one.effect(amplitudes), derived=derived).seen_in(state.context, state.rows)
+        prior = amplitude_prior(effect, one.fitted, state.fit.view, state.context)
+        prior[:count] = np.minimum(prior[:count], np.where(tau > 0.0, tau, 1e-12))
+        number = len(state.declared.arm.effects) + len(blocks)
+        blocks.append(EffectBlock(effect, one.fitted, state.context, number, prior))
+        start, promised = blocks[-1].start, np.zeros(len(prior))
+        promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
+        starts.append((start, promised))
     projection, rest = screen.projection, sum(len(block.parameters) for block in state.blocks)
     absorbed = projection.absorbed(projection.data - screen.explained(beside))
     beside_effects = absorbed[rest:]  # families, and a random twist
@@ -469,7 +467,7 @@ def _without_far_off(here: Standing) -> Standing | None:
 
 
 PROPOSALS = (
-    *(_instead_of_families, _more_probable, _anchored_anew, _with_shapes, _with_families),
+    *(_more_probable, _anchored_anew, _with_shapes, _instead_of_families, _with_families),
     *(_with_products, _set_aside, _withdrawn, _without_far_off),
 )
 """What may replace a state, in the order in which it is asked for."""

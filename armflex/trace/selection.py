@@ -459,13 +459,12 @@ def rivals(
 def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None, most: int = MOST_EFFECTS) -> Model:
     """Return the model that no addition, deletion or exchange of one hypothesis, or of a pair, makes more probable.
 
-    Nor does one hypothesis for each of two drives make it so in place of one for all drives. It begins with a model and
-    has so many hypotheses at most; those that are refined are added to the evidence.
+    It begins with a model and has so many hypotheses at most; those that are refined are added to the evidence.
     """
     worth, begun = evidence.log_posterior, evidence.log_posterior(model)
 
-    def extended(model: Model, only: Only | None = None) -> Model:
-        for rival in rivals(evidence.beside(model), refine, only)[:2] if len(model) < most else ():
+    def extended(model: Model) -> Model:
+        for rival in rivals(evidence.beside(model), refine)[:2] if len(model) < most else ():
             longer = (*model, rival.chosen)
             if worth(longer) > worth(model) + max(BETTER, evidence.error * (worth(longer) - begun)):
                 return longer
@@ -486,20 +485,14 @@ def climbed(evidence: Evidence, model: Model = (), refine: Refine | None = None,
                 model, tried = trial, -1
         return model
 
-    def exchangeable(model: Model) -> list[tuple[int, ...]]:
-        families = [(i,) for i, one in enumerate(model) if evidence.groups[one.number].hypothesis.family]
-        return [*_sharing(evidence, model), *families]
-
     model = swept(model)
-    some = exchangeable(model)
+    some = _sharing(evidence, model)
     while some:
-        gone = some.pop(0)
-        only = (lambda one: not one.family) if len(gone) == 1 else None
-        trial = extended(extended(without(model, *gone), only), only)
+        trial = extended(extended(without(model, *some.pop(0))))
         if worth(trial) > worth(model) - WITHIN and set(trial) != set(model):
             trial = swept(trial)
         if worth(trial) > worth(model) + BETTER:
-            model, some = trial, exchangeable(trial)
+            model, some = trial, _sharing(evidence, trial)
     return model
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -45,7 +44,7 @@ class State:
         fit: Everything together.
         context: The campaign as the catalogue sees it, at this fit.
         known: Hypotheses that were added, with values inside their laws as they were chosen.
-        effects: What they add: one effect for each member of each hypothesis, in order.
+        effects: What they add, one each, in order.
         random: Random twist per pose, None where there is none.
         background: Families beside the effects.
         heed: Whether rows that are far off in company stay in use; see `lost_readings`.
@@ -108,12 +107,6 @@ class State:
         return without_direction([block.effect for block in self.effects], self.measurements)[self.asked]
 
     @property
-    def units(self) -> tuple[tuple[int, ...], ...]:
-        """Places of the effects of every hypothesis."""
-        ends = np.cumsum([0, *(len(one.members) for one in self.known)]).tolist()
-        return tuple(tuple(range(a, b)) for a, b in pairwise(ends))
-
-    @property
     def sessions(self) -> tuple[str, ...]:
         """Session of every fitted row."""
         return tuple(self.measurements.session[row] for row in self.rows)
@@ -146,9 +139,8 @@ class State:
     @cached_property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
         """What was added, with values inside laws as they were fitted."""
-        inners = iter([effect.inner for effect in self.fitted])
-        own = ([replace(each, inner=next(inners)) for each in one.members] for one in self.known)
-        return tuple(replace(one, members=tuple(some)) for one, some in zip(self.known, own, strict=True))
+        pairs = zip(self.known, self.fitted, strict=True)
+        return tuple(replace(known, one=replace(known.one, inner=effect.inner)) for known, effect in pairs)
 
     @property
     def identity(self) -> tuple:

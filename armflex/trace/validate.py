@@ -122,7 +122,7 @@ def validated(here: Standing, folds: Folds) -> Validated:
         less = judged.row_squares(errors([without(own, i)] * count))
         rise = np.bincount(state.groups, np.where(judged.foremost_count > 0, less - whole, 0.0))
         apart = float(rise.mean() / (rise.std() / np.sqrt(len(rise)) + 1e-300))
-        sessions = sessions_held_out(state, state.units[i]) or (None, None)
+        sessions = sessions_held_out(state, (i,)) or (None, None)
         proofs.append(Proof(rms(less), rms(whole), *sessions, apart))
     # The calibrated arm in its own linear problem: in that of the traced one it has not the values that it was given.
     before = held_out(state.calibrated, pose_folds(state.groups), judged=state.judged).squares

@@ -111,8 +111,8 @@ for (name, (file, table)), ax in zip(campaigns.items(), axes[:, 0], strict=True)
         errors = error(found, rows, held_out)
         print(f"  {title}, on held-out poses: {said(errors)}")
         ax.plot(np.sort(errors), np.linspace(0, 1, len(errors)), label=title)
-    for family in traced.at_every_drive:  # small everywhere: no drive shows it alone, all of them together do
-        print(f"  {family.title}")
+    for family in traced.common:  # small everywhere: no drive shows it alone, all of them together do
+        print(f"  {family}")
     for one in traced.found:
         values = ", ".join(f"{parameter} = {value:.3g}" for parameter, value in one.effect.named.items())
         print(f"  {one.effect.title}: {values}")

@@ -153,7 +153,7 @@ def screened(state: State, every: int = 1) -> Screen:
 def test_a_column_that_moves_nothing_has_no_scale(before):
     """Its square underflows, and the square of its scale would be no number; one inside a law may decay so far."""
     screen = screened(before, 400)
-    assert screen.scale_of(np.full((9, 1), 1e-107), None) == 0.0 < screen.scale_of(np.full((9, 1), 1e-9), None)
+    assert screen.scale_of(np.full((9, 1), 1e-107)) == 0.0 < screen.scale_of(np.full((9, 1), 1e-9))
 
 
 def test_the_evidence_on_a_screen_is_that_of_gaussian_readings(before):

@@ -108,7 +108,7 @@ def test_a_name_that_is_less_likely_than_another_is_exchanged_for_it(missing):
     """The arm was fitted with what the readings speak for less: another joint's law is all that it was given."""
     here = standing(missing)
     names = [group.hypothesis.spot for group in here.screen.groups]
-    own = next(i for i, name in enumerate(names) if name[0] == "friction_windup" and name[2][0].site == "A4")
+    own = next(i for i, name in enumerate(names) if name[0] == "friction_windup" and name[1].site == "A4")
     state = refitted(here, (Chosen(own, 2),))
     assert state is not None and [effect.title for effect in state.fitted] == ["friction windup at A4 (rz)"]
     known = weighed(standing(state))

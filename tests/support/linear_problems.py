@@ -23,7 +23,7 @@ def problem(
         law, term = (BASE_COMPLIANCE, 0) if i == signed else (BACKLASH, 0)
         candidate = Candidate(law, Location(f"J{i}", "rz", (), (term,)), ())
         prior = np.log(0.1) if priors is None else float(priors[i])
-        groups.append(Group(Hypothesis((candidate,), prior), size * i, np.ones(size)))
+        groups.append(Group(Hypothesis(candidate, prior), size * i, np.ones(size)))
     return Dense(groups, columns, of_readings(readings), prior_of(groups))
 
 

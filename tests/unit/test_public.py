@@ -45,7 +45,7 @@ def test_a_traced_ur5_predicts_poses_that_it_has_not_seen() -> None:
     # What is stated of poses held out is what other poses get, of a fit to a fifth fewer rows: 250 rows get 0.062 mm.
     other = np.sqrt((error[rest] ** 2).mean())
     assert other < found.held_out[1] < 1.15 * other
-    assert found.at_every_drive and all(len(one.members) > 1 for one in found.at_every_drive)
+    assert "curve of the drives" in found.common
 
 
 @pytest.mark.parametrize(("name", "joints", "sigma"), [("UR5", 6, 1e-4), ("WAM", 7, 1e-3)])

@@ -70,13 +70,8 @@ def further(trace: Trace) -> list[str]:
     for one in trace.found:
         if one.effect.another_day:
             said.append(f"On another day, of {called(one.effect, one.number)}: {one.effect.another_day}.")
-    for family in trace.at_every_drive:
-        if family.is_named:
-            size = measure(family.size, None, family.unit)
-            said.append(
-                f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family with a "
-                f"probability of {family.probability:.0%}, not a named cause."
-            )
+    if trace.common:
+        said.append(f"In the arm at all drives, with no single place: {joined(trace.common)}.")
     if (drawn := trace.resampled) is not None and drawn.mismatch > 1.0:
         said.append(
             f"Held-out {drawn.by} differ {short(drawn.mismatch)} times as much as noise and chance allow: something is "
@@ -120,7 +115,7 @@ def left(unexplained: Unexplained, readings: Readings) -> str:
 
 def unsettled(found: Found) -> str:
     """Return what something may be that has no name, the likeliest first."""
-    own = found.title if found.family else called(found.effect, found.number)
+    own = called(found.effect, found.number)
     causes = sorted(
         [(found.probability, own), *((chance, called(one)) for one, chance in found.credible)], reverse=True
     )

@@ -146,7 +146,7 @@ def _errors(trace: Trace, accurate: Accuracy) -> Table:
     unit = placed.readings.shown_in
     rows = [cover.spread(f"as declared, the {trace.calibration.placing}", declared, unit)]
     rows.append(cover.spread("calibrated, poses held out", accurate.before, unit))
-    if trace.found or trace.at_every_drive:
+    if trace.found or trace.common:
         rows.append(cover.spread("with the effects identified, poses held out", accurate.after, unit))
     return (*rows, ("noise as stated", millimetres(accurate.stated, unit=unit), "", ""))
 

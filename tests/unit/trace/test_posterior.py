@@ -130,7 +130,7 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
 
 def test_a_law_about_one_axis_and_about_all_at_a_place_is_one_name() -> None:
     def tilt(axis: str | None, *terms: int) -> Hypothesis:
-        return Hypothesis((Candidate(GRAVITY_TILT, Location("base", axis, (), terms), ()),), 0.0)
+        return Hypothesis(Candidate(GRAVITY_TILT, Location("base", axis, (), terms), ()), 0.0)
 
     about_x, about_y, about_both = tilt("rx", 0), tilt("ry", 1), tilt(None, 0, 1)
     assert about_x.alike(about_both) and about_both.alike(about_y) and not about_x.alike(about_y)
