@@ -26,7 +26,7 @@ from armflex.version import __version__
 
 CONTROLLER = Path(__file__).with_name("controller.c")
 
-BESIDE = 6144
+BESIDE = 16384
 """Bytes that functions of the engine hold beside what `mechanism` has; the tests compare them with the compiler's."""
 
 
@@ -40,7 +40,7 @@ def export_mechanism(arm: Arm, name: str) -> Exported:
     each, numbers = [trees(one)[:2] for one in loaded], arm.stack.numbers
     true, nominal = each[0]
     start, home, settled = closings(loaded[0])[0].beginning() if arm.robot.linkage else _of_chain(arm)
-    room = _room(true) + 1
+    room = _room(true, numbers.compliance[0], factors.varies) + 1
     counts = {
         "JOINTS": (true.driven, "drives, cylinders among them"),
         "PASSIVE": (true.passive, "joints without a drive"),
@@ -161,16 +161,20 @@ def _factors(arm: Arm) -> Factors:
     columns = {f"q_{joint}": place for joint, place in arm.joint_index.items()}
     found = arm.stack.factors(columns | {MASS: len(columns)})
     if refused or found is None:
-        told = "; ".join(dict.fromkeys(refused))
+        reasons = "; ".join(dict.fromkeys(refused))
         raise UnsupportedError(
-            f"this arm cannot be written as C: with loops or springs it knows no such thing ({told})"
+            f"this arm cannot be written as C: with loops or springs it knows no such thing ({reasons})"
         )
     return found
 
 
-def _room(tree: Tree) -> int:
-    """Return how many numbers the engine works with."""
-    return len(Engine(tree)._work())
+def _room(tree: Tree, compliance: Array, varies: np.ndarray) -> int:
+    """Return how many numbers the engine works with; laws that change may have any coordinates."""
+    ranks = [
+        6 if changes else int(np.count_nonzero(np.abs(one).max(axis=1)))
+        for one, changes in zip(compliance, varies, strict=True)
+    ]
+    return Engine(tree).room(sum(ranks))
 
 
 def _engine() -> str:

@@ -358,20 +358,30 @@ static work divided(const arm *a, whole p, whole rank, double **room)
 }
 
 #if !defined(CONTROLLER)
-whole engine_room(const arm *a)
+/* What `divided` takes for p passive joints and `rank` coordinates, at most. */
+static whole divided_room(const arm *a, whole rank)
+{
+    whole size = a->passive + rank + a->rows, wide = wide_of(size);
+    return 2 * a->count * 6 * wide + 8 * (size + 2) * wide + 2 * size;
+}
+
+/* What all but chains take where laws have `rank` coordinates at most. */
+whole engine_rest_room(const arm *a, whole rank)
 {
     whole k = a->count, n = a->flexures, m = a->rows, t = a->ties, p = a->passive, z = a->driven + p + 6 * n;
     whole here_ = 21 * k + 8 * z + 36 * n + 36 * n + 2 * m + 6 * (m + t) + m * (p + 6 * n) + 19 * t + 24 * n + 64;
-    whole size = p + 6 * n + m, wide = wide_of(size);
-    whole work_ = 2 * k * 6 * wide + 8 * (size + 2) * wide + 2 * size;
-    whole respond = 36 * n * 2 + m * (p + 6 * n) + 6 * (p + 6 * n) + 8 * size + 2 * 6 * TIP * (k + 2) + k + 256;
-    whole hidden = 0, chain;
+    whole respond = 36 * n * 2 + m * (p + 6 * n) + 6 * (p + 6 * n) + 8 * (p + 6 * n + m) + 2 * 6 * TIP * (k + 2) + k + 256;
+    return here_ + divided_room(a, 0) + divided_room(a, rank) + respond + 2 * m * m + 64 * GAP;
+}
+
+whole engine_room(const arm *a)
+{
+    whole n = a->flexures, hidden = 0;
     for (whole i = 0; i < n; i++) {
         whole own = a->starts[i + 1] - a->starts[i];
         hidden = (own > hidden) ? own : hidden;
     }
-    chain = 16 * (90 * n + a->terms + a->factors + 9 * a->pushes + hidden + 32) + 16;
-    return chain + here_ + 2 * work_ + respond + 64 * GAP;
+    return 16 * (90 * n + a->terms + a->factors + 9 * a->pushes + hidden + 32) + 16 + engine_rest_room(a, 6 * n);
 }
 #endif /* CONTROLLER */
 
