@@ -36,6 +36,7 @@ COMMANDS = {
     "export": "write the arm for other programs: URDF, a sheet for the controller, C, URScript, KRL, RAPID",
     "view": "write a page of the arm that opens in a browser",
     "compile": "compile the engine now instead of with the first long job",
+    "schema": "the JSON schemas of an arm.toml and of what --json writes",
     "demo": "the whole workflow on the bundled TARM-like arm",
 }
 
