@@ -80,8 +80,8 @@ def command(
 
     Effects are selected by their posterior probability, and each is listed with its own and with what else it may be.
     Several campaigns of one machine are traced together: what they have in common is named once, and what is of one of
-    them depends on the column `campaign`. Effects with which held-out poses are predicted worse than by the calibrated
-    arm, beyond chance, are withdrawn.
+    them depends on the column `campaign`. An effect has a name where it is likelier than all else that it may be;
+    where it is not, what it may be is listed.
 
     Ctrl-C, or SIGTERM, ends the search with what it has accepted: the files are written, marked unfinished, and the
     exit code is 1.
@@ -172,9 +172,11 @@ def print_trace(found: Trace) -> None:
     if found.families is not None and found.families.found:
         kinds = (f"{family.name} {number(family.rms * factor, 3)} {unit}" for family in found.families.found)
         say(f"Kinds of effect it lacks: {listing(kinds, MOST_KINDS)}.")
-    if found.found:
-        columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}"]
-        print_table("Effects identified", columns, [row for one in found.found for row in _lines(one, factor)])
+    columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}"]
+    unsettled = [one for one in found.found if not one.is_named]
+    for title, some in (("Effects identified", found.named), ("In the arm, but not settled", unsettled)):
+        if some:
+            print_table(title, columns, [row for one in some for row in _lines(one, factor)])
     if found.at_every_drive:
         columns = ["at every drive", "RMS of its twists", "evidence", f"held out {unit}"]
         rows = [
@@ -209,12 +211,12 @@ def _lines(found: Found, factor: float) -> Iterator[list[str]]:
 def _remarks(found: Trace) -> Iterator[str]:
     """Yield the result in sentences, as a page has it, what became of doubtful rows, and what to measure next."""
     yield headline(found)
-    signs = {one.effect.law.words.title: one.effect.law.words.signs for one in found.found}
+    signs = {one.effect.law.words.title: one.effect.law.words.signs for one in found.named}
     yield from (f"Signs of {title}: {text}." for title, text in signs.items() if text)
     for one in (*found.found, *found.at_every_drive):
         title = one.title if one.family else f"{one.title}{numbered(one.number)}"
         others = "".join(f", {share:.0%} {effect.title}" for effect, share in one.credible[:3])
-        yield f"Probability: {one.probability:.0%} {title}{others}.{one.doubt}"
+        yield f"Probability: {one.probability:.0%} {title}{others}."
     if found.outliers:
         lost, less = found.outlier_count("lost beam"), found.outlier_count("counted less")
         yield f"Outliers, in none of the figures: {lost} readings excluded as lost beams, {less} rows down-weighted."
@@ -287,17 +289,9 @@ def as_json(found: Trace) -> dict[str, Any]:
             for one in found.at_every_drive
         ],
         "undecided": undecided
-        and record(undecided, "poses evidence chance")
-        | {"rms_mm": undecided.rms * 1e3, "stated_mm": undecided.stated * 1e3},
-        "withdrawn": [
-            {
-                **place_json(one.effect.law, one.effect.location),
-                "held_out_rms_mm": scaled(
-                    dict(zip(stages, (one.compared.before, one.compared.worst), strict=True)), 1e3
-                ),
-            }
-            for one in found.withdrawn
-        ],
+        and record(undecided, "poses likeliest") | {"rms_mm": undecided.rms * 1e3, "stated_mm": undecided.stated * 1e3},
+        "suspects": _credible_json(found.suspects),
+        "resampled": found.resampled and record(found.resampled, "by mismatch"),
     }
     return plain(said)
 
@@ -321,7 +315,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
         "equivalent": [place_json(one.law, one.location) for one, _ in found.equivalent],
         "held_out_sessions_rms_mm": scaled(record(proof, before="sessions_before", after="sessions_after"), 1e3),
         "credible": _credible_json(credible),
-        **record(found, "probability evidence", chance="proof.null", chosen_again="proof.survives"),
+        **record(found, "probability evidence", named="is_named"),
     }
 
 

@@ -37,7 +37,8 @@ def trace(
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
-    Effects with which the arm predicts held-out poses worse than the calibrated one, beyond chance, are withdrawn.
+    Probabilities are averages over resamples of the campaign (`armflex.trace.resampling`). An effect that is likelier
+    than all else that it may be, and than nothing, is named.
     A search ends where nothing is more probable, after as many states as it may enter, or after `minutes`; then `ended`
     says which, and what there is is weighed, which may take as long again. Once the arm is calibrated
     Ctrl-C (KeyboardInterrupt), or weighing that takes longer, ends it at once with what was accepted, `unfinished`.

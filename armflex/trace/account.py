@@ -29,16 +29,17 @@ from armflex.trace.findings import (
     Undecided,
     Unexplained,
     Unidentifiable,
-    Withdrawn,
     unexplained,
 )
-from armflex.trace.probabilities import CREDIBLE, Credible, competing, sampled
+from armflex.trace.hypotheses import Hypothesis
+from armflex.trace.probabilities import Credible, bagged, competing
+from armflex.trace.resampling import Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
 from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
-from armflex.trace.validate import Validated, chance, sessions_held_out, validated
+from armflex.trace.validate import Folds, Validated, sessions_held_out, validated
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,29 +49,30 @@ class Weighed:
     Attributes:
         here: The state.
         credible: What each hypothesis may be, and last what may be missing.
+        resampled: The resamples of the campaign over which that is an average.
         validated: How it predicts poses held out; None where nothing was found.
-        chance: Best log odds of any hypothesis under random signs of the residual.
     """
 
     here: Standing
     credible: tuple[Credible, ...]
+    resampled: Resampled
     validated: Validated | None
-    chance: float
 
 
-def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
-    """Return a state with probabilities and guards, and what was withdrawn as it makes held-out poses worse.
+def weighed(here: Standing) -> Weighed:
+    """Return a state with probabilities, without what is likelier to be nothing, or all but certainly something else.
 
-    An effect in whose place nothing is credible is no finding, nor one that chance explains as well, nor what is less
-    likely than something else in its place, if the arm can be fitted with that.
+    Where something else is likelier in the place of an effect, the arm is fitted with that, and the better is kept.
     """
-    withdrawn, full = list[Withdrawn](), is_full(here)
+    full = is_full(here)
     while True:
-        here.state.reporter.stage("weighing what else the effects may be")
+        state = here.state
+        state.reporter.stage("weighing what else the effects may be")
         evidence = competing(here.screen, here.model)
-        model = evidence.here(here.model)
-        found, visited = sampled(evidence, model)
-        doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.doubtful]
+        model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
+        resamples = resampled(evidence, model, parted_by(state), folds)
+        found, visited = bagged(evidence, model, resamples.times)
+        doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.is_doubtful]
         if doubted:  # each fit takes seconds where more is missing than can be named: there the likeliest is tried
             models, tried = map(evidence.there, {climbed(evidence, model)} if full else visited), len(here.rejected)
             known, unlikely = spots(here.screen, here.model), spots(here.screen, tuple(doubted))
@@ -78,34 +80,17 @@ def weighed(here: Standing) -> tuple[Weighed, tuple[Withdrawn, ...]]:
             if after is not None or (len(here.rejected) > tried and not full):
                 here = here if after is None else after
                 continue
-        if not model:
-            return Weighed(here, found, None, chance(here)), tuple(withdrawn)
-        odds, nothing = [one.ranking[0][1] for one in found[:-1]], [one.nothing for one in found[:-1]]
-        last, after, seen, null, why = int(np.argmax(nothing)), None, None, -np.inf, "it may be nothing"
-        if nothing[last] > 1.0 - CREDIBLE:
-            after = refitted(here, without(here.model, last))
-        if after is None:
-            last, null, why = int(np.argmin(odds)), chance(here), "chance explains as much"
-            after = refitted(here, without(here.model, last)) if odds[last] <= null else None
-        if after is None:
+        gone = [i for i, one in enumerate(found[:-1]) if one.is_gone]
+        if not gone:
             here.screen.forget()
-            here.state.reporter.stage("predicting held-out poses, with what is chosen and fitted without them")
-            seen = validated(here, evidence, null)
-            if not seen.compared.worse:
-                return Weighed(here, found, seen, null), tuple(withdrawn)
-            last = max(range(len(model)), key=lambda i: evidence.log_posterior(without(model, i)))
-            why = "held-out poses are predicted worse with it"
-            after = refitted(here, without(here.model, last))
-        gone = [last]
+            return Weighed(here, found, resamples, validated(here, folds) if model else None)
+        least = min(gone, key=lambda i: found[i].probability)
+        state.reporter.stage(f"withdrawing {here.screen.groups[here.model[least].number].hypothesis.title}")
+        after = refitted(here, without(here.model, least))
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
-            gone, after = list(range(len(model))), refitted(here, ())
+            after = refitted(here, ())
         if after is None:
             raise ConvergenceError("the arm with nothing added does not come to rest, or its fit does not settle", ())
-        for unit in (here.state.units[i] for i in gone):
-            one = here.state.fitted[unit[0]]
-            if seen is not None:
-                withdrawn.append(Withdrawn(one, seen.compared, len(unit) > 1))
-            here.state.reporter.stage(f"withdrawing {one.title}: {why}")
         here = replace(standing(after, here), rejected=[*here.rejected, spots(here.screen, here.model)])
 
 
@@ -136,7 +121,7 @@ def conclude(
     `Trace`.
     """
     here.state.reporter.stage("fitting to the end")
-    known, withdrawn = weighed(settled_exactly(here))
+    known = weighed(settled_exactly(here))
     here, state = known.here, known.here.state
     every = [_found(known, number) for number in range(len(state.known))]
     found, common = (tuple(one for one in every if one.family is family) for family in (False, True))
@@ -167,8 +152,9 @@ def conclude(
         next_measurement=(*wrong, *texts, *lacking(state.measurements, state.context)),
         asked=asked,
         compared=None if seen is None else seen.compared,
-        withdrawn=withdrawn,
         nothing=0.0 if state.known or left is not None else known.credible[-1].nothing,
+        suspects=_suspects(known),
+        resampled=known.resampled,
         ended=ended,
     )
 
@@ -219,6 +205,18 @@ def _found(known: Weighed, number: int) -> Found:
     )
 
 
+def _suspects(known: Weighed) -> tuple[tuple[Effect, float], ...]:
+    """Return every single effect that competes for any place with its probability, the likeliest first."""
+    chances = dict[tuple, tuple[Hypothesis, float]]()
+    own = ((one, seen.probability) for one, seen in zip(known.here.state.known, known.credible, strict=False))
+    for one, chance in (*own, *(pair for seen in known.credible for pair in seen.suspects)):
+        if not one.family:
+            first, before = chances.get(one.spot, (one, 0.0))
+            chances[one.spot] = first, min(before + chance, 1.0)
+    ranked = sorted(chances.values(), key=lambda pair: -pair[1])
+    return tuple((one.one.effect(np.zeros(len(one.one.location.terms))), chance) for one, chance in ranked)
+
+
 def _others(credible: Credible) -> tuple[tuple[Effect, float], ...]:
     """Return what else may be in a place, single effects without a size, with the probability of each."""
     single = [(one.one, chance) for one, chance in credible.others if not one.family]
@@ -254,13 +252,13 @@ def _before(state: State, certainty: Certainty) -> Before:
 
 
 def _undecided(known: Weighed) -> Undecided | None:
-    """Return what is left where it is much and the best hypothesis is no better than chance, None elsewhere."""
+    """Return what is left where it is much although no effect is likelier than none, None elsewhere."""
     state, fit = known.here.state, known.here.state.fit
     if fit.noise**2 < VARIANCE_RATIO:
         return None
-    best = max((odds for _, odds in known.credible[-1].ranking), default=-np.inf)
+    likeliest = max((chance for _, chance in known.credible[-1].suspects), default=0.0)
     poses, stated = int(state.groups.max()) + 1, fit.view.rms(fit.view.sigma)
-    return Undecided(fit.rms, stated, poses, 2.0 * best, 2.0 * known.chance, fit.view.readings.unit)
+    return Undecided(fit.rms, stated, poses, likeliest, fit.view.readings.unit)
 
 
 def not_identifiable(here: Standing) -> tuple[Unidentifiable, ...]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.special import fdtrc, ndtr
+from scipy.special import fdtrc
 
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm
@@ -30,13 +30,15 @@ from armflex.files.calibration_table import Campaign
 from armflex.files.effect_file import effect_table
 from armflex.laws.effects.effect import Effect
 from armflex.measured.repeats import repeats
-from armflex.parameters import DOUBT, ArmParameter
+from armflex.parameters import ArmParameter
 from armflex.plan.asking import Asked
 from armflex.result import Result
 from armflex.trace.families import Families
 from armflex.trace.hypotheses import Hypothesis, at_every_drive
+from armflex.trace.resampling import Resampled
 from armflex.trace.state import State, lost_of
 from armflex.trace.unrecorded import RandomTwist, as_likely, noticed_from
+from armflex.trace.validate import Compared, Proof
 
 VARIANCE_RATIO = 2.0
 """Confidence: variance over that of repeats from which a residual without a place is reported at all."""
@@ -46,77 +48,6 @@ HELD_OUT_IS_OF = (
     "were selected from all rows."
 )
 """What was decided without the poses that held-out errors are of, and what was not."""
-
-
-@dataclass(frozen=True)
-class Proof:
-    """Errors of rows that were not used, before and after an effect [m].
-
-    Attributes:
-        before, after: RMS of the 3-D error, poses held out.
-        sessions_before, sessions_after: The same with whole sessions held out, over those without which it
-            still shows; None where there are none.
-        errors_apart: Standard errors by which the mean squared error falls.
-        null: Best log odds that any hypothesis had under random signs of the residual.
-        survives: Share of the folds of the poses without which the same law at the same place is selected.
-        instead: What the other folds select in its place, in words, with their share of all, the most frequent first.
-    """
-
-    before: float
-    after: float
-    sessions_before: float | None
-    sessions_after: float | None
-    errors_apart: float
-    null: float
-    survives: float
-    instead: tuple[tuple[str, float], ...] = ()
-
-
-@dataclass(frozen=True)
-class Compared:
-    """RMS of the 3-D error on held-out poses, of the calibrated arm and with what was found [m].
-
-    Attributes:
-        before: Of the calibrated arm, fitted without the poses.
-        after: Laws, places and scales chosen, and all fitted, without them.
-        as_found: Laws and places as they were found, all fitted without them.
-        apart: Standard errors by which the mean square of a pose is larger with what was found, in the worse of both.
-    """
-
-    before: float
-    after: float
-    as_found: float
-    apart: float
-
-    @property
-    def worst(self) -> float:
-        """The larger one with what was found."""
-        return max(self.after, self.as_found)
-
-    @property
-    def worse(self) -> bool:
-        """Whether what was found makes it worse, in either way, by more than chance does."""
-        return bool(ndtr(-self.apart) < DOUBT)
-
-
-@dataclass(frozen=True, eq=False)
-class Withdrawn:
-    """What was accepted and taken out again, because held-out poses were predicted worse with it.
-
-    Attributes:
-        effect: With the values that it had.
-        compared: The errors with it.
-        family: Whether the effect is the first of a family.
-    """
-
-    effect: Effect
-    compared: Compared
-    family: bool = False
-
-    @property
-    def title(self) -> str:
-        """What it is in words."""
-        return at_every_drive(self.effect.law) if self.family else self.effect.title
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,12 +112,9 @@ class Found:
         return tuple((effect, 2.0 * float(np.log(own / share))) for effect, share in self.credible)
 
     @property
-    def doubt(self) -> str:
-        """In words that something else in its place is likelier, '' where nothing is."""
-        if not self.credible or self.credible[0][1] <= self.probability:
-            return ""
-        other = self.credible[0][0].title
-        return f" It is not distinguished from {other}, which is likelier in the linear problem of this fit."
+    def is_named(self) -> bool:
+        """Whether it is likelier than all else that it may be, and nothing, together."""
+        return self.probability > 0.5
 
 
 @dataclass(frozen=True)
@@ -211,21 +139,20 @@ class Unexplained:
 
 @dataclass(frozen=True)
 class Undecided:
-    """A residual far above what is stated, from poses too few to distinguish an effect from chance.
+    """A residual far above what is stated, of which no effect is the likely cause.
 
     Attributes:
         rms: RMS of the 3-D error that is left [m].
         stated: What the stated standard deviations alone would give [m].
         poses: Distinct poses that were fitted.
-        evidence, chance: That of the best candidate, and the best that random signs of the residual gave.
+        likeliest: Probability of the likeliest effect.
         unit: In which `rms` and `stated` are, where it is not m.
     """
 
     rms: float
     stated: float
     poses: int
-    evidence: float
-    chance: float
+    likeliest: float
     unit: str = "m"
 
     @property
@@ -233,8 +160,8 @@ class Undecided:
         """In a sentence."""
         return (
             f"These data cannot decide what is missing: {said_of(self.rms, self.unit)} RMS are left where "
-            f"{said_of(self.stated, self.unit)} are stated, and with {self.poses} distinct poses chance explains as "
-            f"much as the best effect does (evidence {self.chance:.0f} beside {self.evidence:.0f}): measure more poses."
+            f"{said_of(self.stated, self.unit)} are stated, and with {self.poses} distinct poses the likeliest effect "
+            f"has a probability of {self.likeliest:.0%}: measure more poses."
         )
 
 
@@ -287,13 +214,14 @@ class Trace(Result):
         next_measurement: What to measure next, in words.
         asked: The rows that decide what is in question, where they were wanted.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
-        withdrawn: What was accepted and taken out again, because held-out poses were predicted worse with it.
         at_every_drive: Laws that all drives have.
         families: Which kinds of effect the calibrated arm lacks, before anything is named.
         undecided: What is left where these rows do not determine whether anything is missing, None where they can.
         unfinished: Whether it was ended at once: what was accepted is in `arm` and `accepted` alone, and what else
             would do, what is not identifiable and what to measure next is not worked out.
         nothing: Probability that no effect is missing at all; None where it is unfinished.
+        suspects: Every single effect that competes with its probability, named or not, from 1 % on.
+        resampled: The resamples of the campaign over which probabilities are averages; None where it is unfinished.
         ended: What ended the search before nothing more was to be tried, in words, '' where nothing did.
     """
 
@@ -316,18 +244,20 @@ class Trace(Result):
     next_measurement: tuple[str, ...] = ()
     asked: Asked | None = None
     compared: Compared | None = None
-    withdrawn: tuple[Withdrawn, ...] = ()
     at_every_drive: tuple[Found, ...] = ()
     families: Families | None = None
     undecided: Undecided | None = None
     unfinished: bool = False
     nothing: float | None = None
+    suspects: tuple[tuple[Effect, float], ...] = ()
+    resampled: Resampled | None = None
     ended: str = ""
 
     def __repr__(self) -> str:
         """One line: what was found, and the error before and after it."""
         unit = self.state.measurements.readings.unit
-        names = listing([*(effect.title for effect, _ in self.accepted), *self.common], FEW)
+        named = [one.title for one in self.named] if not self.unfinished else [one.title for one, _ in self.accepted]
+        names = listing([*named, *self.common], FEW)
         after, held_out = (said_of(one, unit) for one in (self.rms, self.held_out[1]))
         errors = f"RMS {said_of(self.calibrated_rms, unit)} calibrated, {after} with it, {held_out} held out"
         return f"<Trace: {names}; {errors}{f'; ended {self.ended}' if self.ended else ''}>"
@@ -372,9 +302,19 @@ class Trace(Result):
         ]
 
     @property
+    def named(self) -> tuple[Found, ...]:
+        """Those of `found` that are likelier than all else that they may be."""
+        return tuple(one for one in self.found if one.is_named)
+
+    @property
+    def unsettled(self) -> tuple[Found, ...]:
+        """Those of `found`, and laws at every drive, that are there or something else is: no name."""
+        return tuple(one for one in (*self.found, *self.at_every_drive) if not one.is_named)
+
+    @property
     def common(self) -> list[str]:
         """Laws that all drives have, in words."""
-        return [family.title for family in self.at_every_drive]
+        return [family.title for family in self.at_every_drive if family.is_named]
 
     @cached_property
     def judged_rows(self) -> np.ndarray:

@@ -1,26 +1,30 @@
-"""How probable each effect is, and what else it may be: Gibbs' sampler over the hypotheses that compete.
+"""How probable each effect is, and what else it may be: the posterior, averaged over resamples of the campaign.
 
-One hypothesis of a model after the other is taken out and drawn anew beside the others. What is drawn from is its exact
-conditional distribution over all hypotheses, all scales, and nothing; the average of those over the sweeps is the
-posterior (Rao and Blackwell), one distribution for each effect that was found and one for what may still be missing.
+In each resample (`armflex.trace.resampling`) a climb finds the most probable model, and Gibbs' sampler goes on from
+there: one hypothesis after the other is taken out and drawn anew beside the others. What is drawn from is its exact
+conditional distribution over all hypotheses, all scales, and nothing. The average of those over sweeps and resamples is
+the bagged posterior, one distribution for each effect that was found and one for what may still be missing.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
+from armflex.conventions import Array
 from armflex.laws.effects.candidate import places_of
 from armflex.parameters import DOUBT
+from armflex.plan.next_measurement import POSSIBLE
 from armflex.trace.hypotheses import Hypothesis, oddness
 from armflex.trace.refine import refine
 from armflex.trace.screen import ALMOST, Dense, Screen
-from armflex.trace.selection import MOST_COMPETING, Chosen, Model, rivals, without
+from armflex.trace.selection import MOST_COMPETING, WITHIN, Chosen, Model, climbed, rivals, without
 
-SWEEPS = 60
-"""Tolerance: sweeps of the sampler."""
+SWEEPS = 2
+"""Tolerance: sweeps of the sampler in every resample."""
 
 CREDIBLE = 1.0 - DOUBT
 """Confidence: probability of a credible set, beside which nothing is in question."""
@@ -33,20 +37,34 @@ class Credible:
     Attributes:
         probability: Of the effect itself: its law and place, whatever is inside the law, in any of the places.
         nothing: Probability that there is no effect in its place, nor it in that of another.
-        others: The hypotheses beside it that make up the credible set, with the probability of each, the likeliest
-            first.
+        suspects: What else it may be with the probability of each, from 1 % on, the likeliest first.
         ranking: All hypotheses that compete with their log odds beside the other effects, the best first.
     """
 
     probability: float
     nothing: float
-    others: tuple[tuple[Hypothesis, float], ...]
+    suspects: tuple[tuple[Hypothesis, float], ...]
     ranking: tuple[tuple[Hypothesis, float], ...]
 
     @property
-    def doubtful(self) -> bool:
+    def others(self) -> tuple[tuple[Hypothesis, float], ...]:
+        """Those of what else it may be that make up the credible set with it."""
+        before = np.cumsum([self.probability + self.nothing, *(chance for _, chance in self.suspects)])[:-1]
+        return self.suspects[: int((before < CREDIBLE).sum())]
+
+    @property
+    def is_doubtful(self) -> bool:
         """Whether something else in its place is likelier than it, and than nothing."""
-        return bool(self.others) and self.others[0][1] > max(self.probability, self.nothing)
+        return bool(self.suspects) and self.suspects[0][1] > max(self.probability, self.nothing)
+
+    @property
+    def is_gone(self) -> bool:
+        """Whether nothing in its place is likelier than anything, or it is not among what is credible there.
+
+        The median probability model has what is more probable than not (Barbieri and Berger 2004, "Optimal predictive
+        model selection", Annals of Statistics 32).
+        """
+        return self.nothing > 0.5 or self.probability < DOUBT
 
 
 def competing(screen: Screen, model: Model) -> Dense:
@@ -59,7 +77,7 @@ def competing(screen: Screen, model: Model) -> Dense:
     screen.extend(_elsewhere(screen, model))
     beside, found, charges = screen.beside(model), dict[int, float](), dict[int, float]()
     for rest in (*map(beside.without, range(len(model))), beside):
-        for one in rivals(rest, refine, most=MOST_COMPETING):
+        for one in rivals(rest, refine, most=MOST_COMPETING, within=4.0 * WITHIN):  # a resample may bring it forward
             if one.chosen.number in aliased:
                 continue
             if screen.groups[one.chosen.number].hypothesis.members in own and one.chosen.number not in mine:
@@ -95,19 +113,30 @@ def named(evidence: Dense, own: Model) -> np.ndarray:
     return found
 
 
-def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible, ...], set[Model]]:
-    """Return what every hypothesis of a model may be, last what may be missing beside them; and the models drawn."""
-    rng, slots = np.random.default_rng(seed), list[Chosen | None](own)
-    names = named(evidence, own)
+def bagged(
+    evidence: Dense, own: Model, times: Iterable[Array], seed: int = 0
+) -> tuple[tuple[Credible, ...], set[Model]]:
+    """Return what every hypothesis of a model may be, last what may be missing beside them; and the models visited.
+
+    Args:
+        evidence: What competes.
+        own: The model.
+        times: (R, n) how often every reading counts in each resample of the campaign.
+        seed: Of what is drawn.
+    """
+    rng, names, visited = np.random.default_rng(seed), named(evidence, own), set[Model]()
     mine = [int(names[one.number]) for one in own]
     other = ~np.isin(np.arange(len(names)), mine)
     chances, nothing = np.zeros((len(own) + 1, len(names))), np.zeros(len(own) + 1)
-    visited = set[Model]()
-    for _ in range(SWEEPS):
-        for i in range(len(own) + 1):
+    part, best = None, own
+    for each in times:
+        before, part = part, evidence.resampled(each)
+        best = best if part is before else climbed(part, own)
+        slots = _placed(best, own, names)
+        for i in [*range(len(own) + 1)] * SWEEPS:
             if i == len(own) and None in slots:
                 continue  # what is drawn beside a model that lacks one is that one
-            beside = evidence.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
+            beside = part.beside(tuple(one for j, one in enumerate(slots) if j != i and one is not None))
             whole = float(np.logaddexp(0.0, logsumexp(beside.odds)))
             weights, none = np.exp(beside.odds - whole), float(np.exp(-whole))
             chance = np.bincount(names, weights.sum(axis=1), len(names))
@@ -131,14 +160,22 @@ def sampled(evidence: Dense, own: Model, seed: int = 0) -> tuple[tuple[Credible,
     found = []
     for i, chance in enumerate(chances / counted[:, None]):
         odds = evidence.beside(without(own, i)).odds.max(axis=1)
-        best = dict[int, tuple[Hypothesis, float]]()
+        best_of = dict[int, tuple[Hypothesis, float]]()
         for number in np.argsort(-odds).tolist():
-            best.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
+            best_of.setdefault(int(names[number]), (evidence.groups[number].hypothesis, float(odds[number])))
+        suspects = [
+            (best_of[name][0], float(chance[name])) for name in best_of if other[name] and chance[name] >= POSSIBLE
+        ]
         probability = float(chance[mine[i]]) if i < len(own) else 0.0
-        others, reached = [], probability + float(nothing[i])
-        for name in sorted(best, key=lambda one: -chance[one]):
-            if other[name] and (reached < CREDIBLE or i == len(own)):
-                others.append((best[name][0], float(chance[name])))
-                reached += chance[name]
-        found.append(Credible(probability, float(nothing[i]), tuple(others), tuple(best.values())))
+        suspects.sort(key=lambda pair: -pair[1])
+        found.append(Credible(probability, float(nothing[i]), tuple(suspects), tuple(best_of.values())))
     return tuple(found), visited
+
+
+def _placed(model: Model, own: Model, names: np.ndarray) -> list[Chosen | None]:
+    """Return a model in the places of another: what has the same name in its place, the rest where places are free."""
+    rest, slots = list(model), list[Chosen | None]()
+    for one in own:
+        slots.append(next((each for each in rest if names[each.number] == names[one.number]), None))
+        rest = [each for each in rest if each is not slots[-1]]
+    return [rest.pop(0) if one is None and rest else one for one in slots]

@@ -97,10 +97,11 @@ class Projection:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""
         return self.fitted.solve(self.regressors.T @ change)
 
-    def of_rows(self, some: np.ndarray) -> Projection:
-        """Return the same of (n,) some of the readings alone."""
-        count = round(self.count * float(np.mean(some)))
-        return replace(self, regressors=self.regressors[some], data=self.data[some], count=count)
+    def resampled(self, times: Array) -> Projection:
+        """Return the same where each of (n,) readings counts so many times; those of no time are left out."""
+        some, root = times > 0.0, np.sqrt(times[times > 0.0])
+        regressors, data = self.regressors[some] * root[:, None], self.data[some] * root
+        return replace(self, regressors=regressors, data=data, count=round(self.count * float(np.mean(times))))
 
 
 def project(fit: Fit) -> Projection:

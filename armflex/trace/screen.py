@@ -22,13 +22,11 @@ from armflex.trace.selection import (
     Batch,
     Beside,
     Block,
-    Chosen,
     Evidence,
     Group,
     Model,
     batches_of,
     prior_of,
-    without,
 )
 
 UNIT_MOTION = 1e-3
@@ -301,7 +299,7 @@ class Dense(Evidence):
 
     Attributes:
         columns: (n, K) scaled columns.
-        fitted: What the same readings say of what is fitted anyway.
+        projection: Of what is fitted anyway to the same readings.
         numbers: What the hypotheses are numbered in the screen that they are from.
     """
 
@@ -310,7 +308,7 @@ class Dense(Evidence):
     def __init__(
         self, groups: list[Group], columns: Array, projection: Projection, priors: Array, numbers: tuple[int, ...] = ()
     ) -> None:
-        self.groups, self.columns, self.fitted, self.numbers = groups, columns, projection.fitted, numbers
+        self.groups, self.columns, self.projection, self.numbers = groups, columns, projection, numbers
         self.objective, self.freedom = projection.objective, projection.freedom
         whole = self._gram = columns.T @ projection.left_of(columns)
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
@@ -320,21 +318,19 @@ class Dense(Evidence):
     def among(self, places: np.ndarray) -> tuple[Array, Array]:
         return self._gram[np.ix_(places, places)], self._scores[places]
 
-    def imitated(self, model: Model, place: int, other: Chosen) -> float:
-        """Return which share of what one hypothesis of a model explains beside the others another one could explain."""
-        own, theirs = (self.groups[one.number].places for one in (model[place], other))
-        rest, whole, count = self.beside(without(model, place)), self.beside(model), len(theirs)
-        both = np.concatenate([theirs, own])
-        across = self._gram[np.ix_(both, rest.places)] @ rest.inverse.T
-        inside = self._gram[np.ix_(both, both)] - across @ across.T
-        values = whole.values[np.isin(whole.places, own)]
-        explained, products = float(values @ inside[count:, count:] @ values), inside[:count, count:] @ values
-        held = inside[:count, :count] + np.eye(count) * SCALES[other.scale] ** -2.0
-        return float(products @ np.linalg.solve(held, products)) / explained if explained > 0.0 else 0.0
+    def resampled(self, times: Array) -> Dense:
+        """Return the same where each of (n,) readings counts so many times; those of no time are left out."""
+        if np.all(times == 1.0):
+            return self
+        some = times > 0.0
+        columns = self.columns[some] * np.sqrt(times[some])[:, None]
+        return Dense(self.groups, columns, self.projection.resampled(times), self.priors, self.numbers)
 
-    def of_rows(self, projection: Projection, some: np.ndarray) -> Dense:
-        """Return the same from (n,) some of the readings of its projection; see `Projection.of_rows`."""
-        return Dense(self.groups, self.columns[some], projection.of_rows(some), self.priors, self.numbers)
+    def left(self, model: Model) -> Array:
+        """Return what a model and all that is fitted anyway leave of the (n,) readings."""
+        beside = self.beside(model)
+        data = self.projection.data - self.columns[:, beside.places] @ beside.values
+        return data - self.projection.regressors @ self.projection.absorbed(data)
 
     def here(self, model: Model) -> Model:
         """Return a model of the screen as one of these hypotheses."""

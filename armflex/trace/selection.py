@@ -55,6 +55,11 @@ MOST_COMPETING = 40
 MODELS_HELD = 64
 """Tolerance: models whose evidence is held at a time."""
 
+WITHIN, GRID_ERROR, SHORT = 12.0, 0.1, 8
+"""Tolerance: log odds below the best at which a hypothesis still competes; the share of what a hypothesis explains that
+it may lack because its inner values lie on a grid (a wave a sixth of a period off lacks 9 %), and how many of each
+compete at most."""
+
 BETTER = THOROUGH.flat
 """Tolerance: rise of the log posterior below which a model, or what is inside it, stays: fits are no closer."""
 
@@ -373,13 +378,13 @@ class Beside:
             own[block] = block.gram(self.places) @ self.inverse.T
         return own[block]
 
-    def rough(self, top: float) -> float:
-        """Return the least log odds on a grid with which a hypothesis may come as near to some others as `WITHIN`."""
+    def rough(self, top: float, within: float = WITHIN) -> float:
+        """Return the least log odds on a grid with which a hypothesis may come so near to some others."""
         freedom, here = self.evidence.freedom, float(log_likelihood(self.left, self.evidence.freedom))
-        wanted = here + top - WITHIN  # of which log likelihood J is
+        wanted = here + top - within  # of which log likelihood J is
         left = freedom * np.exp(-1.0 - 2.0 * wanted / freedom) if wanted < -0.5 * freedom else max(-2.0 * wanted, 0.0)
         lacking = (left + GRID_ERROR * self.left) / (1.0 + GRID_ERROR)
-        return min(float(log_likelihood(lacking, freedom)) - here, top - WITHIN)
+        return min(float(log_likelihood(lacking, freedom)) - here, top - within)
 
     def amplitudes_of(self, number: int, scale: int) -> Array:
         """Return the (k,) most probable amplitudes of a further hypothesis beside the model [the law's unit]."""
@@ -411,21 +416,22 @@ Refine = Callable[[Beside, Sequence[Rival]], None]
 Only = Callable[[Hypothesis], bool]
 """Whether a hypothesis may come into a model."""
 
-WITHIN, GRID_ERROR, SHORT = 12.0, 0.1, 8
-"""Tolerance: log odds below the best at which a hypothesis still competes; the share of what a hypothesis explains that
-it may lack because its inner values lie on a grid (a wave a sixth of a period off lacks 9 %), and how many of each
-compete at most."""
 
-
-def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = None, most: int = SHORT) -> list[Rival]:
-    """Return the best hypotheses beside a model, one of each law and place, the best first."""
+def rivals(
+    beside: Beside,
+    refine: Refine | None = None,
+    only: Only | None = None,
+    most: int = SHORT,
+    within: float = WITHIN,
+) -> list[Rival]:
+    """Return the hypotheses beside a model whose log odds are `within` the best, one of each law and place."""
     evidence, found = beside.evidence, list[Rival]()
     known, rough, spots = len(evidence.groups), list[Rival](), set[tuple]()
     odds = beside.odds
     best = np.where(np.isfinite(odds), odds, -np.inf).max(axis=1)
-    some = np.flatnonzero(best >= -WITHIN)
+    some = np.flatnonzero(best >= -within)
     order = some[np.argsort(-best[some], kind="stable")]
-    top, least = -WITHIN, beside.rough(-WITHIN)
+    top, least = -within, beside.rough(-within, within)
     for number in order.tolist():
         if len(found) + len(rough) >= 4 * most or best[number] < least:
             break
@@ -434,19 +440,19 @@ def rivals(beside: Beside, refine: Refine | None = None, only: Only | None = Non
             continue
         spots.add(hypothesis.spot)
         coarse = refine is not None and bool(hypothesis.one.fitted or hypothesis.one.searched)
-        if not coarse and best[number] < top - WITHIN:
+        if not coarse and best[number] < top - within:
             continue
         own = odds[number] + evidence.sized(number)
         scale = int(own.argmax())
         charged = float(own[scale]) - evidence.charge(number, beside.amplitudes_of(number, scale))
         (rough if coarse else found).append(Rival(charged, Chosen(number, scale)))
         if charged > top:
-            top, least = charged, beside.rough(charged)
+            top, least = charged, beside.rough(charged, within)
     if refine is not None and rough:
         refine(beside, sorted(rough, key=lambda one: -one.odds)[:most])
         if len(evidence.groups) > known:
-            return rivals(evidence.beside(beside.model), None, only, most)
-    found = [one for one in (*found, *rough) if one.odds >= top - WITHIN]
+            return rivals(evidence.beside(beside.model), None, only, most, within)
+    found = [one for one in (*found, *rough) if one.odds >= top - within]
     return sorted(found, key=lambda one: -one.odds)[:most]
 
 

@@ -111,10 +111,10 @@ def test_a_name_that_is_less_likely_than_another_is_exchanged_for_it(missing):
     own = next(i for i, name in enumerate(names) if name[0] == "friction_windup" and name[2][0].site == "A4")
     state = refitted(here, (Chosen(own, 2),))
     assert state is not None and [effect.title for effect in state.fitted] == ["friction windup at A4 (rz)"]
-    known, withdrawn = weighed(standing(state))
+    known = weighed(standing(state))
     assert [(one.law.name, one.location.site) for one in known.here.state.fitted] == [("backlash", "A3")]
     found, *_ = known.credible
-    assert found.probability > 0.9 > max((chance for _, chance in found.others), default=0.0) and not withdrawn
+    assert found.probability > 0.9 > max((chance for _, chance in found.others), default=0.0)
 
 
 def test_what_came_out_below_its_promise_is_as_unlikely_as_that(missing):

@@ -11,7 +11,7 @@ from armflex.conventions import SHOWN, TWIST_NAMES, WRENCH_NAMES, Array
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.effect import Act, Effect
 from armflex.laws.effects.shapes import ABOVE, LAG
-from armflex.show.report.svg import AFTER, BEFORE, DASHED, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
+from armflex.show.report.svg import AFTER, BEFORE, INK, MARK, MUTED, RULE, canvas, cut, grid, inline
 from armflex.show.report.words import labelled, measure, scaled, units_of, with_std
 from armflex.trace.findings import Found, Trace
 
@@ -285,13 +285,12 @@ def ranking(found: Found, number: int) -> str:
     place = np.arange(len(rows))
     figure, (panel,) = canvas(8.4, 0.75 + 0.25 * len(rows))
     panel.barh(place, [evidence for _, (evidence, _) in rows], 0.66, color=[colour for _, (_, colour) in rows])
-    panel.axvline(found.proof.null, color=INK, linewidth=1.0, linestyle=DASHED)
     for height, (_, (evidence, _)) in zip(place, rows, strict=True):
         panel.annotate(f"{evidence:.0f}", (max(evidence, 0.0), height), (4, 0), textcoords="offset points", va="center",
                        fontsize=7.5, color=MUTED)  # fmt: skip
     panel.set_yticks(place, [cut(label, 48) for label, _ in rows])
-    panel.set_xlabel("log odds (dashed: the best that random signs of the residual gave)")
-    panel.set_xlim(0.0, 1.08 * max(found.proof.null, *(evidence for _, (evidence, _) in rows)))
+    panel.set_xlabel("log odds")
+    panel.set_xlim(0.0, 1.08 * max(1.0, *(evidence for _, (evidence, _) in rows)))
     grid(panel, "x")
     return inline(figure, f"Ranking of the candidates, effect {number}")
 

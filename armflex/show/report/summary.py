@@ -21,24 +21,24 @@ def headline(trace: Trace) -> str:
     if trace.unfinished:
         names = [called(effect) for effect, _ in trace.accepted] or ["nothing"]
         return f"Accepted so far, not compared: {joined(names)}."
-    if len(trace.found) > MOST_NAMED:
-        several = joined([called(one.effect, one.number) for one in trace.found[:MOST_NAMED]])
-        return f"{len(trace.found)} effects identified, first of all {several}."
-    if not trace.found and trace.at_every_drive:
-        return f"The drives have in common: {joined([one.title for one in trace.at_every_drive[:MOST_NAMED]])}."
+    if len(trace.named) > MOST_NAMED:
+        several = joined([called(one.effect, one.number) for one in trace.named[:MOST_NAMED]])
+        return f"{len(trace.named)} effects identified, first of all {several}."
+    if not trace.named and trace.common:
+        return f"The drives have in common: {joined(trace.common[:MOST_NAMED])}."
     if trace.undecided is not None:
         return "These data cannot decide what is missing."
-    if not trace.found and trace.withdrawn:
-        return "Nothing that was tried predicts held-out poses better than the calibrated arm."
-    if trace.found:
+    if trace.named:
         parts = []
-        for one in trace.found:
+        for one in trace.named:
             effect, units = one.effect, units_of(one.effect)
             names = [effect.law.amplitudes[i].name for i in effect.location.terms]
             values = [f"{name} {measure(effect.named[name], one.std[name], units[name])}" for name in names]
             few = f": {joined(values)}" if len(values) <= MOST_VALUES else ""
             parts.append(called(effect, one.number) + few)
         return f"Identified: {'; and '.join(parts)}."
+    if trace.unsettled:
+        return "Something is missing whose cause these data do not settle."
     if left := trace.unexplained:
         size = "" if left.std is None else f", {measure(left.std, None, left.unit or '')}"
         where = "" if left.site is None else f"; it acts at {site_words(left.site)} ({left.axis}){size}"
@@ -58,7 +58,7 @@ def accuracy_sentence(accurate: Accuracy, trace: Trace) -> str:
 def further(trace: Trace) -> list[str]:
     """Return what has to be said beside the result: what is not distinguished, what is left, what would have shown."""
     said = [f"The search was ended {trace.ended}: more effects may be missing."] if trace.ended else []
-    for one in trace.found:
+    for one in trace.named:
         own = called(one.effect)
         others = [other for other in dict.fromkeys(called(effect) for effect, _ in one.equivalent) if other != own]
         if others:
@@ -66,31 +66,26 @@ def further(trace: Trace) -> list[str]:
             said.append(f"These data do not distinguish {called(one.effect, one.number)} from {joined(shown)}.")
         elif one.equivalent:
             said.append(f"These data do not settle which terms of {words(one.effect.law.name).title} act.")
+    said += [unsettled(one) for one in trace.unsettled]
     for one in trace.found:
         if one.effect.another_day:
             said.append(f"On another day, of {called(one.effect, one.number)}: {one.effect.another_day}.")
     for family in trace.at_every_drive:
-        size = measure(family.size, None, family.unit)
-        said.append(
-            f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family with a "
-            f"probability of {family.probability:.0%}, not a named cause."
-        )
-    for one in trace.found:
-        if one.proof.survives < 1.0:
-            others = "".join(f", {title} in its place in {share:.0%}" for title, share in one.proof.instead[:3])
+        if family.is_named:
+            size = measure(family.size, None, family.unit)
             said.append(
-                f"With all poses the probability of {called(one.effect, one.number)} is {one.probability:.0%}. "
-                f"Without a fifth of them it is selected in {one.proof.survives:.0%} of folds{others}."
+                f"{family.title[0].upper()}{family.title[1:]}: {size} RMS, accepted as a family with a "
+                f"probability of {family.probability:.0%}, not a named cause."
             )
+    if (drawn := trace.resampled) is not None and drawn.mismatch > 1.0:
+        said.append(
+            f"Held-out {drawn.by} differ {short(drawn.mismatch)} times as much as noise and chance allow: something is "
+            f"left that nothing here describes. Probabilities are averages over {len(drawn.times)} resamples of them."
+        )
     if trace.undecided is not None:
         said.append(trace.undecided.text)
     readings = trace.state.fit.view.readings
     unit = readings.shown_in
-    said += [
-        f"Withdrawn: {one.title}. With it held-out poses are predicted to "
-        f"{change(one.compared.worst, one.compared.before, unit)} (the calibrated arm)."
-        for one in trace.withdrawn
-    ]
     if far := trace.outlier_count("unexplained"):
         said.append(f"{far} readings, far off together, are excluded: no candidate explains them.")
     if trace.unexplained:
@@ -123,14 +118,22 @@ def left(unexplained: Unexplained, readings: Readings) -> str:
     return text + "."
 
 
+def unsettled(found: Found) -> str:
+    """Return what something may be that has no name, the likeliest first."""
+    own = found.title if found.family else called(found.effect, found.number)
+    causes = sorted(
+        [(found.probability, own), *((chance, called(one)) for one, chance in found.credible)], reverse=True
+    )
+    said = [f"{name} ({chance:.0%})" for chance, name in causes]
+    shown = [*said[:3], f"{len(said) - 3} more"] if len(said) > 3 else said
+    return f"Not settled: {joined(shown)}. The arm has {own}."
+
+
 def sure(found: Found) -> str:
     """Return why an effect is accepted."""
     proof = found.proof
-    chance = f"the best log odds that random signs of the residual gave any effect are {short(proof.null)}"
-    worth = (
-        f"Its probability is {found.probability:.1%}, its log odds beside the other effects {short(found.evidence / 2)}"
-    )
-    parts = [f"{worth}; {chance}.{found.doubt}"]
+    odds = f"its log odds beside the other effects {short(found.evidence / 2)}"
+    parts = [f"Its probability is {found.probability:.1%}, {odds}."]
     fall = f"The squared error of poses held out fell by {short(proof.errors_apart)} standard errors"
     if proof.errors_apart <= 0.0:
         fall = "The squared error of poses held out did not fall"

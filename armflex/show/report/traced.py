@@ -207,6 +207,7 @@ def _effect(trace: Trace, index: int) -> SimpleNamespace:
     if proof.sessions_before is not None:
         sessions = (say(proof.sessions_before), say(proof.sessions_after))
         held_out.append(("Whole sessions held out", *sessions))
+    heading = heading if found.is_named else f"not settled: {heading}"
     return SimpleNamespace(
         heading=heading[0].upper() + heading[1:],
         name=labelled(found.effect, found.number),

@@ -25,8 +25,9 @@ from armflex.files.effect_file import effect_table
 from armflex.laws.effects import CATALOGUE, Effect
 from armflex.laws.effects.catalogue import SHAPES
 from armflex.laws.effects.in_arm import settled_covariates
-from armflex.trace.findings import Found, Proof, Trace
+from armflex.trace.findings import Found, Trace
 from armflex.trace.state import State, begin, refit, with_random
+from armflex.trace.validate import Proof
 
 Q = np.array([0.3, -0.4, 0.5, 0.2, 0.6, -0.1])
 
@@ -352,7 +353,7 @@ def refitted(calibration: Calibration, *wanted: tuple[Effect, tuple[int, ...]]) 
 
 def told(calibration: Calibration, state: State) -> Trace:
     values = [(block, state.values_of(block)) for block in state.effects]
-    proof = Proof(0.0, 0.0, None, None, 0.0, 0.0, 1.0)
+    proof = Proof(0.0, 0.0, None, None, 0.0)
     found = tuple(Found(((b.at(v), state.std_of(b)),), 0.0, proof, (), i, 1, 1.0) for i, (b, v) in enumerate(values))
     setup, certainty = state.fit.setup, certainty_of(state.fit)
     effects = tuple(one.effect for one in found)

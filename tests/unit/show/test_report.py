@@ -297,9 +297,9 @@ def test_of_many_effects_the_first_two_make_the_headline():
     law = CATALOGUE["backlash"]
     effects = [Effect(law, Location(f"A{i}", "ry", (f"approach_A{i}",)), (1e-3,)) for i in range(1, 5)]
     found = tuple(SimpleNamespace(effect=effect, number=1, std={"gap": 1e-5}) for effect in effects)
-    said = headline(SimpleNamespace(found=found, undecided=None, unfinished=False))
+    said = headline(SimpleNamespace(named=found, undecided=None, unfinished=False))
     assert said == "4 effects identified, first of all backlash at A1 (ry) and backlash at A2 (ry)."
-    assert "; and " in headline(SimpleNamespace(found=found[:2], undecided=None, unfinished=False))
+    assert "; and " in headline(SimpleNamespace(named=found[:2], undecided=None, unfinished=False))
 
 
 @pytest.mark.parametrize("rounding", [-3.9e-30, 2e-16, -1e-13])

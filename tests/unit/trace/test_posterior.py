@@ -7,38 +7,18 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 from studies.reliability import log_score
+from support.linear_problems import of_readings, problem
 
-from armflex.laws.effects.backlash import BACKLASH
-from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
 from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.gravity_tilt import GRAVITY_TILT
 from armflex.laws.effects.location import Location
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import sampled
-from armflex.trace.projection import Projection
+from armflex.trace.probabilities import bagged
 from armflex.trace.screen import Dense
 from armflex.trace.selection import SCALES, Chosen, Group, climbed, prior_of, rivals, without
-from armflex.trace.validate import selected_anew
 
 ROWS = 40
-
-
-def problem(
-    columns: np.ndarray, readings: np.ndarray, priors: np.ndarray | None = None, signed: int = -1, size: int = 1
-) -> Dense:
-    """Return columns as hypotheses of `size` amplitudes; `signed` is the number of one that must be positive."""
-    groups = []
-    for i in range(columns.shape[1] // size):
-        law, term = (BASE_COMPLIANCE, 0) if i == signed else (BACKLASH, 0)
-        candidate = Candidate(law, Location(f"J{i}", "rz", (), (term,)), ())
-        prior = np.log(0.1) if priors is None else float(priors[i])
-        groups.append(Group(Hypothesis((candidate,), prior), size * i, np.ones(size)))
-    return Dense(groups, columns, of_readings(readings), prior_of(groups))
-
-
-def of_readings(readings: np.ndarray) -> Projection:
-    """Return readings to which nothing else is fitted."""
-    return Projection(np.empty((len(readings), 0)), np.empty(0), readings, len(readings))
+ONCE = np.ones((50, ROWS))  # every reading counts once in every resample
 
 
 def drawn(seed: int, count: int = 2) -> tuple[np.ndarray, np.ndarray]:
@@ -138,7 +118,7 @@ def test_stated_probabilities_are_right_as_often_as_they_say() -> None:
         readings = columns @ np.where(present, amplitudes, 0.0) + rng.normal(size=ROWS)
         evidence = problem(columns, 0.97 * readings, np.full(8, np.log(0.15 / 0.85)))
         model = climbed(evidence)
-        for one, credible in zip(model, sampled(evidence, model)[0], strict=False):
+        for one, credible in zip(model, bagged(evidence, model, ONCE)[0], strict=False):
             stated.append(credible.probability)
             right.append(bool(present[one.number]))
     stated_, right_ = np.array(stated), np.array(right)
@@ -160,7 +140,7 @@ def test_a_law_about_one_axis_and_about_all_at_a_place_is_one_name() -> None:
     readings = 3.0 * columns[:, 0] + rng.normal(size=ROWS)
     groups = [Group(one, i, np.ones(1)) for i, one in enumerate((about_x, about_both))]
     evidence = Dense(groups, twins, of_readings(readings), prior_of(groups))
-    found, _ = sampled(evidence, climbed(evidence))
+    found, _ = bagged(evidence, climbed(evidence), ONCE)
     assert found[0].probability > 0.99 and not found[0].others
 
 
@@ -174,30 +154,6 @@ def test_rivals_are_ranked_one_of_each_place() -> None:
 
 def independent() -> np.ndarray:
     return 30.0 * np.linalg.qr(np.random.default_rng(0).normal(size=(ROWS, 4)))[0]
-
-
-def test_what_another_hypothesis_could_explain_of_one_is_beside_the_rest_of_the_model() -> None:
-    first, second, third, _ = independent().T
-    columns = np.column_stack([first, second, first + third, first + second, third])
-    evidence, model = problem(columns, 2.0 * first + second), (Chosen(0, 2), Chosen(1, 2))
-    half, whole, none = (evidence.imitated(model, 0, Chosen(number, 5)) for number in (2, 3, 4))
-    assert (half, none) == pytest.approx((0.5, 0.0), abs=1e-3)
-    assert whole == pytest.approx(1.0, abs=2e-3)  # the rest of the model takes the second away
-
-
-def test_what_folds_have_in_the_place_of_an_effect_is_what_could_explain_most_of_it() -> None:
-    first, second, third, fourth = independent().T
-    columns = np.column_stack([first, second, first + 0.3 * third, first + 0.5 * third, fourth])
-    evidence, own = problem(columns, 2.0 * first + second), (Chosen(0, 2), Chosen(1, 2))
-    folds = [
-        own,
-        (Chosen(1, 2), Chosen(3, 2), Chosen(2, 2)),
-        (Chosen(2, 3), Chosen(1, 1)),
-        (Chosen(4, 2), Chosen(1, 2)),
-    ]
-    title = evidence.groups[2].hypothesis.title
-    assert selected_anew(evidence, own, 0, folds) == (0.25, ((title, 0.5), ("nothing like it", 0.25)))
-    assert selected_anew(evidence, own, 1, folds) == (1.0, ())
 
 
 def test_a_climb_goes_on_to_its_end_where_the_linear_problem_is_exact() -> None:

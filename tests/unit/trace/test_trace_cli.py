@@ -18,7 +18,7 @@ from armflex.cli.trace_command import as_json, print_trace
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.measured.points import read_points
-from armflex.show.report.summary import further
+from armflex.show.report.summary import further, headline
 from armflex.show.report.words import called
 from armflex.trace.findings import Unexplained
 
@@ -106,15 +106,20 @@ def test_the_terminal_says_on_what_an_effect_depends(ran, truth: Truth) -> None:
     assert one["covariates"][0] in line
 
 
-def test_a_name_that_folds_do_not_select_is_not_said_to_be_sure_beside_that(ran) -> None:
+def test_what_is_no_likelier_than_all_else_that_it_may_be_has_no_name(ran, capsys) -> None:
     found = ran[2]
     (one,) = found.found
-    others = (("creep at J2 (ry)", 0.6), ("nothing", 0.2))
-    rarely = dataclasses.replace(one, proof=dataclasses.replace(one.proof, survives=0.2, instead=others))
-    said = " ".join(further(dataclasses.replace(found, found=(rarely,))))
-    assert f"With all poses the probability of {called(one.effect)} is {one.probability:.0%}." in said
-    assert "selected in 20% of folds, creep at J2 (ry) in its place in 60%, nothing in its place in 20%." in said
-    assert "of folds" not in " ".join(further(found))
+    other = dataclasses.replace(one.effect, location=dataclasses.replace(one.effect.location, site="J2"))
+    rarely = dataclasses.replace(one, probability=0.45, credible=((other, 0.48),))
+    doubted = dataclasses.replace(found, found=(rarely,))
+    said, own = " ".join(further(doubted)), called(one.effect)
+    assert f"Not settled: {called(other)} (48%) and {own} (45%). The arm has {own}." in said
+    assert headline(doubted) == "Something is missing whose cause these data do not settle."
+    print_trace(doubted)
+    told = capsys.readouterr().out
+    assert "Effects identified" not in told and "In the arm, but not settled" in told
+    assert [each["named"] for report in (doubted, found) for each in as_json(report)["effects"]] == [False, True]
+    assert headline(found).startswith("Identified: ") and "Not settled" not in " ".join(further(found))
 
 
 def test_held_out_errors_are_of_what_was_chosen_without_the_poses(ran) -> None:
