@@ -181,7 +181,8 @@ def json_path() -> Path | None:
 def write_json(content: dict[str, Any], path: Path | None = None) -> None:
     """Write a result to a path or `--json`, whole or not at all; nothing where neither is given.
 
-    What names its format, which is its schema, names the version of armflex. It is strict JSON: arrays are lists, dataclasses their fields, and what is not finite null; see `plain`.
+    What names its format, which is its schema, names the version of armflex. It is strict JSON: arrays are lists,
+    dataclasses their fields, and what is not finite null; see `plain`.
     """
     if path := path or json_path():
         named = {"armflex": __version__, **content} if "format" in content else content

@@ -1,40 +1,6 @@
 """Versioned JSON schemas of an arm.toml and of what commands write with --json; `docs/_ext/schemas.py` makes them."""
 
-from __future__ import annotations
-
-import json
-from pathlib import Path
-from typing import Any
-
-from armflex.laws.declared import LAWS
-from armflex.laws.effects import CATALOGUE
-from armflex.readings import SENSOR_KINDS
-
-ARM = "armflex-arm-1"
-"""Of an arm.toml."""
-
-HERE = Path(__file__).parent
-
-
-def schema_names() -> list[str]:
-    """Return the names of all schemas; that of a file of --json is its "format"."""
-    return sorted(path.stem for path in HERE.glob("*.json"))
-
-
-def read_schema(name: str) -> dict[str, Any]:
-    """Return a schema; that of an arm.toml has the names of installed plug-ins, too.
-
-    Args:
-        name: One of `schema_names`.
-    """
-    schema = json.loads((HERE / f"{name}.json").read_text(encoding="utf-8"))
-    if name == ARM:
-        tables = schema["properties"]
-        flexure = tables["flexure"]["additionalProperties"]["properties"]
-        for choices, registry in (
-            (flexure["model"], LAWS),
-            (tables["instrument"]["additionalProperties"]["properties"]["kind"], SENSOR_KINDS),
-            (tables["effect"]["items"]["properties"]["name"], CATALOGUE),
-        ):
-            choices["enum"] = list(dict.fromkeys((*choices["enum"], *registry.names())))
-    return schema
+from armflex.schemas.shipped import ARM as ARM
+from armflex.schemas.shipped import HERE as HERE
+from armflex.schemas.shipped import read_schema as read_schema
+from armflex.schemas.shipped import schema_names as schema_names

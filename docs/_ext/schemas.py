@@ -22,8 +22,8 @@ from keys import KEYS
 from armflex import load_arm
 from armflex.conventions import UNITS
 from armflex.declaration import Declaration
-from armflex.laws.effects import CATALOGUE
 from armflex.files.effect_file import UNNAMED
+from armflex.laws.effects import CATALOGUE
 
 SCHEMAS = HERE.parent / "armflex" / "schemas"
 GOLDENS = HERE.parent / "tests" / "goldens"
@@ -75,7 +75,9 @@ def _listening(tables: Tables, read: dict[str, dict[int, Any]]) -> Iterator[None
                 asked.kind = given[0] if name == "quantity" else asked.kind
                 read.setdefault(header(self), {})[id(self.table)] = self.table
                 defaults = {"choice": given[1:2], "text": given, "number": given, "std": given}.get(name, ())
-                if name not in OPTIONAL and not any(default is not None for default in (*defaults, named.get("default"))):
+                if name not in OPTIONAL and not any(
+                    default is not None for default in (*defaults, named.get("default"))
+                ):
                     asked.needed.add(id(self.table))
             inside.append(name)
             try:
@@ -218,7 +220,10 @@ def _common(values: Sequence[Any]) -> Schema:
     """Return the schema that some JSON values have in common."""
     kinds = {_kind(value) for value in values}
     if kinds == {"object"} and any(set(value) & NAMES for value in values):
-        return {"type": "object", "additionalProperties": _common([item for value in values for item in value.values()])}
+        return {
+            "type": "object",
+            "additionalProperties": _common([item for value in values for item in value.values()]),
+        }
     if kinds == {"object"}:
         keys = dict.fromkeys(key for value in values for key in value)
         required = [key for key in keys if all(key in value for value in values)]

@@ -14,13 +14,13 @@ from typing import Any
 
 import pytest
 import tomlkit
+from support.command_line import Run, fine
+from support.small_arms import ROBOTS
 
 from armflex import load_arm
 from armflex.errors import InputError
 from armflex.schemas import ARM, HERE, read_schema, schema_names
 from armflex.version import __version__
-from support.command_line import Run, fine
-from support.small_arms import ROBOTS
 
 jsonschema = pytest.importorskip("jsonschema")
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs" / "_ext"))
@@ -76,19 +76,17 @@ def spoil(document: dict, rng: random.Random) -> dict | None:
 @pytest.mark.slow
 def test_most_spoilt_files_are_refused_by_the_schema_and_no_good_one_is(tmp_path: Path) -> None:
     rng, validator = random.Random(20), jsonschema.Draft202012Validator(read_schema(ARM))
-    documents = [
-        (path, tomllib.loads(path.read_text(encoding="utf-8"))) for path in schemas.examples() if path.name != "arm.toml"
-    ]
-    documents.append((ROBOTS / "heavy_six" / "arm.toml", tomllib.loads((ROBOTS / "heavy_six" / "arm.toml").read_text())))
+    paths = [path for path in schemas.examples() if path.name != "arm.toml"] + [ROBOTS / "heavy_six" / "arm.toml"]
+    documents = [(path, tomllib.loads(path.read_text(encoding="utf-8"))) for path in paths]
     refused = caught = count = 0
     while count < SPOILT:
         path, document = rng.choice(documents)
         if (spoilt := spoil(document, rng)) is None:
             continue
         count += 1
-        if (robot := spoilt.get("robot")) and isinstance(robot, dict) and "urdf" in document["robot"]:
-            if robot.get("urdf") == document["robot"]["urdf"]:
-                robot["urdf"] = str((path.parent / robot["urdf"]).resolve())
+        robot, urdf = spoilt.get("robot"), document["robot"].get("urdf")
+        if isinstance(robot, dict) and urdf and robot.get("urdf") == urdf:
+            robot["urdf"] = str((path.parent / urdf).resolve())
         (tmp_path / "arm.toml").write_text(tomlkit.dumps(spoilt))
         valid = validator.is_valid(spoilt)
         try:
