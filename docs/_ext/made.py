@@ -64,7 +64,7 @@ HEADS = {
         "mechanics",
         "mechanics.equilibrium",
         "mechanics.certificate",
-        "mechanics.kernel",
+        "mechanics.engine",
         "mechanics.many_rows",
     ),
     "How the tip responds": ("mechanics.response",),

@@ -16,7 +16,7 @@ import armflex
 
 HEAVY = {
     *("torch", "matplotlib", "meshcat", "jinja2", "arviz", "arviz_stats", "nutpie", "pandas", "pyarrow", "scipy"),
-    *("joblib", "dask", "mujoco", "numba"),
+    *("joblib", "dask", "mujoco"),
 }
 IMPORT = "import armflex\narmflex.load_arm"
 HELP = "from armflex.cli.main import main\ntry:\n    main()\nexcept SystemExit as end:\n    assert not end.code"
