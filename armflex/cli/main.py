@@ -41,6 +41,7 @@ COMMANDS = {
 
 GONE = {
     "trust": "an arm file runs no code",
+    "compile": "leave it out; the engine comes compiled with the package",
     "--resume": "leave it out; --minutes N gives a search the time that it needs",
     "--store": "leave it out; a map of the default size takes seconds",
     "--chunk": "leave it out",

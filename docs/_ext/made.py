@@ -86,7 +86,6 @@ HEADS = {
         "bench.fit_linear",
         "bench.network_problem",
         "bench.fit_bayesian",
-        "bench.fit_linear_chain",
         "sampling.metropolis",
     ),
 }

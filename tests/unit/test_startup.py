@@ -15,7 +15,7 @@ import pytest
 import armflex
 
 HEAVY = {
-    *("torch", "matplotlib", "meshcat", "jinja2", "arviz", "arviz_stats", "nutpie", "pandas", "pyarrow", "scipy"),
+    *("torch", "matplotlib", "jinja2", "arviz", "arviz_stats", "nutpie", "pandas", "pyarrow", "scipy"),
     *("joblib", "dask", "mujoco"),
 }
 IMPORT = "import armflex\narmflex.load_arm"
