@@ -465,6 +465,8 @@ def test_modes_are_drawn(armflex: Callable[..., subprocess.CompletedProcess], tm
     assert not (tmp_path / "no.json").exists()
 
 
+@pytest.mark.slow
+@needs_browser
 def test_a_printed_page_has_the_picture(tarm: Arm, tmp_path: Path) -> None:
     """What a browser keeps of a canvas is empty when it prints."""
     assert sheets(view(tarm, payload="p600").html, tmp_path / "print") == 1
