@@ -5,10 +5,12 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 
 .PHONY: demo check test docs fuzz bench study style lint clean
 
-$(VENV)/.demo: pyproject.toml constraints.txt
+# The engine is compiled while armflex is installed: by cc, or by ziglang's where there is none.
+ENGINE = hatch_build.py $(addprefix armflex/mechanics/engine/,engine.c rest.h engine.h build.py)
+
+$(VENV)/.demo: pyproject.toml constraints.txt $(ENGINE)
 	$(PYTHON) -m venv $(VENV)
 	$(PIP) --editable .
-	$(VENV)/bin/armflex compile
 	touch $@
 
 $(VENV)/.test: $(VENV)/.demo

@@ -448,7 +448,7 @@ class Arm:
             covariates: What the arm's effects depend on, by name: a number, or one per row of a batch. A whole record
                 will do: names that no effect depends on have no part.
             wrenches: Loads from outside at named links; of a batch each the same in all rows, or one for each.
-            method: "exact", "newton", "fixed_point" or "first_order"; see `find_equilibrium`.
+            method: "exact" or "newton"; see `find_equilibrium`.
             enforce_limits: Refuse positions outside the joint limits instead of flagging them.
             allow_large: Flag rather than refuse flexures turning by more than 0.1 rad.
             strict: Refuse rather than flag loads beyond those that a trained law has seen.

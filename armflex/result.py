@@ -26,17 +26,20 @@ class Result:
     """A result that shows itself; a class says what of it is shown.
 
     Attributes:
-        FIELDS: Names of the fields and properties that `to_dict` has.
+        FIELDS: Names of the fields and properties that `to_dict` has, where `content` does not say more.
         ROWS: Which of its attributes is a table: a sequence with a row each, or columns by name.
     """
 
     FIELDS: ClassVar[tuple[str, ...]] = ()
     ROWS: ClassVar[str] = ""
 
+    def content(self) -> dict[str, Any]:
+        """Return what programs get of the result, by name; a name says the unit of what is not SI."""
+        return record(self, " ".join(self.FIELDS))
+
     def to_dict(self) -> dict[str, Any]:
-        """Return the result in plain values, as strict JSON takes them: SI units, None for what is not finite."""
-        found = {name: plain(getattr(self, name)) for name in self.FIELDS}
-        return {name: value for name, value in found.items() if value is not LEFT_OUT}
+        """Return `content` in plain values, as strict JSON takes them: None for what is not finite."""
+        return plain(self.content())
 
     def to_frame(self) -> pandas.DataFrame:
         """Return the table as a pandas data frame, SI units; numbers of a vector stand in columns of their own.
@@ -78,6 +81,13 @@ def record(one: object, names: str = "", **renamed: str) -> dict[str, Any]:
     """Return attributes of an object: some by their names, others, or attributes of these, under another name."""
     paths = {name: name for name in names.split()} | renamed
     return {name: attrgetter(path)(one) for name, path in paths.items()}
+
+
+def scaled(errors: Any, factor: float) -> Any:
+    """Return an error, or errors by name, in another unit; None where there are none."""
+    if isinstance(errors, dict):
+        return {name: scaled(value, factor) for name, value in errors.items()}
+    return None if errors is None else errors * factor
 
 
 def plain(value: Any) -> Any:

@@ -1,11 +1,10 @@
-"""What concerns every test: where fixtures come from, the compiled kernel, and memory that a worker keeps."""
+"""What concerns every test: where fixtures come from, and memory that a worker keeps."""
 
 from __future__ import annotations
 
 import ctypes
 import gc
 import resource
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +13,6 @@ import hypothesis
 import pytest
 
 from armflex.cli import terminal
-from armflex.mechanics.many_rows import kernel
 
 hypothesis.settings.register_profile("armflex", deadline=None)  # a machine that is busy fails no test
 hypothesis.settings.load_profile("armflex")
@@ -22,19 +20,6 @@ pytest.register_assert_rewrite("support")
 pytest_plugins = ("support.fixtures", "support.stage", "support.traced_backlash", "support.tracking")
 MUCH = 1 << 30
 """Bytes of a worker."""
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    """Compile the engines once, before the workers start: they would each, and code compiled apart rounds otherwise."""
-    if not hasattr(config, "workerinput"):
-        command, root = [sys.executable, "-m", "armflex", "compile"], Path(__file__).parents[1]
-        subprocess.run(command, cwd=root, stdout=subprocess.DEVNULL, check=True, timeout=3600)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def engine() -> None:
-    """Load the kernel, as in a process that has asked about many rows; how few are answered has tests of its own."""
-    kernel()
 
 
 @pytest.fixture(scope="session", autouse=True)

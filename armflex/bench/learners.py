@@ -17,7 +17,7 @@ from armflex.laws.joint.structural import StructuralLaw
 FOUND = "found"
 """Features that are found in the data; see `armflex.bench.fit_linear.fit_terms`."""
 
-SAMPLERS = ("closed-form", "laplace", "nuts", "metropolis")
+SAMPLERS = ("laplace", "nuts", "metropolis")
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Options:
         neurons: Hidden neurons of a network.
         starts: Trainings from different weights, the best of which is kept; see `affordable_starts` for "auto".
         prior: "evidence" weighs a network's weights by a Gaussian prior, "none" is the paper's plain training.
-        sampler: How a posterior is found: "metropolis" for linear and bayesian, "laplace" or "nuts" for bayesian.
+        sampler: How a network's posterior is found: "laplace" when not given, "nuts" or "metropolis".
         seed: Of everything random.
         allow_unconverged: Take a chain that has not converged, and say so, rather than refuse it.
         assembly: The structure whose sub-joints a structural model fits.
@@ -68,8 +68,8 @@ CONCERNS = {
     "neurons": ("neural", "bayesian", "auto"),
     "starts": ("neural", "torch", "auto"),
     "prior": ("neural",),
-    "sampler": ("linear", "bayesian"),
-    "allow_unconverged": ("linear", "bayesian"),
+    "sampler": ("bayesian",),
+    "allow_unconverged": ("bayesian",),
     "assembly": ("structural",),
     "module": ("torch",),
 }
@@ -89,15 +89,8 @@ def learner(model: str, options: Options) -> Learner:
     """
     allow = options.allow_unconverged
     match model:
-        case "linear" if options.sampler in (None, "closed-form"):
-            return lambda loads, deflections, seed: _compliance(loads, deflections, options.structure)
         case "linear":
-            _one_of(options.sampler, ("closed-form", "metropolis"), model)
-            from armflex.bench.fit_linear_chain import fit_linear_chain
-
-            return lambda loads, deflections, seed: fit_linear_chain(
-                loads, deflections, options.structure, seed=seed, allow_unconverged=allow
-            )
+            return lambda loads, deflections, seed: _compliance(loads, deflections, options.structure)
         case "polynomial" if tuple(options.features) == (FOUND,):
             return fit_terms
         case "polynomial":
@@ -158,7 +151,7 @@ def _one_of(value: str | None, known: tuple[str, ...], model: str) -> None:
 def candidates(options: Options) -> tuple[Candidate, ...]:
     """Return what `auto` chooses among, the plainest first."""
     ladder = [
-        *((f"linear, {each}", "linear", {"structure": each, "sampler": None}) for each in reversed(STRUCTURES)),
+        *((f"linear, {each}", "linear", {"structure": each}) for each in reversed(STRUCTURES)),
         ("full + radial", "polynomial", {"features": ("radial",)}),
         ("full + radial + magnitude", "polynomial", {"features": ("radial", "magnitude")}),
         ("terms as found", "polynomial", {"features": (FOUND,)}),

@@ -34,7 +34,7 @@ from armflex.laws.law_file import TrainedLaw
 from armflex.measured.joint_data import JointData, as_joint_data
 from armflex.measured.table import Tabular
 from armflex.progress import Progress
-from armflex.result import Result
+from armflex.result import Result, record
 from armflex.sampling.diagnostics import Diagnostics, shortcomings
 from armflex.version import __version__
 
@@ -80,18 +80,20 @@ class TrainResult(Result):
         seconds: How long each model that was compared took, and the choice anew in every fold; of "auto" alone.
     """
 
-    FIELDS = (
-        "rows",
-        "units",
-        "train_rms",
-        "held_out_rms",
-        "held_out",
-        "coverage_95",
-        "parameters",
-        "compared",
-        "flags",
-    )
     ROWS = "table"
+
+    def content(self) -> dict[str, Any]:
+        """Return the training as docs/train.md has it; errors in the file's own unit."""
+        units = list(dict.fromkeys(self.units))
+        # Two diagnostics and the coverage always stand there; what else there is the sampler that ran adds.
+        sampled = {name: value for name, value in asdict(self.diagnostics).items() if value is not None}
+        always = dict.fromkeys(("rhat_max", "ess_min")) | record(self, "coverage_95")
+        return {
+            **record(self, "rows train_rms held_out_rms held_out parameters flags", model="trained.model"),
+            "unit": units[0] if len(units) == 1 else units,
+            "diagnostics": always | sampled,
+            "compared": self.table,
+        }
 
     trained: TrainedLaw
     rows: int
@@ -215,7 +217,7 @@ def _counting(progress: Progress | None, total: int) -> Callable[..., None]:
 
 
 def _folds(data: JointData, model: str, options: Options) -> np.ndarray:
-    if model in ("linear", "bayesian") and options.sampler in ("nuts", "metropolis"):
+    if model == "bayesian" and options.sampler in ("nuts", "metropolis"):
         return random_folds(len(data), CHAIN_FOLDS, options.seed)
     if len(data) <= (FEW if model in SLOW else LEAVE_ONE_OUT_LIMIT):
         return np.arange(len(data))

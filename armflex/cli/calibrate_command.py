@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -19,13 +18,11 @@ from armflex.estimate.block import learned_laws
 from armflex.estimate.held_out import OfCampaign
 from armflex.estimate.identify import FittedParameter
 from armflex.estimate.learn import LearnedAxis, learned_axes
-from armflex.estimate.outliers import Outlier
 from armflex.estimate.sample import LawSamples, sample_laws
 from armflex.files.dh_table import in_dh_words
 from armflex.measured.measurements import Measurements
 from armflex.parameters import ParameterKind
 from armflex.readings import Position
-from armflex.result import record
 from armflex.sampling.diagnostics import FEWEST_DRAWS
 from armflex.storage.whole_file import together
 
@@ -75,7 +72,7 @@ def command(
         fitted = {name: law for name, law in learned_laws(found.arm).items() if law.posterior is not None}
         axes = learned_axes(found.fit, fitted, samples) if fitted else ()
     with together():
-        options.write_json(as_json(found) | {"laws": [{**vars(axis), "told": axis.determined} for axis in axes]})
+        options.write_json(found.content() | {"laws": [{**vars(axis), "told": axis.determined} for axis in axes]})
         found.write(output)
         if report_path is not None:
             from armflex.show.report import write_report  # draws
@@ -199,64 +196,3 @@ def print_laws(axes: Sequence[LearnedAxis], samples: LawSamples | None) -> None:
     if samples is not None:
         found = samples.diagnostics
         say(f"Sampled: R-hat {found.rhat_max:.3f}, {found.ess_min:.0f} effective draws or more.")
-
-
-def campaigns_json(campaigns: Sequence[OfCampaign], stages: tuple[str, str]) -> dict[str, Any]:
-    """Return the errors of each of several campaigns for programs, in mm, or thousandths of the unit that was read."""
-    found = [
-        record(one, "name rows")
-        | {"rms_mm": {stages[0]: one.before * 1e3, stages[1]: one.after * 1e3}}
-        | {"from_others_rms_mm": None if one.from_others is None else one.from_others * 1e3}
-        for one in campaigns
-    ]
-    return {"campaigns": found} if found else {}
-
-
-def as_json(found: Calibration) -> dict[str, Any]:
-    """Return a calibration for programs; RMS in mm like that of trace.
-
-    Where no length was read these are null, and beside them stands what is in the unit that was.
-    """
-    unit, stages = found.fit.view.readings.unit, ("declared", "calibrated")
-    errors = {"noise_rms": found.noise_rms, "rms": dict(zip(stages, (found.declared_rms, found.rms), strict=True))}
-    errors["held_out_rms"] = found.held_out and dict(zip(stages, found.held_out, strict=True))
-    instruments = [
-        record(kind, "name unit")
-        | {"kind": type(kind).__name__.lower(), "rows": np.isfinite(kind.sigma).any(axis=1).sum()}
-        | {"rms": dict(zip(stages, sizes, strict=True)), "noise_rms": noise}
-        for kind, *sizes, noise in found.by_kind
-    ]
-    return {
-        "format": "armflex-calibrate-1",
-        "rows": len(found.fit.view.rows),
-        "noise_over_stated": found.scatter,
-        **{f"{name}_mm": scaled(value, 1e3) if unit == "m" else None for name, value in errors.items()},
-        **({} if unit == "m" else errors | {"unit": unit}),
-        **campaigns_json(found.campaigns, stages),
-        **({"instruments": instruments} if found.arm.sensors else {}),
-        "parameters": [
-            record(p, "name value std unit prior determined")
-            | {"only_combined_with": p.trades_against if p.combined else None}
-            for p in found.parameters
-        ],
-        "findings": [p.name for p in found.findings],
-        "not_identifiable": [record(p, "trades_against", parameter="name") for p in found.undetermined],
-        "flags": found.flags,
-        "outliers": [
-            outlier_json(o) | ({"error_mm": o.error_m * 1e3} if o.unit == "m" else record(o, "unit", error="error_m"))
-            for o in found.outliers
-        ],
-    }
-
-
-def scaled(errors: Any, factor: float) -> Any:
-    """Return an error, or errors by name, in another unit; None where there are none."""
-    if isinstance(errors, dict):
-        return {name: scaled(value, factor) for name, value in errors.items()}
-    return None if errors is None else errors * factor
-
-
-def outlier_json(one: Outlier) -> dict[str, Any]:
-    """Return which reading is an outlier, by which instrument, and the one that it was exchanged with."""
-    known = {"instrument": one.instrument, "exchanged_with": one.fellow}
-    return {"row": one.row, "place": str(one.place)} | {name: value for name, value in known.items() if value}

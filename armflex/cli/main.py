@@ -35,12 +35,12 @@ COMMANDS = {
     "map": "worst displacement, uncertainty and margin over the whole workspace",
     "export": "write the arm for other programs: URDF, a sheet for the controller, C, URScript, KRL, RAPID",
     "view": "write a page of the arm that opens in a browser",
-    "compile": "compile the engine now instead of with the first long job",
     "demo": "the whole workflow on the bundled TARM-like arm",
 }
 
 GONE = {
     "trust": "an arm file runs no code",
+    "compile": "leave it out; the engine comes compiled with the package",
     "--resume": "leave it out; --minutes N gives a search the time that it needs",
     "--store": "leave it out; a map of the default size takes seconds",
     "--chunk": "leave it out",

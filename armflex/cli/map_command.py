@@ -15,7 +15,6 @@ from armflex.conventions import parse_quantity
 from armflex.errors import InputError
 from armflex.mechanics.equilibrium import METHODS
 from armflex.plotting import SUFFIXES as PICTURES
-from armflex.result import record
 from armflex.show.view.map_page import map_page
 from armflex.storage.whole_file import together
 from armflex.tasks.workspace import WorkspaceMap, draw_map, map_workspace, write_map
@@ -78,7 +77,8 @@ def command(
             draw_map(arm, found, picture, limit)
         if page is not None:
             map_page(arm, found, page, limit, settings["covariates"], settings["wrenches"])
-        options.conclude(lambda: as_json(found, limit), found.flags, arm)
+        judged = {} if limit is None else {"tolerance_m": limit, "verdicts": _verdicts(found, limit)}
+        options.conclude(lambda: found.content() | judged, found.flags, arm)
     print_map(found, limit)
     say_written(output, picture, page)
     return 0 if limit is None or (found.verdicts(limit) == "ok").all() else 1
@@ -115,30 +115,6 @@ def print_map(found: WorkspaceMap, tolerance: float | None) -> None:
         most = found.worst_of_draws[here]
         most_said = f"{number(most * 1e3)} mm" if np.isfinite(most) else "one has no answer"
         say(f"  the worst of {found.draws} draws there: {most_said}")
-
-
-def as_json(found: WorkspaceMap, tolerance: float | None) -> dict[str, Any]:
-    """Return the summary of a map for programs, SI."""
-    summary = record(found, "payloads rows seed draws", joint_names="joints", voxel_m="voxel")
-    summary |= {"voxels": len(found), "answered": found.answered.sum()}
-    summary["refused"] = dict(zip(found.reasons, found.refused.sum(axis=0), strict=True))
-    summary |= dict.fromkeys(("mean_m", "worst", "worst_of_draws_m"))
-    if found.answered.any():
-        here = found.worst_voxel
-        sizes = {"displacement_m": found.worst, "sigma_m": found.sigma, "worst_of_draws_m": found.worst_of_draws}
-        summary["mean_m"] = np.nansum(found.mean * found.answered) / found.answered.sum()
-        summary["worst"] = {name: None if values is None else values[here] for name, values in sizes.items()} | {
-            "centre": found.centres[here],
-            "q": found.worst_q[here],
-            "payload": found.payloads[found.worst_payload[here]],
-        }
-    if found.worst_of_draws is not None:
-        summary["worst_of_draws_m"] = found.worst_of_draws.max()
-    if found.frequency is not None:
-        summary["lowest_frequency_hz"] = np.nanmin(found.frequency, initial=np.inf)
-    return (
-        summary if tolerance is None else summary | {"tolerance_m": tolerance, "verdicts": _verdicts(found, tolerance)}
-    )
 
 
 def _verdicts(found: WorkspaceMap, tolerance: float) -> dict[str, int]:

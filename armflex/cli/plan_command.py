@@ -20,7 +20,6 @@ from armflex.plan.drive import write_plan
 from armflex.plan.instruments import declaration
 from armflex.plan.planning import plan
 from armflex.plotting import check_ending
-from armflex.result import record
 from armflex.storage.whole_file import together
 from armflex.trajectory import read_trajectory
 
@@ -113,7 +112,7 @@ def command(
             from armflex.plan.picture import draw_plan
 
             draw_plan(found, picture)
-        options.conclude(lambda: as_json(found), found.flags)
+        options.conclude(found.content, found.flags)
     print_plan(found)
     say_written(output, picture)
 
@@ -148,7 +147,7 @@ def print_plan(found: Plan) -> None:
     # Where instruments stand is no gain.
     places = (ParameterKind.INSTRUMENT, *OF_SESSION, ParameterKind.SENSOR)
     others = {one.label for one in found.model.parameters if one.group.kind in places}
-    gaining = [one for one in _parameters(found) if one["name"] not in others and not found.hypotheses]
+    gaining = [one for one in found.certainties if one["name"] not in others and not found.hypotheses]
     gaining = sorted(gaining, key=lambda p: p["after"] / p["before"])[:MOST_LINES]
     words, rows = in_dh_words(found.reach.arm.robot), []
     for one in gaining:  # those of unit 1 are logarithms of factors, or shares
@@ -158,51 +157,3 @@ def print_plan(found: Plan) -> None:
     if rows:
         print_table("Expected to become more certain, most first", ["parameter", "± now", "± after", "unit"], rows)
     say(*found.advice)
-
-
-def _parameters(found: Plan) -> list[dict[str, Any]]:
-    blind = {one.name for one in found.blind}
-    values = zip(found.model.parameters, found.std_before.tolist(), found.std_after.tolist(), strict=True)
-    return [
-        record(one, "unit", name="label") | {"before": before, "after": after, "told_by_tip": one.label not in blind}
-        for one, before, after in values
-        if before > 0.0
-    ]
-
-
-def as_json(found: Plan) -> dict[str, Any]:
-    """Return a plan for programs, SI; what was reached is as the terminal shows it."""
-    goal, rows, read = found.goal, found.rows, iter(found.worth)
-    worth = [next(read) if measured else None for measured in rows.measured]
-    stops = zip(rows.pose, rows.payload, rows.q, worth, strict=True)
-    reached = {"reached": found.reached, "random": found.random.mean(axis=0), "everything": found.everything}
-    instruments = [
-        record(mount, "reached without", name="sensor.name", link="sensor.link")
-        | {"declare": declaration(mount.sensor), "elsewhere": dict(mount.others)}
-        for mount in found.mounts
-    ]
-    return {
-        "rows": len(found.worth),
-        "stops": [
-            {"pose": pose, "read": gain is not None, "payload": payload, "worth": gain}
-            | {"q": dict(zip(rows.joint_names, q, strict=True))}
-            for pose, payload, q, gain in stops
-        ],
-        "sigma_m": found.reach.sigma,
-        "goal": goal.title,
-        "expected": {name: goal.shown(value) for name, value in reached.items()} | record(found, "random_rows"),
-        "parameters": _parameters(found),
-        "separation_sigmas": goal.shown(found.reached[-1]) if found.hypotheses else None,
-        "between": [
-            record(one, "name source") | {"size": dict(zip(one.candidate.labels, one.size, strict=True))}
-            for one in found.hypotheses
-        ],
-        "not_told": [
-            record(blind, "instead", parameter="name", trades_against="partners") | {"moves_mm": blind.moves * 1e3}
-            for blind in found.blind
-        ],
-        "advice": found.advice,
-        "left_out": dict(found.offered.dropped),
-        **({"instruments": instruments} if instruments else {}),
-        "motion": {"ordered": found.way[0], "as_chosen": found.way[1]},
-    }

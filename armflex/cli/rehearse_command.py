@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
 from armflex.cli import options
 from armflex.cli.terminal import number, print_table, progress, say
-from armflex.cli.trace_command import place_json
-from armflex.laws.effects.catalogue import EVERY
 from armflex.measured.measurements import read_measurements
-from armflex.result import record
 from armflex.tasks.rehearse import DRAWS, Rehearsal, rehearse, summary
 
 CLEAR, DOUBTFUL = 0.9, 0.5
@@ -41,7 +37,7 @@ def command(
     rows = None if rows_path is None else read_measurements(rows_path, arm, inputs_only=True)
     with progress("rehearsing: effects hidden") as tick:
         found = rehearse(arm, rows, sigma=sigma, size=size, draws=draws, seed=seed, progress=tick)
-    options.conclude(lambda: as_json(found), ())
+    options.conclude(found.content, ())
     print_rehearsal(found)
 
 
@@ -71,15 +67,3 @@ def print_rehearsal(found: Rehearsal) -> None:
         f"{clear} of {len(found.effects)} effects would get their own name with a probability of {CLEAR:.0%} or more, "
         f"{len(failed)} with less than {DOUBTFUL:.0%}; {still} do not move what is read at all (size 0)."
     )
-
-
-def as_json(found: Rehearsal) -> dict[str, Any]:
-    """Return a rehearsal for programs."""
-    effects = [
-        place_json(EVERY[one.effect], one.location)
-        | record(one, "nothing", probability="named", in_credible_set="within")
-        | {"size_mm": one.size * 1e3}
-        | {"confused_with": [{"name": title, "probability": chance} for title, chance in one.confused]}
-        for one in found.effects
-    ]
-    return {"rows": found.read, "sigma_mm": found.sigma * 1e3, "size_mm": found.size * 1e3, "effects": effects}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -14,12 +13,11 @@ from armflex.errors import InputError
 from armflex.measured.forces import Unnamed
 from armflex.measured.measurements import read_measurements
 from armflex.measured.points import PointExport
-from armflex.result import record
 from armflex.show.report import write_report
 from armflex.show.report.performance import table
 from armflex.show.report.words import millimetres
 from armflex.storage.whole_file import together
-from armflex.tasks.iso9283 import PosePerformance, iso9283
+from armflex.tasks.iso9283 import iso9283
 
 
 @click.command(cls=options.Command)
@@ -50,7 +48,7 @@ def command(
     doing("finding pose characteristics")
     found = iso9283(arm, measurements, block)
     with together():
-        options.conclude(lambda: as_json(found), measurements.flags, arm)
+        options.conclude(found.content, measurements.flags, arm)
         if output is not None:
             write_report(found, output)
     print_table("ISO 9283 pose characteristics", *table(found))
@@ -60,18 +58,3 @@ def command(
             say(f"{one.pose}: {name} {millimetres(one.accuracy)}{again} ({one.number} {one.of}).")
     say("", *found.remarks)
     say_written(output)
-
-
-def as_json(found: PosePerformance) -> dict[str, Any]:
-    """Return pose characteristics for programs, SI."""
-    named = "pose payload session"
-    accuracy = {"ap_m": "accuracy", "ap_xyz_m": "offset", "rp_m": "repeatability", "ap_with_model_m": "predicted"}
-    accuracy |= {"ap_abc_rad": "rotation", "rp_abc_rad": "rotation_repeatability"}
-    drift = {"dap_m": "accuracy", "drp_m": "repeatability", "shift_m": "shift"}
-    return {
-        "standard": "ISO 9283:1998",
-        "poses": [record(one, f"{named} direction cycles excluded rows", **accuracy) for one in found.poses],
-        "directions": [record(one, f"{named} number", vap_m="accuracy") for one in found.directions],
-        "drifts": [record(one, f"{named} number", **drift) for one in found.drifts],
-        **record(found, "remarks", excluded_rows="excluded"),
-    }

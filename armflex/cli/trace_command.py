@@ -15,20 +15,22 @@ import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
-from armflex.cli.calibrate_command import campaigns_json, outlier_json, print_campaigns, scaled
+from armflex.cli.calibrate_command import print_campaigns
 from armflex.cli.terminal import doing, number, print_table, say, say_written, show_flags, show_stage
 from armflex.conventions import SHOWN
 from armflex.errors import InputError, enough_memory, listing
-from armflex.files.effect_file import names_of
-from armflex.laws.effects.effect import Effect, EffectLaw
+from armflex.estimate.held_out import campaigns_json
+from armflex.estimate.outliers import outlier_json
+from armflex.files.effect_file import names_of, place_json
+from armflex.laws.effects.effect import Effect
 from armflex.laws.effects.in_arm import derived_directions
-from armflex.laws.effects.location import LINK, Location
+from armflex.laws.effects.location import LINK
 from armflex.measured.measurements import Measurements
 from armflex.parameters import numbered
 from armflex.plan import MOST_ASKED
 from armflex.plan.drive import write_plan
 from armflex.progress import MOST_MINUTES
-from armflex.result import plain, record
+from armflex.result import plain, record, scaled
 from armflex.show.report import write_report
 from armflex.show.report.summary import HALVES_HEAD, HALVES_TITLE, further, headline
 from armflex.storage.whole_file import together
@@ -313,7 +315,7 @@ def as_json(found: Trace) -> dict[str, Any]:
 
 
 def _nuisances_json(kinds: Families) -> Iterator[dict[str, Any]]:
-    """Yield what wanders in time: it has a size and no cause, and cannot be foreseen."""
+    """Yield what wanders in time: it has a size and no cause, and nobody can predict it."""
     for family in kinds.found:
         if family.name.startswith("wandering"):
             chance = 1.0 / (1.0 + np.exp(-family.evidence))
@@ -364,10 +366,3 @@ def _values_json(effect: Effect, stds: Mapping[str, float]) -> dict[str, Any]:
         name: {"value": value, "std": stds.get(name), "unit": unit}
         for (name, value), unit in zip(effect.named.items(), effect.units, strict=True)
     }
-
-
-def place_json(law: EffectLaw, location: Location) -> dict[str, Any]:
-    """Return which law acts where; `shape` and `partner` only where there is one."""
-    name, shape = names_of(law)
-    place = {"effect": name} | record(location, "axis covariates", site="place")
-    return place | ({"shape": shape} if shape else {}) | ({"partner": location.partner} if location.partner else {})

@@ -24,7 +24,6 @@ from armflex.laws.declared import read_assembly
 from armflex.laws.law_file import save_law
 from armflex.measured.joint_data import read_joint_data
 from armflex.plotting import check_ending
-from armflex.result import record
 from armflex.storage.whole_file import together
 
 
@@ -105,7 +104,7 @@ def command(
             from armflex.show.view.law_curves import draw_training  # draws
 
             draw_training(result, data, picture)
-        options.conclude(lambda: as_json(result), result.flags)
+        options.conclude(result.content, result.flags)
     print_training(result)
     say(f"Written to {output}. In an arm.toml:", f'model = "{result.trained.model}"', f'file = "{output.name}"')
 
@@ -173,17 +172,3 @@ def print_training(result: TrainResult) -> None:
         say("Sampler: " + ", ".join(f"{name} {number(value, 4)}" for name, value in sampled.items()))
     if result.coverage_95 is not None:
         say(f"{result.coverage_95:.0%} of held-out numbers lie inside their 95 % band.")
-
-
-def as_json(result: TrainResult) -> dict[str, Any]:
-    """Return a training for programs; errors in the file's own units."""
-    units = list(dict.fromkeys(result.units))
-    # Two diagnostics and the coverage always stand there; what else there is the sampler that ran adds.
-    sampled = {name: value for name, value in asdict(result.diagnostics).items() if value is not None}
-    always = dict.fromkeys(("rhat_max", "ess_min")) | record(result, "coverage_95")
-    return {
-        **record(result, "rows train_rms held_out_rms held_out parameters", model="trained.model"),
-        "unit": units[0] if len(units) == 1 else units,
-        "diagnostics": always | sampled,
-        "compared": [{"model": name, "held_out_rms": rms} for name, rms in result.compared],
-    }

@@ -41,7 +41,7 @@ from armflex.parameters import (
     of_springs,
     of_targets,
 )
-from armflex.readings import Kind, Orientation, Position, Sensor, Touch
+from armflex.readings import Kind, Orientation, Position, Sensor, Touch, TouchingSensor
 from armflex.readings.end import skew
 from armflex.readings.instrument import frame_of, motion_of, remounted, twist_per_value
 
@@ -330,7 +330,9 @@ def declared_blocks(setup: Setup, measurements: Measurements) -> tuple[Block, ..
     if len(sessions) > 1 and tracked and open_:
         blocks.append(session_block(setup, open_, prior.session_translation, prior.session_rotation))
     touching = [
-        one.sockets for one in arm.sensors.values() if one.sockets and measurements.readings.of(Touch, one.name)
+        one.sockets
+        for one in arm.sensors.values()
+        if isinstance(one, TouchingSensor) and measurements.readings.of(Touch, one.name)
     ]
     targeted = measurements.readings.of(Position) or any(not one.own_point for one in touching)
     if prior.tool and targeted:

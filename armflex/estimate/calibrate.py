@@ -18,12 +18,21 @@ from armflex.errors import ArmflexError, ConventionError, Flag, InputError, Unsu
 from armflex.estimate.block import Block, law_block, parameters_of
 from armflex.estimate.blocks import declared_blocks, sensor_start
 from armflex.estimate.fit import Fit, Weighed, fit, realise
-from armflex.estimate.held_out import POSE_FOLDS, OfCampaign, by_campaign, held_out, judged_by, near, pose_folds
+from armflex.estimate.held_out import (
+    POSE_FOLDS,
+    OfCampaign,
+    by_campaign,
+    campaigns_json,
+    held_out,
+    judged_by,
+    near,
+    pose_folds,
+)
 from armflex.estimate.identify import UNDETERMINED, FittedParameter, below_zero, parameters
 from armflex.estimate.learn import fit_learning, with_posteriors
 from armflex.estimate.misread import check_conventions, check_scatter, wrong_sigma
 from armflex.estimate.misreadings import USUAL_PRIOR
-from armflex.estimate.outliers import DOUBTED, Outlier, fit_without_lost, outliers_of
+from armflex.estimate.outliers import DOUBTED, Outlier, fit_without_lost, outlier_json, outliers_of
 from armflex.estimate.placement import FEWEST_ROWS, check_enough, first_guess
 from armflex.estimate.pose_block import PoseBlock
 from armflex.estimate.posterior import certainty_of
@@ -46,7 +55,7 @@ from armflex.parameters import FRAMES, OF_SESSION, ArmParameter, Group, Paramete
 from armflex.progress import Progress
 from armflex.readings import Kind
 from armflex.readings.instrument import ROUNDS
-from armflex.result import Result
+from armflex.result import Result, record, scaled
 from armflex.robot.urdf import drive_of
 
 
@@ -67,7 +76,6 @@ class Calibration(Result):
         scattered: The fit in which each joint stands off at random in every pose, None where none does.
     """
 
-    FIELDS = ("declared_rms", "rms", "noise_rms", "held_out", "weighed", "scatter", "fitted", "flags")
     ROWS = "fitted"
 
     arm: Arm
@@ -77,6 +85,43 @@ class Calibration(Result):
     flags: tuple[Flag, ...] = ()
     held_out: tuple[float, float] | None = None
     scattered: Fit | None = None
+
+    def content(self) -> dict[str, Any]:
+        """Return the calibration with RMS in mm, like that of a trace.
+
+        Where no length was read these are null, and beside them stands what is in the unit that was.
+        """
+        unit, stages = self.fit.view.readings.unit, ("declared", "calibrated")
+        errors = {"noise_rms": self.noise_rms, "rms": dict(zip(stages, (self.declared_rms, self.rms), strict=True))}
+        errors["held_out_rms"] = self.held_out and dict(zip(stages, self.held_out, strict=True))
+        instruments = [
+            record(kind, "name unit")
+            | {"kind": type(kind).__name__.lower(), "rows": np.isfinite(kind.sigma).any(axis=1).sum()}
+            | {"rms": dict(zip(stages, sizes, strict=True)), "noise_rms": noise}
+            for kind, *sizes, noise in self.by_kind
+        ]
+        return {
+            "format": "armflex-calibrate-1",
+            "rows": len(self.fit.view.rows),
+            "noise_over_stated": self.scatter,
+            **{f"{name}_mm": scaled(value, 1e3) if unit == "m" else None for name, value in errors.items()},
+            **({} if unit == "m" else errors | {"unit": unit}),
+            **campaigns_json(self.campaigns, stages),
+            **({"instruments": instruments} if self.arm.sensors else {}),
+            "parameters": [
+                record(p, "name value std unit prior determined")
+                | {"only_combined_with": p.trades_against if p.combined else None}
+                for p in self.parameters
+            ],
+            "findings": [p.name for p in self.findings],
+            "not_identifiable": [record(p, "trades_against", parameter="name") for p in self.undetermined],
+            "flags": self.flags,
+            "outliers": [
+                outlier_json(o)
+                | ({"error_mm": o.error_m * 1e3} if o.unit == "m" else record(o, "unit", error="error_m"))
+                for o in self.outliers
+            ],
+        }
 
     @property
     def fitted(self) -> list[dict[str, Any]]:

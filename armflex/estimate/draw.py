@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 from armflex.arguments import checked_kinds
 from armflex.arm import Arm, Setup
 from armflex.conventions import Array, covariate_array, real_array, root_of_covariance
-from armflex.errors import InputError, ShapeError, UnsupportedError, did_you_mean, naming, shown
+from armflex.errors import InputError, ShapeError, UnsupportedError, naming, shown
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.posterior import without_declared_uncertainty
 from armflex.mechanics.deflection import check_positions
 from armflex.mechanics.loaded import Payload
-from armflex.mechanics.many_rows import COMPILED, drawn_displacements
+from armflex.mechanics.many_rows import drawn_displacements
 from armflex.readings.instrument import Instrument
 from armflex.rows.wrench import Wrench
 
@@ -79,13 +79,11 @@ def ensemble(
     draws: int = 100,
     seed: int = 0,
     covariates: Mapping[str, ArrayLike] | None = None,
-    method: str = "exact",
 ) -> Array:
     """Return the (draws, 6) or (draws, N, 6) displacements of the tip, each draw with one set of laws in all rows.
 
     Laws are drawn by `Law.draw`: compliances by their relative uncertainty or their fit's covariance, networks from
-    their posterior. What is shared is computed once: where the rigid arm is, and the loads from which every draw comes
-    to rest (to first order they are the same for all). On an arm that was calibrated or traced what was fitted is drawn
+    their posterior. On an arm that was calibrated or traced what was fitted is drawn
     as well, see `draw_arms`; each draw is then an arm of its own, and takes as long, also where an effect pulls at a
     link.
 
@@ -96,17 +94,13 @@ def ensemble(
         draws: How many.
         seed: Of the random numbers; the same laws are drawn for any q.
         covariates: What the arm's effects depend on: a number, or one per row.
-        method: "exact" or "first_order"; see `find_equilibrium`.
 
     Raises:
-        InputError: As `Arm.deflection`, or no such method; also where a draw has no equilibrium.
+        InputError: As `Arm.deflection`; also where a draw has no equilibrium.
         UnsupportedError: A draw has no equilibrium that is proven stable, or see `draw_arms`.
     """
     draws, seed = check_draws(draws, seed)
     arm.loaded(payload)  # what is wrong with it is no draw's fault
-    if method not in COMPILED:
-        known = ", ".join(COMPILED)
-        raise InputError(f"method {method!r} is not known{did_you_mean(method, COMPILED)} (known: {known})")
     positions = real_array(q, "q")
     if positions.ndim not in (1, 2):
         raise ShapeError(f"q: expected shape (nq,) or (N, nq), got {positions.shape}")
@@ -114,12 +108,12 @@ def ensemble(
     count = len(rows) if positions.ndim == 2 else 0
     known = {name: covariate_array(values, name, count) for name, values in (covariates or {}).items()}
     if arm.certainty is None and arm.chain and not arm.pulls:
-        found = drawn_displacements(arm, rows, payload, known, method, draws, seed)
+        found = drawn_displacements(arm, rows, payload, known, draws, seed)
     else:  # one after the other
         found = np.empty((draws, len(rows), 6))
         for number, drawn in enumerate(draw_arms(arm, draws, seed)):
             with naming(f"draw {number}"):
-                found[number] = drawn.deflection(rows, payload, covariates=known, method=method).displacement
+                found[number] = drawn.deflection(rows, payload, covariates=known).displacement
     return found if positions.ndim == 2 else found[:, 0]
 
 

@@ -17,6 +17,7 @@ from armflex.estimate.view import View, foremost_rms
 from armflex.linear_gaussian import LinearGaussian, depend_on, most_probable, squared
 from armflex.parameters import OF_SESSION, Group, ParameterKind
 from armflex.readings import Position
+from armflex.result import record
 from armflex.rows.rows import STILL, numbered
 
 POSE_FOLDS = 5
@@ -320,3 +321,14 @@ def pose_folds(groups: np.ndarray) -> np.ndarray:
     order = np.random.default_rng(0).permutation(len(poses))
     fold = dict(zip(poses[order].tolist(), (np.arange(len(poses)) % min(POSE_FOLDS, len(poses))).tolist(), strict=True))
     return np.array([fold[group] for group in groups.tolist()])
+
+
+def campaigns_json(campaigns: Sequence[OfCampaign], stages: tuple[str, str]) -> dict[str, Any]:
+    """Return the errors of each of several campaigns for programs, in mm, or thousandths of the unit that was read."""
+    found = [
+        record(one, "name rows")
+        | {"rms_mm": {stages[0]: one.before * 1e3, stages[1]: one.after * 1e3}}
+        | {"from_others_rms_mm": None if one.from_others is None else one.from_others * 1e3}
+        for one in campaigns
+    ]
+    return {"campaigns": found} if found else {}

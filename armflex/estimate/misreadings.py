@@ -20,7 +20,7 @@ from armflex.files.dh_table import in_other_form
 from armflex.laws.joint.carried import scaled
 from armflex.laws.law import anywhere
 from armflex.measured.measurements import Measurements
-from armflex.readings import Kind, Orientation, Position
+from armflex.readings import Encoder, Kind, Orientation, Position, TouchingSensor
 from armflex.readings.acceleration import OPPOSITE, Acceleration
 from armflex.readings.distance import ANYWHERE
 from armflex.readings.instrument import Instrument
@@ -275,7 +275,7 @@ def _from_quaternion(vectors: Array) -> Rotation:
 def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Misreading]:
     """Yield what else may be meant by what a sensor read, or of where it is."""
     name, sensor = kind.name, arm.sensors[kind.name]
-    if sensor.sockets is not None or kind.apart:  # it reads no number, or numbers whose meaning is no question
+    if isinstance(sensor, TouchingSensor) or kind.apart:  # it reads no number, or numbers whose meaning is no question
         return
     for unit, taken, factor in _factors(kind.unit):
         remedy = "write the unit into the header"
@@ -283,7 +283,8 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
         change = _values(name, lambda values, by=factor: by * values)
         yield Misreading(what, remedy, change, of=name, volume=float(np.log(factor)))
     if isinstance(kind, Acceleration):
-        remedy, meant = f"write {OPPOSITE[sensor.sign < 0.0]}", _with(arm, replace(sensor, sign=-sensor.sign))
+        other = OPPOSITE[sensor.about or "gravity"]
+        remedy, meant = f'write reads = "{other}"', _with(arm, replace(sensor, about=other))
         yield Misreading(f"{kind.title} reads the opposite", remedy, arm=meant, of=name)
     places = range(kind.dimension)
     for order, signs in product(permutations(places), product((1.0, -1.0), repeat=kind.dimension)):
@@ -304,7 +305,7 @@ def _of_sensor(kind: Kind, arm: Arm, measurements: Measurements) -> Iterator[Mis
             yield Misreading(text, "exchange their headers", _exchanged(one, last), of=name)
     robot = arm.robot
     for link in dict.fromkeys([robot.base, *(joint.child for joint in robot.chain), robot.tip]):
-        if sensor.shaft is None and link not in (sensor.link, sensor.seen_from):
+        if not isinstance(kind, Encoder) and link not in (sensor.link, sensor.seen_from):
             text = f"{kind.title} is on {link!r}"
             meant = _with(arm, replace(sensor, link=link))
             yield Misreading(text, f'write link = "{link}"', arm=meant, mistakes=2, of=name)

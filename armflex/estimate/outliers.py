@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -201,3 +202,9 @@ def outliers_of(view: View, far: np.ndarray, measurements: Measurements, kind: s
                 fellow = fellow if j != i else named[second] or "x y z"
             place = places[row] if places else None
             yield Outlier(row, place, float(error[i]), said, own.name, own.unit, fellow, own.shown)
+
+
+def outlier_json(one: Outlier) -> dict[str, Any]:
+    """Return which reading is an outlier, by which instrument, and the one that it was exchanged with."""
+    known = {"instrument": one.instrument, "exchanged_with": one.fellow}
+    return {"row": one.row, "place": str(one.place)} | {name: value for name, value in known.items() if value}

@@ -16,7 +16,7 @@ from armflex.estimate.robust import outlier_limit
 from armflex.estimate.view import postures, solved
 from armflex.measured.measurements import Measurements
 from armflex.mechanics.response import Response
-from armflex.readings import Position, Touch
+from armflex.readings import Position, Touch, sockets_of
 from armflex.readings.end import rigid_motion
 from armflex.readings.instrument import ROUNDS, SAME, Instrument, fit_frame, fit_mounting, motion_of, rigid_fit
 
@@ -238,8 +238,8 @@ def check_length(arm: Arm, measurements: Measurements) -> None:
     if not touches or any(kind.unit == "m" for kind in measurements.readings.kinds if not isinstance(kind, Touch)):
         return
     for kind in touches:
-        known, sockets = arm.sensors[kind.name].sockets, set(kind.sockets)
-        if known is not None and sockets & ({*known.place} | {*known.radius}):
+        known, sockets = sockets_of(arm.sensors[kind.name]), set(kind.sockets)
+        if sockets & ({*known.place} | {*known.radius}):
             return
     lengths = float(np.linalg.norm([joint.origin for joint in arm.robot.chain]))
     open_by = arm.prior.geometry / max(lengths, RESOLUTION)

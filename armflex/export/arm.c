@@ -44,7 +44,7 @@ typedef struct {
 #if FACTORS
 
 /* A function of one column: a joint's position, the payload's mass or a covariate, see know_laws; factor_at says how. */
-enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV };
+enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV, TABLE };
 typedef struct {
     int kind, column;
     double a, b, c, d;
@@ -400,6 +400,35 @@ static void weigh(arm_state *s)
 
 /* ---- Laws ------------------------------------------------------------------------------------------------------- */
 #if FACTORS
+#if KNOTS
+
+/* Return a cubic through values at knots 0, 1, ..., which closes or has the slopes of parabolas at its ends. */
+static double table_at(const double *values, int count, int closes, double x)
+{
+    int k, last = closes ? count - 1 : count - 2;
+    double t, before, left, right, after;
+    if (!(fabs(x) < 1e15)) {
+        return x - x; /* not a number */
+    }
+    t = closes ? x - count * floor(x / count) : fmin(fmax(x, 0.0), count - 1.0);
+    k = ((int)t < last) ? (int)t : last;
+    t -= k;
+    left = values[k];
+    right = values[(k + 1) % count];
+    if (closes) {
+        before = values[(k + count - 1) % count];
+        after = values[(k + 2) % count];
+    } else {
+        double bent = (count > 2) ? 1.0 : 0.0;
+        before = (k > 0) ? values[k - 1]
+                         : (2.0 + bent) * left - (1.0 + 2.0 * bent) * right + bent * values[(k + 2) % count];
+        after = (k < last) ? values[k + 2]
+                           : (2.0 + bent) * right - (1.0 + 2.0 * bent) * left + bent * values[(k + count - 1) % count];
+    }
+    return left + 0.5 * t * (right - before + t * (2.0 * before - 5.0 * left + 4.0 * right - after
+                                                   + t * (3.0 * (left - right) + after - before)));
+}
+#endif
 
 /* Return the value of a factor where its column is x. */
 static double factor_at(const factor *f, double x)
@@ -429,6 +458,9 @@ static double factor_at(const factor *f, double x)
         }
         break;
     }
+#if KNOTS
+    case TABLE: value = table_at(knots + (int)f->c, (int)fabs(f->d), f->d < 0.0, (x - f->a) / f->b); break;
+#endif
     default: break; /* ONE */
     }
     return value;

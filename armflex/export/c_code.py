@@ -1,6 +1,6 @@
 """The arm as one file of C99 for a controller: `arm.c` beside this file, with the arm's numbers in its tables.
 
-The algorithm is that of the compiled kernel, for one configuration. Laws reach it as terms; see `laws.terms`.
+The algorithm is that of the engine, for one configuration. Laws reach it as terms; see `laws.terms`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
 from armflex.laws.learned.seen import Seen
 from armflex.laws.terms import Factor, Of, Term
-from armflex.mechanics.chain import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree, link_frame
+from armflex.mechanics.chain import link_frame
+from armflex.mechanics.engine.tables import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree
 from armflex.rows.rows import HOLD, TIME
 from armflex.version import __version__
 
@@ -148,6 +149,7 @@ class _Tables:
             "PULLS": (len(self.pulls), "forces from outside"),
             "COVARIATES": (len(self.covariates), "covariates"),
             "FACTORS": (len(self.factors), "functions of a column"),
+            "KNOTS": (sum(len(one.numbers) - 3 for one in self.factors if one.kind is Of.TABLE), "values of tables"),
             "CHANGING": (len(self.changing), "parts of laws that depend on a column"),
             "FEATURES": (len(self.features), "numbers that those make of the load"),
             "TERMS": (len(self.terms), "parts of laws that are not linear in the load"),
@@ -439,10 +441,9 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
         rows = [f"{c_number(value)},{name}" for value, name in zip(values, names, strict=True)]
         text.append(_table(declared, what, rows) if rows else "")
     columns = {column: i for i, column in enumerate(tables.columns)}
-    factors = []
+    factors, knots = [], []
     for one in tables.factors:
-        numbers = (*one.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
-        values = ", ".join(map(c_number, numbers))
+        values = ", ".join(map(c_number, one.in_c(knots)))
         factors.append(f"{{{one.kind.name}, {columns[one.column]}, {values}}}, /* {c_comment(one.column)} */")
     windows = []
     for one in tables.windows:
@@ -451,6 +452,7 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
         windows.append(f"{{{c_number(one.mean)}, {c_number(one.precision)}, {c_number(energy)}, {c_number(faded)}}},")
     optional = (
         ("pull pulls[PULLS]", "", tables.pulls),
+        ("double knots[KNOTS]", "values of tables", [f"{c_number(value)}," for value in knots]),
         ("factor factors[FACTORS]", "", factors),
         ("change changing[CHANGING]", "", tables.changing),
         ("double forms[FORMS][6][6]", "of the load, own axes", [f"{c_number(form)}," for form in tables.forms]),

@@ -22,6 +22,7 @@ from armflex.laws.effects.catalogue import CATALOGUE, SHAPES
 from armflex.laws.effects.context import AXES, Records
 from armflex.laws.effects.effect import Effect, EffectLaw, full
 from armflex.laws.effects.location import BASE, TOOL, Location
+from armflex.result import record
 from armflex.rows.rows import APPROACH
 
 UNNAMED = "unnamed"
@@ -115,6 +116,13 @@ def effect_table(effect: Effect, std: Mapping[str, float] | None = None) -> dict
 def names_of(law: EffectLaw) -> tuple[str, str]:
     """Return a law's name in files, and its shape where it is unnamed, else ''."""
     return (UNNAMED, law.shape) if law.shape else (law.name, "")
+
+
+def place_json(law: EffectLaw, location: Location) -> dict[str, Any]:
+    """Return which law acts where; `shape` and `partner` only where there is one."""
+    name, shape = names_of(law)
+    place = {"effect": name} | record(location, "axis covariates", site="place")
+    return place | ({"shape": shape} if shape else {}) | ({"partner": location.partner} if location.partner else {})
 
 
 def locations_on(law: EffectLaw, arm: Arm, session: str = "", recorded: Iterable[str] = ()) -> list[Location]:

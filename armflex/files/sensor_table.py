@@ -35,4 +35,4 @@ def _read(name: str, table: Declaration, robot: Robot) -> Sensor:
     if not SMALLEST_STD <= sigma <= LONGEST[kind.unit]:
         raise table.fail("sigma", f"expected one standard deviation of a reading [{kind.unit}], got {sigma:g}")
     table.finish()
-    return Sensor(name, kind, sigma=sigma, declared=np.concatenate(declared), std=np.concatenate(std), **said)
+    return kind.sensor(name, kind, sigma=sigma, declared=np.concatenate(declared), std=np.concatenate(std), **said)

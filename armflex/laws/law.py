@@ -91,7 +91,7 @@ class Law(ABC):
         """Return the law at other (k,) values, in its parameters' units."""
 
     def terms(self) -> Terms:
-        """Return the law as terms, in which the compiled kernel and exported C know it; see `laws.terms`.
+        """Return the law as terms, in which the engine and exported C know it; see `laws.terms`.
 
         Raises:
             UnsupportedError: It is no sum of terms; the text says why, as what follows the law's name.

@@ -1,10 +1,10 @@
-"""Laws as sums of terms: the form in which the compiled kernel and exported C know every law.
+"""Laws as sums of terms: the form in which the engine and exported C know every law.
 
     twist = sum over terms of (matrix @ w + along) * product of features(w) * product of factors(row)
 
 A feature is a number made of the load w, a factor one made of a column of the row. What is scaled, or carried to
 another place, stays of this form. A small network is one term of many neurons, `gains.T @ tanh(units @ w + bias)`.
-A law that says its terms needs nothing else: its twist and its tangent follow, and both engines know it.
+A law that says its terms needs nothing else: its twist and its tangent follow, and the engine knows it.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ MOST_FACTORS = 2
 
 
 class Kind(IntEnum):
-    """What a feature makes of a load w; the kernel and `arm.c` have the same."""
+    """What a feature makes of a load w; engine.c and `arm.c` have the same."""
 
     PART = 0
     """u . w"""
@@ -63,7 +63,7 @@ class Kind(IntEnum):
 
 
 class Of(IntEnum):
-    """What a factor makes of a column x; `a` to `d` are its numbers, and `arm.c` has the same."""
+    """What a factor makes of a column x; `a` to `d` are its numbers; engine.c and `arm.c` have the same."""
 
     ONE = 0
     POWER = 1
@@ -83,6 +83,14 @@ class Of(IntEnum):
     """1 / (a + |x - b|)"""
     CHEBYSHEV = 9
     """Polynomial of degree c in a travel with the middle a and the half b."""
+    TABLE = 10
+    """A smooth curve through values at knots that are b apart from a on; where c is not 0 the first follows the last.
+
+    The numbers behind c are the values. Between two knots it is the cubic with the slopes (v[k + 1] - v[k - 1]) / 2 b
+    (Catmull and Rom 1974), so it and its slope are continuous, and it is a sum of its values times curves that depend
+    on x alone. Where it does not close the slopes at the ends are those of the parabola through three knots, and beyond
+    them it stays at the last value.
+    """
 
 
 @dataclass(frozen=True)
@@ -196,10 +204,24 @@ class Factor:
                 return np.log1p(np.maximum(x, 0.0) / a)
             case Of.OVERLAP:
                 return 1.0 / (a + np.abs(x - b))
+            case Of.TABLE:
+                return _through(np.array(self.numbers[3:]), (x - a) / b, bool(c))
             case Of.CHEBYSHEV:
                 return np.polynomial.chebyshev.chebval((x - a) / b, np.eye(int(c) + 1)[-1])
             case _:
                 return np.ones_like(x)
+
+    def in_c(self, knots: list[float]) -> tuple[float, float, float, float]:
+        """Return `a` to `d` as C has them: a table's values are put behind the knots, c is its first of these.
+
+        Its d is how many there are, below 0 where they close.
+        """
+        a, b, c, d = (*self.numbers, 0.0, 0.0, 0.0, 0.0)[:4]
+        if self.kind is not Of.TABLE:
+            return a, b, c, d
+        values, first = self.numbers[3:], float(len(knots))
+        knots.extend(values)
+        return a, b, first, -float(len(values)) if c else float(len(values))
 
     def later(self, by: float) -> list[tuple[float, Factor]]:
         """Return shares of factors whose sum at x is this factor at x + by."""
@@ -217,6 +239,40 @@ class Factor:
                 moved = (0, 1) if self.kind is Of.TENT else (0,)
         shifted = tuple(x - by if i in moved else x for i, x in enumerate(numbers))
         return [(1.0, replace(self, numbers=shifted))]
+
+
+def _through(values: Array, x: Array, closes: bool) -> Array:
+    """Return a curve through values at 0, 1, ...; see `Of.TABLE`."""
+    n, last = len(values), len(values) - (1 if closes else 2)
+    x = x % n if closes else np.clip(x, 0.0, n - 1.0)
+    k = np.minimum(np.nan_to_num(x).astype(int), last)
+    if closes:
+        known = values[np.arange(-1, n + 2) % n]
+    else:
+        # Of two knots the parabola is a line.
+        ends = [
+            3.0 * (side[0] - side[1]) + side[2] if n > 2 else 2.0 * side[0] - side[1] for side in (values, values[::-1])
+        ]
+        known = np.concatenate([ends[:1], values, ends[1:]])
+    before, left, right, after = (known[k + i] for i in range(4))
+    t = x - k
+    square, cube = 2.0 * before - 5.0 * left + 4.0 * right - after, 3.0 * (left - right) + after - before
+    return left + 0.5 * t * (right - before + t * (square + t * cube))
+
+
+def table(column: str, low: float, apart: float, values: Sequence[float], closes: bool = False) -> Factor:
+    """Return the curve through values at knots of a column, in its unit; see `Of.TABLE`.
+
+    Args:
+        column: Its name.
+        low: The first knot.
+        apart: Distance of two knots.
+        values: Two at least, three where the curve closes.
+        closes: Whether the first knot follows the last, `apart` behind it.
+    """
+    if len(values) < (3 if closes else 2) or not apart > 0.0:
+        raise UnsupportedError("a curve has two knots or more, three where it closes, some way apart")
+    return Factor(Of.TABLE, column, (low, apart, float(closes), *map(float, values)))
 
 
 def powers(column: str, exponent: int, above: float = 0.0) -> tuple[Factor, ...]:

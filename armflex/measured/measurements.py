@@ -53,7 +53,7 @@ from armflex.measured.table import (
     read_pieces,
     read_table,
 )
-from armflex.readings import Camera, Kind, Orientation, Position, Readings, touched
+from armflex.readings import Camera, Kind, Orientation, Position, Readings, TouchingSensor, touched
 from armflex.result import Result
 from armflex.rows import Rows
 from armflex.rows.clock import Period
@@ -577,7 +577,7 @@ def _sensed(table: Table, arm: Arm) -> tuple[Kind, ...]:
                 raise table.fail(f"has sigma_{name}, but no {listing(columns)}")
             continue
         sigma = np.full((len(table), 1), sensor.sigma)
-        if sensor.sockets is not None:
+        if isinstance(sensor, TouchingSensor):
             texts = table.texts(name)
             if f"sigma_{name}" in table.columns:
                 there = np.array([bool(one) for one in texts])

@@ -4,58 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import Array
+from armflex.mechanics.engine.tables import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree
 from armflex.mechanics.pinocchio_model import FlexModel
-
-FLEXURE, TURNS, SLIDES, RIGID, ROTATED = 0, 1, 2, 3, 4
-"""Kinds of elements; `ROTATED` is added where one is rotated against the one before."""
-
-
-class Tree(NamedTuple):
-    """An arm with a payload; side branches hang on the elements that carry them.
-
-    Element k is Pinocchio's joint k: a joint, a flexure, or nothing that moves. Element 0 is the root, which stands.
-    The first of T ties close m rows, the others are springs; a chain has neither.
-
-    Attributes:
-        elements: (k + 1, 20) of each element: rotation (9) row by row and origin (3) [m] in the one before, axis (3),
-            mass [kg] and centre (3) [m] of what is fixed to it. The last row is the tip's frame, with gravity [m/s^2]
-            for an axis and, for a mass, the number of the element that it is fixed to. Column 19 is of a chain's
-            flexures by number: the mass outboard [kg].
-        kinds: (3, k) kind; number of the joint in q, passive ones after the drives with cylinders among them, or of the
-            flexure; numbers of the flexures from base to tip, filled up with -1.
-        parents: (k,) the element before each, which has a lower number.
-        carried: (T, k) 1 where an element moves the second end alone, -1 the first alone.
-        ties: (T, 45) points on both ends (6), axes of a pin on both ends (18) and axes of both links (18), and at 24:
-            offset of a length; factor and offset of a gear; stiffness, length and preload; thrust, length and exponent.
-        joins: (T, 6) kind, elements of both ends (of a gear the joints), rows from and to, number of the length in q.
-        rows, ways: (m, 6) what each row closes of its closure's slots, and that in axes of its first element.
-        flexures: (n,) element of each, or minus 1 and minus the number of its closure.
-    """
-
-    elements: Array
-    kinds: np.ndarray
-    parents: np.ndarray
-    carried: Array
-    ties: Array
-    joins: np.ndarray
-    rows: Array
-    ways: Array
-    flexures: np.ndarray
-
-    @property
-    def order(self) -> np.ndarray:
-        """(n,) numbers of a chain's flexures from base to tip."""
-        return self.kinds[2, : len(self.flexures)]
-
-    def flexures_inboard(self, element: int) -> int:
-        """Return how many flexures of a chain move an element."""
-        return int((self.flexures <= element).sum())
 
 
 def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
@@ -82,7 +37,9 @@ def chain_of(flex: FlexModel, flexure_joints: Sequence[int]) -> Tree:
     kinds[2, : len(numbers)] = np.argsort(np.asarray(flexure_joints, dtype=int))
     parents = np.array([list(supports)[-2:][0] for supports in model.supports], dtype=np.int64)
     ties, rows = (np.zeros((0, model.njoints)), np.zeros((0, 45)), np.zeros((0, 6), dtype=np.int64)), np.zeros((0, 6))
-    return Tree(elements, kinds, parents, *ties, rows, rows, np.array(flexure_joints, dtype=np.int64))
+    flexures = np.array(flexure_joints, dtype=np.int64)
+    driven, passive = len(flex.v_index), len(flex.free_v)
+    return Tree(elements, kinds, parents, *ties, rows, rows, flexures, driven, passive)
 
 
 @dataclass(frozen=True, eq=False)

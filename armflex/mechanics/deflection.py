@@ -28,7 +28,6 @@ from armflex.mechanics.loaded import SAG_BAND, LoadedArm, Names, Payload, Struct
 from armflex.mechanics.loop_rows import solver_of
 from armflex.mechanics.many_rows import (
     AT_ONCE,
-    COMPILED,
     NO_CHANGES,
     Pushes,
     RowSolver,
@@ -36,12 +35,10 @@ from armflex.mechanics.many_rows import (
     by_payload,
     chunks,
     displaced_from,
-    kernel_pays,
     responded,
     rigid_tips,
     rotations,
     tips_of,
-    tree_kernel_pays,
 )
 from armflex.mechanics.mechanism import Linear, Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, Mechanics
@@ -67,12 +64,10 @@ class Asked(NamedTuple):
     enforce_limits: bool = True
     allow_large: bool = False
     strict: bool = False
-    few: bool = False
-    """Whether there are too few rows for the kernel to be loaded or compiled."""
 
-    def compiled(self, case: LoadCase) -> bool:
-        """Return whether the kernel is asked."""
-        return not (case.moves or self.few) and self.method in COMPILED
+    def together(self, arm: Structure, case: LoadCase) -> bool:
+        """Return whether the engine is asked about many rows at once, which follow from nothing but themselves."""
+        return arm.chain and not case.moves and self.method == "exact"
 
 
 Length = TypeVar("Length", float, Array)
@@ -635,7 +630,7 @@ class DeflectionBatch(_Result[Array]):
             torque = np.zeros(mechanics.model.nv)
             torque[loaded.flex.flexure_v] = -self.found_wrenches[i].ravel()
         else:
-            torque = mechanics.load(case)(rigid if method == "first_order" else mechanics.flexed(rigid, motion))
+            torque = mechanics.load(case)(mechanics.flexed(rigid, motion))
         found = Equilibrium(loaded, case, rigid, motion, torque, method, ())
         return Deflection(found, (*self._flags_of(loaded), *flags, *near_buckling(float(self.found_factors[i]))))
 
@@ -652,8 +647,6 @@ class DeflectionBatch(_Result[Array]):
     @cached_property
     def rigid_pose(self) -> Array:
         """(N, 4, 4) tip poses of the rigid arm in the base frame [m]."""
-        if self.asked.few:
-            return np.array([self.row(i).rigid_pose.homogeneous for i in self._others]).reshape(-1, 4, 4)
         return rigid_tips(self.arm.loaded(None), self.q)
 
     @cached_property
@@ -667,14 +660,13 @@ class DeflectionBatch(_Result[Array]):
     @cached_property
     def wrenches(self) -> Array:
         """(N, n_flexures, 6) loads on the flexures, local axes [N, Nm]."""
-        if not self.asked.compiled(self.case):
+        if not self.asked.together(self.arm, self.case):
             return self.found_wrenches
         found = np.empty_like(self.twists)
         for loaded, rows in self._compiled:
             for some in in_pieces(rows, PIECE):
                 pushes = Pushes(loaded, self.case.some(some).wrenches)
                 at = (self.q[some], self.twists[some])
-                at = at if self.asked.method == "exact" else (at[0], np.zeros_like(at[1]))
                 pushed = (pushes.links, pushes.wrenches(*at), NO_CHANGES)
                 found[some] = responded(loaded.chain, "loads", loaded.flexure_frames, *at, pushed)[:, :-1]
         return found
@@ -715,7 +707,7 @@ class DeflectionBatch(_Result[Array]):
         nowhere, loaded = np.zeros((len(self.q), 6)), self.arm.loaded(None)
         if not self.arm.corrections.move:
             return nowhere
-        if not self.asked.compiled(self.case):
+        if not self.asked.together(self.arm, self.case):
             return np.array([self.row(i).corrected for i in self._others]).reshape(-1, 6)
         return displaced_from(nowhere, tips_of(loaded.chain, self.q), self.rigid_pose)
 
@@ -730,7 +722,7 @@ class DeflectionBatch(_Result[Array]):
             if all(part is None for part in parts):
                 continue
             known = True
-            solver = RowSolver(loaded, True, self.case.some(rows).wrenches)
+            solver = RowSolver(loaded, self.case.some(rows).wrenches)
             laws = RowLaws(self.arm.stack, row)
             if laws.curved:
                 laws.expand(wrenches)
@@ -793,12 +785,14 @@ class DeflectionBatch(_Result[Array]):
     @property
     def _compiled(self) -> Iterator[tuple[LoadedArm, np.ndarray]]:
         """The arm with each payload, and its rows, where arrays have a quick way."""
-        return by_payload(self.arm, self.payloads, len(self.q)) if self.asked.compiled(self.case) else iter(())
+        return (
+            by_payload(self.arm, self.payloads, len(self.q)) if self.asked.together(self.arm, self.case) else iter(())
+        )
 
     @property
     def _others(self) -> range:
         """Rows that are asked one by one."""
-        return range(0 if self.asked.compiled(self.case) else len(self.q))
+        return range(0 if self.asked.together(self.arm, self.case) else len(self.q))
 
     def _flags_of(self, loaded: LoadedArm) -> tuple[Flag, ...]:
         return loaded.flags_under(self.case.wrenches, self.case.moves)
@@ -822,9 +816,7 @@ def deflect_batch(
     check_rows(case.wrenches, len(q))
     case = LoadCase(q, v, a, case.wrenches, case.covariates)
     arm.loaded(None).flags_under(case.wrenches, moves=False)  # raises where a link is not the arm's
-    if asked.compiled(case) and (not arm.chain or not kernel_pays(len(q))):
-        asked = asked._replace(few=True)
-    here = asked.compiled(case)
+    here = asked.together(arm, case)
     answers = Solution.empty(len(q), len(arm.sites), wrenches=not here)
     found = DeflectionBatch(
         arm, payloads, case, asked, answers.displacement, answers.twists, answers.wrenches, answers.load_factor, {}
@@ -832,7 +824,7 @@ def deflect_batch(
     pieces = [slice(start, start + PIECE) for start in range(0, len(q), PIECE)]
     rooms = [answers.some(rows) for rows in pieces]
     # Compiled code runs side by side in threads, Pinocchio does not.
-    alone = jobs in (None, 1) or asked.few
+    alone = jobs in (None, 1) or not arm.chain
     tasks = []
     for rows, room in zip(pieces, rooms, strict=True):
         carried = payloads if len(payloads) == 1 else payloads[rows]
@@ -864,13 +856,13 @@ def _answer(
 
     The equilibria of mechanisms that are asked one by one are added to those kept.
     """
-    exact, n, count = asked.method == "exact", len(arm.sites), len(case.q)
-    here, left = asked.compiled(case), np.ones(count, dtype=bool)
+    n, count = len(arm.sites), len(case.q)
+    here, left = asked.together(arm, case), np.ones(count, dtype=bool)
     found = room or Solution.empty(count, n, wrenches=not here)
     for loaded, rows in by_payload(arm, payloads, count) if here else ():
         for some in chunks(rows, AT_ONCE):
             part, into = case.some(some), found.some(some)
-            solver = RowSolver(loaded, exact, part.wrenches)
+            solver = RowSolver(loaded, part.wrenches)
             row = loaded.row(part.q, part.covariates)
             laws = RowLaws(arm.stack, row)
             if solver.needs_wrenches(laws):
@@ -892,7 +884,7 @@ def _answer(
         if not here:
             found.wrenches[i] = one.wrenches
 
-    if not arm.chain and exact and not case.moves and tree_kernel_pays(count):
+    if not arm.chain and asked.method == "exact" and not case.moves:
         for loaded, rows in by_payload(arm, payloads, count):
             part = case.some(rows)
             row = loaded.row(part.q, part.covariates)

@@ -1,9 +1,9 @@
 """Where the loaded arm comes to rest: `twist = law(load(twist))`, and whether it stays there.
 
-The heart of the package, hence our own: a fixed point, which stiff arms are drawn to in a few steps, Newton on the
-flexures' exponential coordinates with Pinocchio's geometric stiffness, and a first-order answer where speed matters
-more. A fixed point cannot distinguish a stable equilibrium from a buckled one: the bound of `certificate` can where the
-arm is stiff, the tangent `I + C dτ/dtwist` everywhere.
+The heart of the package, hence our own: a fixed point, which stiff arms are drawn to in a few steps, and Newton on the
+flexures' exponential coordinates with Pinocchio's geometric stiffness. A fixed point cannot distinguish a stable
+equilibrium from a buckled one: the bound of `certificate` can where the arm is stiff, the tangent `I + C dτ/dtwist`
+everywhere.
 """
 
 from __future__ import annotations
@@ -21,25 +21,20 @@ from armflex.errors import (
     InputError,
     SmallDisplacementError,
     UnstableEquilibriumError,
-    UnsupportedError,
     did_you_mean,
 )
 from armflex.mechanics.certificate import SHARE, StabilityBound
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import solver_of
-from armflex.mechanics.many_rows import tree_kernel_pays
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase, integrate
 
-METHODS = ("newton", "fixed_point", "first_order", "exact")
+METHODS = ("exact", "newton")
 TOLERANCE = 1e-12
 """Largest residual of an equilibrium, of any flexure coordinate [m, rad]."""
 MAX_NEWTON = 50
-MAX_FIXED_POINT = 200
 POLISHED = 0.01
 """One more step is made where the residual is not this far below the tolerance: a lever of metres magnifies it."""
-GROWTH = 1e6
-"""By which a squared step may be longer than the one before where only the fixed point is asked."""
 MAX_ROTATION = 0.1
 """A flexure that turns further [rad] is outside what a compliance describes."""
 
@@ -98,8 +93,7 @@ def find_equilibrium(
     Args:
         loaded: The arm with its payload.
         case: Joint positions, motion, external wrenches and covariates.
-        method: "newton", "fixed_point" (which does not settle an arm that its load stiffens much), "exact" (whichever
-            of them is quicker), or "first_order" (loads of the undeflected arm), all with stability checked.
+        method: "newton", the reference, or "exact", the quickest that answers alike. Stability is checked.
         allow_large: Go on where a flexure turns by more than `MAX_ROTATION`.
         within: Whether the joints are within their limits: stability may be known without the tangent.
 
@@ -110,14 +104,14 @@ def find_equilibrium(
     """
     mechanics = loaded.mechanics
     loops = isinstance(mechanics, Mechanism)
-    compiled = mechanics.ties is not None and (method == "exact" or (loops and method == "newton"))
-    if compiled and not case.moves and tree_kernel_pays(1):
+    check_method(method)
+    if mechanics.ties is not None and method == "exact" and not case.moves:
         solver = solver_of(loaded, case.wrenches)
         if found := solver.one(loaded.row(case.q, case.covariates)):
             parts = solver.model(found, 0, case.q)
             return Equilibrium(loaded, case, *parts, "fixed_point", (), None, math.inf, found.displacement[0].copy())
     if loops:
-        return _of_mechanism(mechanics, loaded, case, method, allow_large)
+        return _of_mechanism(mechanics, loaded, case, allow_large)
     laws = mechanics.laws
     if laws.changing:
         laws.know(loaded.row(case.q, case.covariates))
@@ -126,22 +120,11 @@ def find_equilibrium(
     # nor under loads of a size that a quantity may have.
     weight, found = load is mechanics.weight, None
     tame = laws.tame and not laws.curved and (weight or (not case.moves and loaded.outside(case.wrenches).moderate))
-    if method == "first_order":
-        torque = load(rigid)
-        found = Equilibrium(loaded, case, rigid, law(torque), torque, method, ())
-        if not allow_large and np.vdot(found.motion, found.motion) >= SMALL:
-            check_small(found.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
-    elif method != "newton":
-        if method == "exact":
-            ask = _fixed_point if tame else _watched_fixed_point
-            motion, sizes = ask(law, load, mechanics.model, rigid)
-        else:
-            check_method(method)
-            motion, sizes = _watched_fixed_point(law, load, mechanics.model, rigid, MAX_FIXED_POINT - 1, GROWTH)
+    if method == "exact":
+        ask = _fixed_point if tame else _watched_fixed_point
+        motion, sizes = ask(law, load, mechanics.model, rigid)
         if motion is not None:
             found = Equilibrium(loaded, case, rigid, motion, None, "fixed_point", sizes)
-        elif method == "fixed_point":
-            raise ConvergenceError("the fixed point did not converge; Newton may", np.sqrt(sizes).tolist())
     found = found or _newton(loaded, case, rigid, load)
     bound = loaded.stability_bound
     if within and bound is not None and found.motion.dot(found.motion) < SMALL:
@@ -151,21 +134,15 @@ def find_equilibrium(
     found = _checked(found, load)
     # Not a number is not small, either; `vdot` says nothing of what overflows.
     size = found.motion.dot(found.motion) if tame else np.vdot(found.motion, found.motion)
-    if not (allow_large and method != "first_order") and not size < SMALL:
+    if not allow_large and not size < SMALL:
         if not np.isfinite(found.motion).all():
             raise ConvergenceError("the loads or the laws give no finite twists", ())
-        if not allow_large:
-            check_small(found.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
+        check_small(found.motion[mechanics.flex.flexure_v], loaded.arm.stack.names)
     return found
 
 
-def _of_mechanism(
-    mechanics: Mechanism, loaded: LoadedArm, case: LoadCase, method: str, allow_large: bool
-) -> Equilibrium:
+def _of_mechanism(mechanics: Mechanism, loaded: LoadedArm, case: LoadCase, allow_large: bool) -> Equilibrium:
     """Return where a mechanism comes to rest: by Newton's method, on all of it together."""
-    check_method(method)
-    if method in ("fixed_point", "first_order"):
-        raise UnsupportedError(f"method {method!r} is not for an arm with loops or passive joints: ask for 'exact'")
     row = loaded.row(case.q, case.covariates)
     if mechanics.laws.changing:
         mechanics.laws.know(row)
@@ -185,8 +162,6 @@ def _fixed_point(
     load: Callable[[Array], Array],
     model: pin.Model,
     rigid: Array,
-    most: int = STEPS,
-    slow: float = SLOWEST,
 ) -> tuple[Array | None, list[float]]:
     """Return the motion at rest, None where the steps do not shrink quickly, and the squared lengths of the steps.
 
@@ -195,22 +170,20 @@ def _fixed_point(
         load: Configurations to torques.
         model: Of the arm.
         rigid: Its configuration where it is not deflected.
-        most: Steps at most.
-        slow: Part of the squared step before it that a squared step must be shorter than.
     """
     motion = law(load(rigid))
     before = motion.dot(motion)
     sizes = [before]
     if not before < FARTHEST:
         return None, sizes
-    for _ in range(most):
+    for _ in range(STEPS):
         moved = law(load(integrate(model, rigid, motion)))
         step = moved - motion
         size = step.dot(step)
         sizes.append(size)
         if size <= CONVERGED and size * size <= NEXT * before:
             return moved, sizes
-        if not size < slow * before:  # not a number is not, either
+        if not size < SLOWEST * before:  # not a number is not, either
             break
         motion, before = moved, size
     return None, sizes
@@ -286,9 +259,8 @@ def _checked(found: Equilibrium, load: Callable[[Array], Array]) -> Equilibrium:
         mechanics = found.loaded.mechanics
         torque = load(mechanics.flexed(found.rigid, found.motion))
         found = found._replace(motion=mechanics.laws.motion(torque), torque=torque)
-    first = found.method == "first_order"  # whose loads are those of the arm that is not deflected
-    tangent = tangent_of(found._replace(motion=np.zeros_like(found.motion)) if first else found)
-    return found._replace(tangent=None if first else tangent, load_factor=_lasting(tangent))
+    tangent = tangent_of(found)
+    return found._replace(tangent=tangent, load_factor=_lasting(tangent))
 
 
 def _lasting(tangent: Array) -> float:

@@ -1,11 +1,10 @@
-"""The laws of all flexures as one map from loads to twists, and as the numbers that both engines work with."""
+"""The laws of all flexures as one map from loads to twists, and as the numbers that the engine works with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,35 +12,13 @@ from armflex.conventions import Array
 from armflex.errors import Flag
 from armflex.laws import Law, Row
 from armflex.laws.law import NOWHERE
-from armflex.laws.terms import LEAST, NOTHING, UNLOADED, Kind, Neurons, Term
+from armflex.laws.terms import LEAST, MOST_FACTORS, NOTHING, UNLOADED, Factor, Kind, Neurons, Term
+from armflex.mechanics.engine.tables import Factors, Laws
 
 Motion = Callable[[Array], Array]
 
 TAME = 1e60
 """Largest compliance of laws whose twists need not be looked at [m/N, rad/(N m)]."""
-
-
-class Laws(NamedTuple):
-    """The laws of n flexures in numbers, in SI units, as the kernel takes them; R is 1 or the number of rows.
-
-    Attributes:
-        compliance, offset: (R, n, 6, 6) and (R, n, 6): what is affine in the load.
-        neurons, starts: (H, 13) units (6), bias and gains (6) of all neurons, and (n + 1,) the first of each flexure.
-        bent: (T, 43) of every curved term: matrix (36), along (6), and 1 where there is a matrix.
-        shapes: (S, 45) of every feature: kind, bias, exponent, u (6) and form (36); see `laws.terms`.
-        spans, pieces: (n + 1,) the first term of each flexure, and (T + 1,) the first feature of each term.
-        weights: (R, T) product of every term's factors.
-    """
-
-    compliance: Array
-    offset: Array
-    neurons: Array
-    starts: np.ndarray
-    bent: Array
-    shapes: Array
-    spans: np.ndarray
-    pieces: np.ndarray
-    weights: Array
 
 
 @dataclass(frozen=True)
@@ -132,6 +109,43 @@ class LawStack:
     def rows_differ(self) -> bool:
         """Whether anything depends on positions or covariates."""
         return bool(self.asked or self.by_row or any(term.factors for _, _, term in self.bent))
+
+    def factors(self, columns: Mapping[str, int]) -> Factors | None:
+        """Return what changes with columns, for the engine to ask; None where a law must be asked itself.
+
+        Args:
+            columns: Numbers of the columns that are there for every arm, by name: joints, and then the payload's mass.
+        """
+        if any(law.known_terms is None for _, law in self.asked):
+            return None
+        rows, names, number = [(0.0,) * 6], [], {}
+        knots: list[float] = []
+        weighed = [(i, law, one) for i, law in self.asked for one in law.known_terms or ()] + list(self.by_row)
+
+        def place(factor: Factor) -> int:
+            if factor not in number:
+                column = columns.get(factor.column)
+                if column is None:
+                    names.extend(() if factor.column in names else (factor.column,))
+                    column = len(columns) + names.index(factor.column)
+                number[factor] = len(rows)
+                rows.append((float(factor.kind), float(column), *factor.in_c(knots)))
+            return number[factor]
+
+        def both(term: Term) -> list[int]:
+            return [*map(place, term.factors), 0, 0][:MOST_FACTORS]
+
+        change = np.array(
+            [
+                (i, *both(one), *one.along, *(UNLOADED if one.matrix is None else one.matrix).ravel())
+                for i, _, one in weighed
+                if isinstance(one, Term)
+            ]
+        ).reshape(-1, 45)
+        weighing = np.array([both(term) for _, _, term in self.bent], dtype=np.int64).reshape(-1, MOST_FACTORS)
+        varies = np.zeros(len(self.laws), dtype=np.int64)
+        varies[change[:, 0].astype(int)] = 1
+        return Factors(np.array(rows), np.array(knots, dtype=float), change, weighing, varies, tuple(names))
 
     @cached_property
     def _known(self) -> tuple[tuple[int, Law, Term | Neurons], ...]:
@@ -245,7 +259,7 @@ class RowLaws:
 
     @property
     def numbers(self) -> Laws:
-        """What the kernel takes."""
+        """What the engine takes."""
         return self._same._replace(compliance=self.compliance, offset=self.offset, weights=self.weights)
 
     def expand(self, loads: Array, slopes: bool = True) -> Array:

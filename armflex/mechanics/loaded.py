@@ -228,49 +228,19 @@ class LoadedArm:
             self._local.mechanics = self._mechanics(self.flex)
             return self._local.mechanics
 
-    @property
-    def probed(self) -> Mechanics:
-        """This thread's Pinocchio of the same arm with a free-flyer, which does not move, at each of its `sites`."""
-        try:
-            return self._local.probed
-        except AttributeError:
-            flex = replace(self._probed[0], flexure_v=self._probed[0].flexure_v[: 6 * len(self.arm.sites)])
-            self._local.probed = self._mechanics(flex)
-            return self._local.probed
-
     def _mechanics(self, flex: FlexModel) -> Mechanics:
         arm, own = self.arm, (self.rigid, flex, self.arm.stack, self.arm.pulls, self.arm.springs)
         return Mechanism(*own, arm.robot, arm.corrections) if arm.robot.linkage else Mechanics(*own)
 
     @property
     def site_names(self) -> tuple[str, ...]:
-        """Names of the places where a twist may be inserted: of `sites`, or of `probed` and then of closures."""
+        """Names of the places where a twist may be inserted: of `sites`, and then of closures and their pins."""
         robot = self.arm.robot
         if not robot.linkage:
             return self.sites.names
         joints = (name for joint in robot.jointed for name in (f"link:{joint.name}", joint.name))
         pins = (f"link:{name}" for name in robot.linkage.pins)
         return ("base", *joints, "tool", *robot.linkage.closures, *pins)
-
-    @property
-    def probed_v(self) -> np.ndarray:
-        """(6 s,) places of twists at the `sites` among the velocities of `probed`."""
-        return self._probed[1]
-
-    @cached_property
-    def _probed(self) -> tuple[FlexModel, np.ndarray]:
-        robot, own = self.robot, list(self.arm.sites)
-        end, places = robot.chain[-1].name, [Site("base", None)]
-        for joint in robot.jointed:
-            places += [Site(f"link:{joint.name}", joint.name, True), Site(joint.name, joint.name)]
-        last, numbers = {site.joint: i for i, site in enumerate(own) if not site.before}, []
-        for place in (*places, Site("tool", end)):
-            apart = place.before or (place.name == "tool" and robot.chain[-1] in robot.jointed)
-            numbers.append(len(own) if apart else last.get(place.joint, len(own)))
-            if numbers[-1] == len(own):  # it does not give there: Pinocchio's workspace grows with the cube of these
-                own.append(replace(place, name=f"probe:{place.name}"))
-        flex = build_model(robot, own, self.payload.body, self.arm.corrections)
-        return flex, flex.flexure_v.reshape(-1, 6)[numbers].ravel()
 
     @cached_property
     def rigid(self) -> FlexModel:

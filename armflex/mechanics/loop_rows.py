@@ -1,8 +1,8 @@
-"""Where an arm with loops or springs rests in many rows, or in one: compiled code, with `Mechanism` beside it.
+"""Where an arm with loops or springs rests in many rows, or in one: the engine, with `Mechanism` beside it.
 
 A chain with springs is a mechanism without closures.
 
-Rows follow each other, since each closes its loops from where the one before did. What compiled code does not answer
+Rows follow each other, since each closes its loops from where the one before did. What the engine does not answer
 `Mechanism` is asked in its turn.
 """
 
@@ -17,10 +17,12 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
-from armflex.mechanics.chain import FLEXURE, Tree, chain_of
+from armflex.mechanics.chain import chain_of
+from armflex.mechanics.engine.binding import Engine
+from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES, ROD, Tree
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
-from armflex.mechanics.many_rows import NO_CHANGES, NOT_PUSHED, ManyRows, Pushes, displaced_from, tree_kernel
+from armflex.mechanics.many_rows import NOT_PUSHED, ManyRows, Pushes, State, displaced_from
 from armflex.mechanics.mechanism import Closing, Mechanism
 from armflex.mechanics.pinocchio_model import FlexModel, LoadCase
 from armflex.mechanics.spring import CoilSpring
@@ -30,7 +32,7 @@ from armflex.rows.wrench import Wrench, same_objects
 
 
 class Rested(NamedTuple):
-    """Arrays of N rows; see `tree_kernel.rest_rows`. `fine` is (N,) of those that were answered and proven to stay."""
+    """Arrays of N rows; see `Engine.rest`. `fine` is (N,) of those that were answered and proven to stay."""
 
     closed: Array
     tips: Array
@@ -46,7 +48,7 @@ class Rested(NamedTuple):
 
 def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
     """Return a mechanism in arrays; flexures at closures have no element."""
-    compiled, model = tree_kernel(), flex.model
+    model = flex.model
     carriers = {joint.idx_v: joint.id for joint in list(model.joints)[1:] if joint.nv == 6}
     starts = flex.flexure_v[::6].tolist()
     flexures = np.array([carriers.get(at, -1 - (at - model.nv) // 6) for at in starts], dtype=np.int64)
@@ -74,14 +76,15 @@ def tree_of(flex: FlexModel, ties: Ties, closing: Closing) -> Tree:
                 numbers[t, 6 + 9 * side : 6 + 9 * side + one.held[side].size] = one.held[side].T.ravel()
                 ways[some] = rows[some] @ np.kron(np.eye(2), one.ends[0].axes.T)
     for t, offset in enumerate(closing.offsets, len(ties.loops)):
-        joins[t, 0], joins[t, 5], numbers[t, 24] = compiled.ROD, driven + t - len(ties.loops), offset
+        joins[t, 0], joins[t, 5], numbers[t, 24] = ROD, driven + t - len(ties.loops), offset
     carrier = {joint.idx_q: joint.id for joint in list(model.joints)[1:]}
     for t, (own, master, factor, offset) in enumerate(ties.gears, len(ties.joined)):
-        joins[t, :3], numbers[t, 24:26] = (compiled.GEAR, carrier[own], carrier[master]), (factor, offset)
+        joins[t, :3], numbers[t, 24:26] = (GEAR, carrier[own], carrier[master]), (factor, offset)
     for t, spring in enumerate(ties.springs, closed):
-        joins[t, 0] = compiled.COIL if isinstance(spring.law, CoilSpring) else compiled.GAS
+        joins[t, 0] = COIL if isinstance(spring.law, CoilSpring) else GAS
         numbers[t, 24:27] = spring.law.numbers
-    return Tree(chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures)
+    counts = driven + len(ties.cylinders), len(flex.free_v)
+    return Tree(chain.elements, kinds, chain.parents, carried, numbers, joins, rows, ways, flexures, *counts)
 
 
 def trees(loaded: LoadedArm) -> tuple[Tree, Tree | None, Tree]:
@@ -119,7 +122,8 @@ class LoopSolver:
         self._mechanics, self._pushes, self._laws = mechanics, Pushes(loaded, wrenches), RowLaws(loaded.arm.stack)
         self._tree, self._nominal = trees(loaded)[:2]
         m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
-        self._idle, self._ask, flex = np.zeros((m, m)), tree_kernel().rest_rows, mechanics.flex
+        self._idle, flex = np.zeros((m, m)), mechanics.flex
+        self._engine, self._rigid = Engine(self._tree), self._nominal and Engine(self._nominal)
         nq, flexures = len(flex.neutral), flex.flexure_v
         self._driven, self._ends = len(flex.q_index), (nq, nq + flex.size)
         self._blank = np.concatenate([flex.neutral, np.zeros(2 * flex.size)])
@@ -132,22 +136,28 @@ class LoopSolver:
         """Return where it rests in one row, in arrays that the next one overwrites; None where it is not answered."""
         closing, found, q = self._closing, self._single, row.q[None]
         known, plain = self._known(q, row)
-        if plain and self._nominal is None and closing.last is not None:
-            free = closing.last[1].copy()
-            if self._ask(self._tree, *known, True, 0, free, self._idle, *found[:-1]):
-                closing.last = row.q.copy(), found.closed[0].copy()
-                return found
+        last = closing.last if plain and self._nominal is None else None
+        if last is not None and self._ask(self._engine, known, True, 0, last[1].copy(), found):
+            closing.last = row.q.copy(), found.closed[0].copy()
+            return found
         self.rest(q, row, into=found)
         return found if found.fine[0] else None
 
     def _known(self, q: Array, row: Row) -> tuple[tuple, bool]:
-        """Return laws, loads and positions for compiled code, and whether it knows them."""
+        """Return laws, loads and positions for the engine, and whether it knows them."""
         laws, pushes = self._laws, self._pushes
         if self._differs:
             laws.know(row)
         plain = not (laws.curved or laws.bent or pushes.posed)
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
-        return (laws.compliance, laws.offset, pushes.links, loads, q), plain
+        return (laws.numbers, pushes.links, loads, q), plain
+
+    def _ask(self, engine: Engine, known: tuple, settled: bool, first: int, free: Array, into: Rested) -> int:
+        laws, links, wrenches, q = known
+        if settled:
+            engine.set_laws(laws, len(q))
+            engine.set_loads(links, wrenches, NO_CHANGES, len(q))
+        return engine.rest(q, settled, first, free, self._idle, into)
 
     def rest(
         self, q: Array, row: Row, alone: Callable[[int], None] | None = None, into: Rested | None = None
@@ -177,9 +187,10 @@ class LoopSolver:
 
         if self._nominal is not None:
             room = self._room(self._nominal, len(q))
-            nominal = self._follow(self._nominal, self._controlled, (*known, False), True, nominally, room)
+            assert self._rigid is not None
+            nominal = self._follow(self._rigid, self._controlled, known, False, True, nominally, room)
         found = into or self._room(self._tree, len(q))
-        self._follow(self._tree, self._closing, (*known, True), plain, by_itself, found)
+        self._follow(self._engine, self._closing, known, True, plain, by_itself, found)
         if nominal is not None:
             found.fine[:] &= nominal.fine
             found.displacement[:] = displaced_from(found.displacement, found.tips, nominal.tips)
@@ -209,10 +220,17 @@ class LoopSolver:
         return Rested(*(np.empty((count, *shape)) for shape in shapes), fine=np.empty(count, dtype=bool))
 
     def _follow(
-        self, tree: Tree, closing: Closing, known: tuple, plain: bool, ask: Callable[[Rested, int], bool], into: Rested
+        self,
+        engine: Engine,
+        closing: Closing,
+        known: tuple,
+        settled: bool,
+        plain: bool,
+        ask: Callable[[Rested, int], bool],
+        into: Rested,
     ) -> Rested:
         """Go through the rows, each from where the one before it closed; `ask` about those that are not answered."""
-        q, at, asked = known[4], 0, -1
+        q, at, asked = known[3], 0, -1
         into.fine[:] = False
         while at < len(q):
             done = at
@@ -220,7 +238,7 @@ class LoopSolver:
                 with suppress(ClosureError):
                     closing.closed(q[at])
             if plain and closing.last is not None:
-                done = self._ask(tree, *known, at, closing.last[1].copy(), self._idle, *into[:-1])
+                done = self._ask(engine, known, settled, at, closing.last[1].copy(), into)
             if done > at:
                 into.fine[at:done] = True
                 closing.last = q[done - 1].copy(), into.closed[done - 1].copy()
@@ -237,10 +255,11 @@ class LoopSolver:
 
 
 def responding(loaded: LoadedArm, rows: np.ndarray, case: LoadCase, rested: Rested, tangents: Array) -> ManyRows:
-    """Return rows that rest as compiled code found, or as `LoopSolver.fill` has them."""
-    pushes, state = Pushes(loaded, case.wrenches, sited=True), (rested.flexed, rested.forces, rested.idle)
-    pushed = pushes.links, pushes.wrenches(case.q), NO_CHANGES
-    return ManyRows(loaded, trees(loaded)[2], rows, pushed, tangents, state)
+    """Return rows that rest as the engine found, or as `LoopSolver.fill` has them."""
+    state: State = (rested.flexed, rested.forces, rested.idle)
+    tree = trees(loaded)[2]
+    pushed = Pushes(loaded, case.wrenches, sited=True).at(case.q, rested.twists, tree, state)
+    return ManyRows(loaded, tree, rows, pushed, tangents, state)
 
 
 def solver_of(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> LoopSolver:

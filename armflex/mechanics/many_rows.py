@@ -1,6 +1,6 @@
-"""Where a loaded arm comes to rest in many rows: compiled code, and rounds about it for what is no plain number.
+"""Where a loaded arm comes to rest in many rows: the engine, and rounds about it for what is no plain number.
 
-The kernel settles arms exactly whose laws are affine in the load, harden or are networks, under wrenches that are dead
+The engine settles arms exactly whose laws are affine in the load, harden or are networks, under wrenches that are dead
 or follow their links. A law that is curved in another way is put to it as its affine expansion about the loads so far,
 a load that depends on its link's pose otherwise as the wrench that it is there; both are renewed until they are what
 was assumed, which takes two to four rounds. Every law and every load is asked once a round for all rows.
@@ -8,13 +8,10 @@ was assumed, which takes two to four rounds. Every law and every load is asked o
 
 from __future__ import annotations
 
-import logging
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass
-from functools import cache, cached_property
-from types import ModuleType
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -23,14 +20,13 @@ from armflex.conventions import Array
 from armflex.errors import UnsupportedError, naming
 from armflex.laws import Row
 from armflex.mechanics.certificate import SHARE, StabilityBound
-from armflex.mechanics.chain import Frames, Tree
+from armflex.mechanics.chain import Frames
+from armflex.mechanics.engine.binding import NO_LINKS, NO_WRENCHES, Engine
+from armflex.mechanics.engine.tables import NO_CHANGES, Tree
 from armflex.mechanics.laws import LawStack, RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.parallel import in_pieces
 from armflex.rows.wrench import Wrench, check_rows
-
-COMPILED = ("exact", "first_order")
-"""Methods that the kernel has."""
 
 AT_ONCE = 8192
 """Rows that are asked about together: their arrays stay near the processor, and memory does not grow with N."""
@@ -41,140 +37,17 @@ ROUNDS = 16
 SETTLED = 3e-14
 """Change between two rounds: of all flexures' twists [m, rad], and of a wrench by its size."""
 
-NO_CHANGES = np.zeros((0, 0, 6, 6))
 NO_FACTORS = np.zeros(0)
-NOT_ASKED = {name: NO_CHANGES for name in ("laws", "joints", "sites", "motions", "poses", "loads")}
-NOT_ASKED |= {"joints": np.zeros((0, 6, 0)), "loads": np.zeros((0, 0, 6))}
 NO_FRAMES = Frames((), np.zeros((2, 0), dtype=np.int64), np.zeros((0, 12)))
-
-COMPILING = "compiling, once: armflex makes its engine for this machine, about a minute"
-
-LOADED_AFTER, COMPILED_AFTER = 200, 10_000
-"""Rows of this process from which it gains by the engine where that is kept, and where it must be compiled first.
-
-Each takes Pinocchio some milliseconds; to load the engine takes half a second, and to compile it a minute.
-"""
+NO_TANGENTS = np.zeros((0, 0, 6, 6))
 
 Pushed = tuple[np.ndarray, Array, Array]
 """Links, (1 or N, L, 9) wrenches and (0 or N, L, 6, 6) changes of them; see `Pushes`."""
 
-NOT_PUSHED: Pushed = (np.zeros((0, 3), dtype=np.int64), np.zeros((1, 0, 9)), NO_CHANGES)
+NOT_PUSHED: Pushed = (NO_LINKS, NO_WRENCHES, NO_CHANGES)
 
-
-_loading = threading.RLock()
-
-_loaded: list[ModuleType] = []
-
-_tree: list[ModuleType] = []
-"""The engine of how a tip responds, and of arms with loops."""
-
-_single: list[ModuleType] = []
-"""The engine whose answer to one row is compiled, too."""
-
-_rows = [0]
-
-
-def kernel() -> ModuleType:
-    """Return the compiled engine, which takes a while to import.
-
-    Its import and its compilation are one thread's: numba's are not safe in several at once, and stand still for ever.
-    Where its code is not kept yet, a line of the log says that it is compiled; without a handler that is on
-    stderr.
-    """
-    return _compiled(_loaded, _imported)
-
-
-def kernel_of_one_row() -> ModuleType:
-    """Return the compiled engine with its answer to one row at a time, which a control loop asks for."""
-    compiled = kernel()
-    with _loading:
-        if not _single:
-            compiled.compile_one()
-            _single.append(compiled)
-    return compiled
-
-
-def tree_kernel() -> ModuleType:
-    """Return the same of how a tip responds, and of arms with loops."""
-    return _compiled(_tree, _imported_tree)
-
-
-def _compiled(loaded: list[ModuleType], imported: Callable[[], ModuleType]) -> ModuleType:
-    if not loaded:
-        with _loading:
-            if not loaded:
-                compiled = imported()
-                compiled.compile_everything()
-                loaded.append(compiled)
-    return loaded[0]
-
-
-def compilations() -> tuple[Callable[[], None], ...]:
-    """Return what compiles the engines and keeps their code, in parts for processes side by side, the longest first."""
-    one, tree = _imported(), _imported_tree()
-    return tree.compile_responses, one.compile_chains, tree.compile_mechanisms, one.compile_one
-
-
-def is_kept() -> bool:
-    """Return whether the code of all `compilations` is kept."""
-    one, tree = _imported(), _imported_tree()
-    return one.is_kept() and tree.is_kept() and one.kept_code.is_kept(one.solve_one)
-
-
-def kernel_pays(rows: int) -> bool:
-    """Return whether the engine is to answer so many more rows, by how many this process has asked about so far.
-
-    Where it is never loaded the time that it would have saved is less than what it takes to begin, and where it is
-    loaded late no more was lost than that.
-    """
-    return _pays(rows, _loaded, _imported)
-
-
-def tree_kernel_pays(rows: int) -> bool:
-    """Return the same of arms with loops."""
-    return _pays(rows, _tree, _imported_tree)
-
-
-def _pays(rows: int, loaded: list[ModuleType], imported: Callable[[], ModuleType]) -> bool:
-    if loaded:
-        return True
-    with _loading:
-        _rows[0] += rows
-        if _rows[0] < LOADED_AFTER:
-            return False
-        return bool(loaded) or _rows[0] >= COMPILED_AFTER or imported().is_kept()
-
-
-@cache
-def _imported() -> ModuleType:
-    import numba  # noqa: F401 - before its parts, which another thread that imports it may have made already
-    from numba.core import event
-
-    from armflex.mechanics import kernel as compiled
-
-    class Said(event.Listener):
-        announced = False
-
-        def on_start(self, event: event.Event) -> None:
-            dispatcher = (event.data or {}).get("dispatcher")
-            if not self.announced and getattr(dispatcher, "__module__", "").startswith("armflex.mechanics"):
-                self.announced = True
-                logging.getLogger(__name__).warning(COMPILING)
-
-        def on_end(self, event: event.Event) -> None:
-            """Nothing is said of its end: an answer follows."""
-
-    event.register("numba:compile", Said())
-    return compiled
-
-
-@cache
-def _imported_tree() -> ModuleType:
-    _imported()
-
-    from armflex.mechanics import tree_kernel as compiled
-
-    return compiled
+State = tuple[Array, Array, Array]
+"""(N, p) passive joints, (N, m) forces in closures and (N, m, m) what nothing answers to."""
 
 
 class Solution(NamedTuple):
@@ -200,7 +73,7 @@ class Solution(NamedTuple):
 
 
 class Pushes:
-    """Wrenches on a loaded arm, and what its effects put on its links, in numbers for the kernel.
+    """Wrenches on a loaded arm, and what its effects put on its links, in numbers for the engine.
 
     Attributes:
         links: (L, 3) element of a chain that each link is fixed to, how many flexures move it, and whether its wrench
@@ -238,12 +111,15 @@ class Pushes:
         found._same = self._same if len(self._same) == 1 else self._same[rows]
         return found
 
-    def wrenches(self, q: Array, twists: Array | None = None) -> Array:
+    def wrenches(
+        self, q: Array, twists: Array | None = None, tree: Tree | None = None, state: State | None = None
+    ) -> Array:
         """Return (1 or N, L, 9) where on its element each acts [m], and the wrench [N, Nm] in base or element axes.
 
         Args:
             q: (N, nq) joint positions [rad or m].
             twists: (N, n, 6) of the flexures, zero where not given.
+            tree, state: Of an arm with loops; see `responded`.
 
         Raises:
             ShapeError: The loads are for other rows.
@@ -251,27 +127,30 @@ class Pushes:
         check_rows(self._wrenches, len(q))
         if not self.posed:
             return self._same
-        poses, found = self._poses(q, twists), np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy()
+        poses, found = (
+            self._poses(q, twists, tree, state),
+            np.broadcast_to(self._same, (len(q), *self._same.shape[1:])).copy(),
+        )
         for j in self.posed:
             found[:, j, 3:] = self._loads[j].at(poses[:, j])
         return found
 
-    def changes(self, q: Array, twists: Array) -> Array:
+    def changes(self, q: Array, twists: Array, tree: Tree | None = None, state: State | None = None) -> Array:
         """Return the (N, L, 6, 6) change of posed wrenches with their links' motion; no rows where there are none."""
         if not self.posed:
             return NO_CHANGES
-        poses, found = self._poses(q, twists), np.zeros((len(q), len(self._loads), 6, 6))
+        poses, found = self._poses(q, twists, tree, state), np.zeros((len(q), len(self._loads), 6, 6))
         for j in self.posed:
             found[:, j] = self._loads[j].change(poses[:, j])
         return found
 
-    def _poses(self, q: Array, twists: Array | None) -> Array:
+    def _poses(self, q: Array, twists: Array | None, tree: Tree | None, state: State | None) -> Array:
         at = np.zeros((len(q), len(self._chain.flexures), 6)) if twists is None else twists
-        return responded(self._chain, "poses", self._frames, q, at)
+        return responded(tree or self._chain, "poses", self._frames, q, at, state=state)
 
-    def at(self, q: Array, twists: Array) -> Pushed:
+    def at(self, q: Array, twists: Array, tree: Tree | None = None, state: State | None = None) -> Pushed:
         """Return links, wrenches and their changes where the arm is."""
-        return self.links, self.wrenches(q, twists), self.changes(q, twists)
+        return self.links, self.wrenches(q, twists, tree, state), self.changes(q, twists, tree, state)
 
 
 def turned(before: Array, after: Array) -> Array:
@@ -287,14 +166,14 @@ def responded(
     q: Array,
     twists: Array,
     pushed: Pushed = NOT_PUSHED,
-    tangents: Array = NO_CHANGES,
-    state: tuple[Array, ...] | None = None,
+    tangents: Array = NO_TANGENTS,
+    state: State | None = None,
     by_load: Array | None = None,
     end: Frames | None = None,
     behind: int = 0,
-    distance: Array = NO_FACTORS,
+    distance: Array | None = None,
 ) -> Array:
-    """Return one thing about an arm that is flexed in N rows; see `tree_kernel.respond_rows`.
+    """Return one thing about an arm that is flexed in N rows; see `engine_respond`.
 
     Args:
         tree: The arm.
@@ -309,25 +188,25 @@ def responded(
         by_load: (N, 6, n, 6) motion of the tip per load on a flexure, where it is known and loops do not matter.
         end: The one frame that is meant by the tip, where it is another.
         behind: How many closures and pins there are behind the frames in s.
-        distance: (N,) to be filled, see `tree_kernel.respond_rows`.
+        distance: (N,) to be filled: by how much less than 1 the stiffness of a direction may be.
     """
-    count, f, s, at = len(q), len(frames.numbers), len(frames.numbers) + behind, tree.elements[-1]
+    count, f, s, at = len(q), len(frames.numbers), len(frames.numbers) + behind, tree.elements[-1, :16]
     shapes: dict[str, tuple[int, ...]] = {"laws": (6, *twists.shape[1:]), "joints": (6, q.shape[1]), "sites": (6, s, 6)}
     shapes |= {"motions": (f, 6, 6), "poses": (f, 4, 4), "loads": (s, 6)}
-    found = NOT_ASKED | {what: np.empty((count, *shapes[what]))}
+    found = np.empty((count, *shapes[what]))
     if end is not None:
         at = np.concatenate([end.numbers[0], np.zeros(3), end.places[0, :1]])
     loose, forces, idle = state or (np.zeros((count, 0)), np.zeros((count, 0)), np.zeros((count, 0, 0)))
     rests = np.ascontiguousarray(q), loose, np.ascontiguousarray(twists), forces, idle
-    given = *pushed, *rests, NO_CHANGES if by_load is None else by_load
-    engine = kernel() if state is None else tree_kernel()
-    engine.respond_rows(tree, tangents, *given, at, frames.places, frames.numbers, *found.values(), distance)
-    return found[what]
+    engine, asked = Engine(tree), "at_sites" if what == "sites" else what
+    engine.set_loads(*pushed, count)
+    engine.respond(asked, found, frames.places, frames.numbers, at, rests, tangents, by_load, distance, behind)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class ManyRows:
-    """Some rows of one payload, where compiled code has them: see `few_rows.FewRows`.
+    """Some rows of one payload, linearised where they rest.
 
     Attributes:
         loaded: The arm with the payload.
@@ -343,24 +222,33 @@ class ManyRows:
     rows: np.ndarray
     pushed: Pushed
     tangents: Array
-    state: tuple[Array, ...] | None = None
+    state: State | None = None
 
     def among(self, number: np.ndarray) -> ManyRows:
-        """See `FewRows`."""
+        """Return those of its rows that have a (N,) number, under these numbers; -1 is none."""
         own = np.flatnonzero(number[self.rows] >= 0)
         links, *arrays = *self.pushed, self.tangents, *(self.state or ())
         wrenches, changes, tangents, *state = (
             one[own] if len(one) > 1 or not len(self.rows) else one for one in arrays
         )
         pushed = links, wrenches, changes
-        return ManyRows(self.loaded, self.tree, number[self.rows[own]], pushed, tangents, tuple(state) or None)
+        at_rest = (state[0], state[1], state[2]) if state else None
+        return ManyRows(self.loaded, self.tree, number[self.rows[own]], pushed, tangents, at_rest)
 
     def by_law(self, end: str | None, q: Array, twists: Array) -> Array:
-        """See `FewRows`."""
+        """Return the (M, 6, n, 6) motion of an end per change of a flexure's twist law; None is the tip."""
         return self.asked("laws", end, q, twists)
 
     def asked(self, what: str, end: str | None, q: Array, twists: Array, by_load: Array | None = None) -> Array:
-        """See `FewRows`; "laws" are (M, 6, n, 6)."""
+        """Return one thing about the rows; see `Response`, whose members have these names.
+
+        Args:
+            what: "tip" (M, 1, 4, 4), "links" (M, l, 4, 4), "loads" (M, s, 6); or of an end "laws" (M, 6, n, 6),
+                "joints" (M, 6, nq), "sites" (M, 6, s, 6), "motions" (M, l, 6, 6), "gravity" (M, 6, 3).
+            end: The link that is meant, None for the tip.
+            q, twists: (M, nq) and (M, n, 6) of joints and flexures.
+            by_load: (M, 6, n, 6) motion of that end per change of a flexure's wrench, where it is known.
+        """
         loaded, linkage, elements = self.loaded, self.loaded.arm.robot.linkage, self.tree.elements[:-1]
         links, kind = loaded.link_frames, {"tip": "poses", "links": "poses", "gravity": "motions"}.get(what, what)
         at = None if end is None else links.some([links.names.index(end)])
@@ -369,7 +257,7 @@ class ManyRows:
             places = np.tile(np.arange(len(elements)), (2, 1))
             links = Frames((), places, np.concatenate([turns, elements[:, 16:19]], axis=1))
         frames = {"tip": loaded.tip_frame, "links": links, "motions": links, "gravity": links}.get(what, loaded.sites)
-        known = None if linkage else by_load
+        known = None if self.state is not None else by_load
         behind = len(linkage.closures) + len(linkage.pins)
         given = self.pushed, self.tangents, self.state, known, at, behind
         found = responded(self.tree, kind, frames, q, twists, *given)
@@ -379,10 +267,10 @@ class ManyRows:
 class RowSolver:
     """Solves one arm with one payload under its weight and some loads, in rows of some thousand at a time."""
 
-    def __init__(self, loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench] = ()) -> None:
+    def __init__(self, loaded: LoadedArm, wrenches: Sequence[Wrench] = ()) -> None:
         if not loaded.arm.chain:
-            raise UnsupportedError("lanes know no springs and no loops: see `loop_rows`")
-        self._loaded, self._exact, self._chain, self._nominal = loaded, exact, loaded.chain, loaded.nominal
+            raise UnsupportedError("the fixed point knows no springs and no loops: see `loop_rows`")
+        self._loaded, self._chain, self._nominal = loaded, loaded.chain, loaded.nominal
         self.pushes, self._wrenches = Pushes(loaded, wrenches), wrenches
         self._lower, self._upper = map(np.array, loaded.arm.bounds)
 
@@ -396,43 +284,30 @@ class RowSolver:
         """How far the loads can soften the arm with its own laws; None where nobody can say beforehand."""
         return self._loaded.stability_bound and self._loaded.stability_bound.under(self._wrenches)
 
-    def rooms(self, count: int) -> Array:
-        """Return memory in which the kernel keeps what it knows of so many rows from one call to the next."""
-        lanes = kernel().LANES
-        return kernel().room_for(len(self._chain.flexures), len(self.pushes.links), lanes, -(-count // lanes))
-
-    def solve(
-        self, row: Row, laws: RowLaws, into: Solution, rooms: Array | None = None, ready: bool = False
-    ) -> np.ndarray:
+    def solve(self, row: Row, laws: RowLaws, into: Solution) -> np.ndarray:
         """Put into `into` where the arm rests in some rows; return (N,) whether it converged.
 
         Args:
             row: Positions and covariates.
             laws: Of the arm at these rows, or others: what follows is then about those.
             into: To be filled.
-            rooms: Memory that was asked for here; one of its own where not given.
-            ready: Whether it holds what a call left there of the same rows, from where it then goes on.
         """
-        q, later = np.ascontiguousarray(row.q), bool(laws.curved or self.pushes.posed)
-        if rooms is None:
-            rooms = self.rooms(len(q) if later else 1)
-        if later:
-            fine = self._in_rounds(q, laws, rooms, into)
+        q, engine = np.ascontiguousarray(row.q), Engine(self._chain)
+        if laws.curved or self.pushes.posed:
+            fine = self._in_rounds(engine, q, laws, into)
         else:
-            fine = self._run(q, laws, self.pushes.wrenches(q), rooms, ready, self._exact, into)
+            fine = self._run(engine, q, laws, self.pushes.wrenches(q), into)
         if self._nominal is not None:
             true, nominal = tips_of(self._chain, q), tips_of(self._nominal, q)
             into.displacement[:] = displaced_from(into.displacement, true, nominal)
         return fine
 
-    def _in_rounds(self, q: Array, laws: RowLaws, rooms: Array, into: Solution) -> np.ndarray:
+    def _in_rounds(self, engine: Engine, q: Array, laws: RowLaws, into: Solution) -> np.ndarray:
         pushed = self.pushes.wrenches(q)
-        self._run(q, laws, pushed, rooms, False, False, into)  # for the loads on the rigid arm
+        self._run(engine, q, laws, pushed, into, exact=False)  # for the loads on the rigid arm
         if laws.curved:
             laws.expand(into.wrenches)
-        fine, converged = self._run(q, laws, pushed, rooms, True, self._exact, into), np.zeros(len(q), dtype=bool)
-        if not self._exact:
-            return fine
+        fine, converged = self._run(engine, q, laws, pushed, into), np.zeros(len(q), dtype=bool)
         for _ in range(ROUNDS):
             # What is too large is left alone: here it would only make numbers that overflow.
             twists, wrenches = (np.where(fine[:, None, None], part, 0.0) for part in (into.twists, into.wrenches))
@@ -441,15 +316,17 @@ class RowSolver:
             converged |= (moved <= SETTLED) & (turned(before, pushed) <= SETTLED)
             if (converged | ~fine).all():
                 break
-            fine &= self._run(q, laws, pushed, rooms, True, True, into)
+            fine &= self._run(engine, q, laws, pushed, into)
         return fine & converged
 
     def _run(
-        self, q: Array, laws: RowLaws, pushed: Array, rooms: Array, ready: bool, exact: bool, into: Solution
+        self, engine: Engine, q: Array, laws: RowLaws, pushed: Array, into: Solution, exact: bool = True
     ) -> np.ndarray:
         fine = np.empty(len(q), dtype=bool)
-        known = (*self._chain[:2], self.pushes.links, pushed, laws.numbers, rooms, ready, q, exact)
-        kernel().solve_many(*known, into.displacement, into.wrenches, into.twists, fine)
+        engine.set_laws(laws.numbers, len(q))
+        engine.set_loads(self.pushes.links, pushed, NO_CHANGES, len(q))
+        loads = into.wrenches if len(into.wrenches) or not len(q) else None
+        engine.rest_chain(q, exact, into.displacement, loads, into.twists, fine)
         return fine
 
     def proven(
@@ -518,15 +395,15 @@ def chunks(rows: np.ndarray, size: int) -> Iterator[slice | np.ndarray]:
 
 def rigid_tips(loaded: LoadedArm, q: Array) -> Array:
     """Return the (N, 4, 4) poses of the tip of the rigid arm, where the controller knows it, at (N, nq) positions."""
-    if loaded.arm.robot.linkage or not _loaded:
+    if loaded.arm.robot.linkage:
         return np.array([loaded.mechanics.rigid_tip_pose(one).homogeneous for one in q]).reshape(-1, 4, 4)
     return tips_of(loaded.nominal or loaded.chain, q)
 
 
 def tips_of(chain: Tree, q: Array) -> Array:
-    """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions, by compiled code."""
+    """Return the (N, 4, 4) poses of the tip of a rigid chain at (N, nq) joint positions."""
     found = np.empty((len(q), 4, 4))
-    kernel().rigid_tips(chain, np.ascontiguousarray(q), found)
+    Engine(chain).tips(np.ascontiguousarray(q), found)
     return found
 
 
@@ -556,20 +433,16 @@ def drawn_displacements(
     rows: Array,
     payload: str | Payload | None,
     known: dict[str, Array],
-    method: str,
     draws: int,
     seed: int,
 ) -> Array:
     """Return the (draws, N, 6) displacements of the tip [m, rad] of the same arm with laws drawn by `Law.draw`.
-
-    What is shared is computed once: where the rigid arm is, and the loads from which every draw comes to rest.
 
     Args:
         arm: The arm, at whose links nothing pulls.
         rows: (N, nq) joint positions [rad or m], within their limits.
         payload: Name or object.
         known: What the arm's effects depend on: numbers, or (N,) of them.
-        method: "exact" or "first_order".
         draws: How many.
         seed: Of the random numbers.
 
@@ -578,17 +451,16 @@ def drawn_displacements(
     """
     rng = np.random.default_rng(seed)
     stacks = [LawStack(arm.stack.names, tuple(law.draw(rng) for law in arm.stack.laws)) for _ in range(draws)]
-    loaded, exact = arm.loaded(payload), method == "exact"
+    loaded = arm.loaded(payload)
     bounds = [None if loaded.stability_bound is None else loaded.stability_bound.with_laws(stack) for stack in stacks]
-    solver, found = RowSolver(loaded, exact), np.empty((draws, len(rows), 6))
+    solver, found = RowSolver(loaded), np.empty((draws, len(rows), 6))
     for some in chunks(np.arange(len(rows)), AT_ONCE):
         given = {name: values[some] if values.ndim else values for name, values in known.items()}
         row = loaded.row(rows[some], given)
-        into, rooms = Solution.empty(len(row.q), len(arm.sites)), solver.rooms(len(row.q))
-        solver.solve(row, RowLaws(arm.stack, row), into, rooms)
+        into = Solution.empty(len(row.q), len(arm.sites))
         for number, stack in enumerate(stacks):
             laws = RowLaws(stack, row)
-            fine = solver.solve(row, laws, into, rooms, ready=True)
+            fine = solver.solve(row, laws, into)
             if not solver.proven(row, laws, into, bounds[number], fine).all():
                 with naming(f"draw {number}"):
                     raise UnsupportedError("the arm so drawn is too soft: it turns too far, or may not stay")

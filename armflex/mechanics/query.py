@@ -13,22 +13,16 @@ from numpy.typing import ArrayLike
 
 from armflex.conventions import Array, covariate_array
 from armflex.laws import Row
+from armflex.laws.effects.context import MASS
 from armflex.mechanics.certificate import SHARE
 from armflex.mechanics.deflection import deflect
+from armflex.mechanics.engine.binding import Engine, OneRow
+from armflex.mechanics.engine.tables import NO_CHANGES
 from armflex.mechanics.equilibrium import check_method
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.loop_rows import LoopSolver
-from armflex.mechanics.many_rows import (
-    COMPILED,
-    NO_FRAMES,
-    ROUNDS,
-    SETTLED,
-    RowSolver,
-    kernel_of_one_row,
-    responded,
-    turned,
-)
+from armflex.mechanics.many_rows import NO_FRAMES, ROUNDS, SETTLED, RowSolver, responded, turned
 from armflex.mechanics.pinocchio_model import LoadCase, build_model
 from armflex.rows.wrench import Wrench, check_rows
 
@@ -64,8 +58,7 @@ class Prepared:
         joints, flexures = len(loaded.arm.joint_names), len(loaded.arm.sites)
         self._answer: Answer = (np.zeros(joints), np.zeros((flexures, 6)), np.zeros(6))
         self._known: Mapping[str, Any] = {}
-        self._compiled = method in COMPILED if loaded.arm.chain else method == "exact"
-        self._free = [self._workspace()] if self._compiled else []
+        self._free = [self._workspace()] if method == "exact" else []
 
     def __call__(self, q: ArrayLike, **covariates: float) -> Array:
         """Return the (6,) displacement of the tip [m, rad], base axes, at (nq,) joint positions [rad or m].
@@ -77,7 +70,7 @@ class Prepared:
         Raises:
             As `Arm.deflection`; the last answer is then still that of the call before.
         """
-        if self._compiled:
+        if self._method == "exact":
             free = self._free
             try:
                 quick = free.pop()  # at once: no other thread can have it
@@ -97,7 +90,7 @@ class Prepared:
     def _workspace(self) -> Quick:
         if not self._loaded.arm.chain:
             return _quick_loops(self._loaded, self._wrenches)
-        return _quick(self._loaded, self._method == "exact", self._wrenches)
+        return _quick(self._loaded, self._wrenches)
 
     @property
     def q(self) -> Array:
@@ -110,9 +103,9 @@ class Prepared:
         if self._loaded.arm.robot.linkage:
             case = LoadCase(self._answer[0], wrenches=self._wrenches, covariates=self._known)
             return deflect(self._loaded, case, (), self._method).wrenches
-        mechanics, flexed = self._loaded.mechanics, self._method != "first_order"
+        mechanics = self._loaded.mechanics
         motion = np.zeros(mechanics.model.nv)
-        motion[mechanics.flex.flexure_v] = flexed * self._answer[1].ravel()
+        motion[mechanics.flex.flexure_v] = self._answer[1].ravel()
         configuration = mechanics.flexed(mechanics.rigid_configuration(self._answer[0]), motion)
         torque = mechanics.load(LoadCase(self._answer[0], wrenches=self._wrenches))(configuration)
         return -torque[mechanics.flex.flexure_v].reshape(-1, 6)
@@ -133,89 +126,97 @@ class Prepared:
         return displacement
 
 
-def _quick(loaded: LoadedArm, exact: bool, wrenches: Sequence[Wrench]) -> Quick:
-    """Return the question to the kernel.
+def _quick(loaded: LoadedArm, wrenches: Sequence[Wrench]) -> Quick:
+    """Return the question to the engine.
 
     Everything it needs is a local name: to look up attributes takes as long as the mechanics.
     """
-    arm, stack, n, compiled = loaded.arm, loaded.arm.stack, len(loaded.arm.sites), kernel_of_one_row()
+    arm, stack, n = loaded.arm, loaded.arm.stack, len(loaded.arm.sites)
     bounds, shape = np.array(arm.bounds), (len(arm.joint_names),)
-    solver, middle = RowSolver(loaded, exact, wrenches), bounds.mean(axis=0)
+    solver, middle = RowSolver(loaded, wrenches), bounds.mean(axis=0)
     laws, pushes, bound, chain = RowLaws(stack), solver.pushes, solver.bound, loaded.chain
-    room, settled = compiled.room_for(n, len(pushes.links), lanes=1)[0], not pushes.posed
-    known = laws.numbers
-    own = (known.compliance, known.offset, known.weights, known.neurons, known.bent, known.shapes)
-    kept = (chain[0], pushes.wrenches(middle[None]), *own, bounds, room, known.neurons[:, 0])
-    numbers, (_, pushed, laws.compliance, laws.offset, laws.weights, *_, room, _) = compiled.packed(*kept)
-    sizes = np.array([chain[1].shape[1], len(pushes.links), *(len(one) for one in own[3:])])
-    counts, _ = compiled.packed(sizes, chain[1], pushes.links, known.starts, known.spans, known.pieces)
-    loads, offset, compliance = room[6 * n : 7 * n, :, 0], laws.offset[0], laws.compliance[0]
-    proven, solve, empty, size = bound is not None and bound.proven, compiled.solve_one, np.empty, (n, 6)
+    settled, proven = not pushes.posed, bound is not None and bound.proven
+    columns = {f"q_{name}": place for name, place in arm.joint_index.items()}
+    factors = stack.factors(columns | {MASS: len(columns)}) if proven and settled else None
+    names = factors.names if factors is not None else ()
+    known = np.append(loaded.payload.mass, np.zeros(len(names)))
+    solve = OneRow(chain, laws.numbers, bounds, factors, known)
+    pushed = pushes.wrenches(middle[None]).copy()
+    solve.set_loads(pushes.links, pushed)
 
     def plainly(q: Array, covariates: dict[str, float]) -> Answer | None:
-        if q.shape != shape or q.dtype != FLOAT or covariates:
+        if q.shape != shape or q.dtype != FLOAT or len(covariates) != len(names):
             return None
-        here, twists, displacement = q.copy(), empty(size), empty(6)
-        return (here, twists, displacement) if solve(numbers, counts, exact, here, twists, displacement) else None
+        for place, name in enumerate(names, 1):
+            if name not in covariates:
+                return None
+            known[place] = covariate_array(covariates[name], name, 0)
+        found = solve(q)
+        return found and (q.copy(), *found)
 
     def in_rounds(q: Array, covariates: dict[str, float]) -> Answer | None:
-        """See `rows`; the loads on the flexures are those that the kernel left."""
-        if q.shape != shape or q.dtype != FLOAT:
+        """See `many_rows`."""
+        if q.shape != shape or q.dtype != FLOAT or not arm.within_limits(q.tolist()):
             return None
-        here, twists, displacement = q.copy(), empty(size), empty(6)
-        row = loaded.row(here, {name: covariate_array(value, name, 0) for name, value in covariates.items()})
+        here, found = q[None].copy(), (np.empty((1, 6)), np.empty((1, n, 6)), np.empty((1, n, 6)))
+        row = loaded.row(here[0], {name: covariate_array(value, name, 0) for name, value in covariates.items()})
         laws.know(row)
-        if settled and not laws.curved:
-            fine = solve(numbers, counts, exact, here, twists, displacement)
-        else:
-            fine = settle(row, here, twists, displacement)
-        return (here, twists, displacement) if fine and (proven or stays(row, here, twists)) else None
+        fine = rest(here, *found) if settled and not laws.curved else settle(row, here, *found)
+        displacement, loads, twists = found
+        if not fine or not (proven or stays(row, here, loads, twists)):
+            return None
+        return here[0], twists[0], displacement[0]
 
-    def settle(row: Row, here: Array, twists: Array, displacement: Array) -> bool:
+    engine, well = Engine(chain), np.empty(1, dtype=bool)
+
+    def rest(here: Array, displacement: Array, loads: Array, twists: Array, exact: bool = True) -> bool:
+        engine.set_laws(laws.numbers, 1)
+        engine.set_loads(pushes.links, pushed, NO_CHANGES, 1)
+        engine.rest_chain(here, exact, displacement, loads, twists, well)
+        return bool(well[0])
+
+    def settle(row: Row, here: Array, displacement: Array, loads: Array, twists: Array) -> bool:
         """Renew what the curved laws give and the posed loads until both are as assumed.
 
         One configuration needs a round or two more without the laws' tangents, which are as dear as those rounds.
         """
-        pushed[:] = pushes.wrenches(here[None])
-        if not solve(numbers, counts, False, here, twists, displacement):
+        pushed[:] = pushes.wrenches(here)
+        if not rest(here, displacement, loads, twists, exact=False):
             return False
+        offset = laws.offset[0]
         affine, moved, turning = offset.copy(), np.inf, np.inf
         for _ in range(ROUNDS):
             given = offset.copy()
             np.copyto(offset, affine)
             for i, law in laws.curved:
-                offset[i] += law.twist(loads[i].copy(), row)
-            if exact:
-                moved = np.abs(offset - given).max(initial=0.0)
-                if moved <= SETTLED and turning <= SETTLED:
-                    return True
-            if not solve(numbers, counts, exact, here, twists, displacement):
-                return False
-            if not exact:
+                offset[i] += law.twist(loads[0, i].copy(), row)
+            moved = np.abs(offset - given).max(initial=0.0)
+            if moved <= SETTLED and turning <= SETTLED:
                 return True
+            if not rest(here, displacement, loads, twists):
+                return False
             before = pushed.copy()
-            pushed[:] = pushes.wrenches(here[None], twists[None])
+            pushed[:] = pushes.wrenches(here, twists)
             turning = turned(before, pushed)[0]
         return False
 
-    def stays(row: Row, here: Array, twists: Array) -> bool:
+    def stays(row: Row, here: Array, loads: Array, twists: Array) -> bool:
         """Return whether the arm is proven to stay and is not near buckling, by the bound or by the tangent itself."""
         if bound is not None and bound.stays(loads.ravel(), laws.tangent):
             return True
         for i, law in laws.curved:
-            compliance[i] += law.tangent(loads[i].copy(), row)
-        at, distance = (here[None], twists[None]), empty(1)
-        tangents = laws.tangents(loads[None])
-        responded(chain, "laws", NO_FRAMES, *at, pushes.at(*at), tangents, distance=distance)
+            laws.compliance[0, i] += law.tangent(loads[0, i].copy(), row)
+        distance = np.empty(1)
+        tangents = laws.tangents(loads)
+        responded(chain, "laws", NO_FRAMES, here, twists, pushes.at(here, twists), tangents, distance=distance)
         return bool(distance[0] <= SHARE)
 
-    solve(numbers, counts, exact, middle, empty(size), empty(6))  # compiled now, not in the loop
-    quick = plainly if proven and not stack.rows_differ and settled else in_rounds
+    quick = plainly if proven and settled and (factors is not None or not stack.rows_differ) else in_rounds
     return quick if loaded.nominal is None else _from_nominal(loaded, quick)
 
 
 def _quick_loops(loaded: LoadedArm, wrenches: tuple[Wrench, ...]) -> Quick:
-    """Return the question to the compiled engine of arms with loops or springs; each has a workspace of its own."""
+    """Return the same question about an arm with loops or springs; each has a workspace of its own."""
     loaded = replace(loaded, _local=threading.local())
     solver, shape, within = LoopSolver(loaded, wrenches), (len(loaded.arm.joint_names),), loaded.arm.within_limits
 

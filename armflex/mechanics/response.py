@@ -8,7 +8,7 @@ tangent, G the geometric stiffness and M = I + C G J_exp the equilibrium's tange
     tip per body twist   A = J - B C G        (joints and every site, loads redistributing)
     tip per load change  B C                  (change of the flexures' wrenches)
 
-Only B and C are kept of each row, some kilobytes; see `tree_kernel` for how everything else follows from them.
+Only B and C are kept of each row, some kilobytes; see the head of engine.c for how everything else follows from them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ import numpy as np
 from armflex.conventions import Array
 from armflex.laws import Row
 from armflex.mechanics.equilibrium import MAX_ROTATION, Equilibrium, check_small, find_equilibrium
-from armflex.mechanics.few_rows import FewRows, linearised
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm, Payload, Structure
 from armflex.mechanics.loop_rows import responding, solver_of
@@ -33,8 +32,6 @@ from armflex.mechanics.many_rows import (
     RowSolver,
     Solution,
     by_payload,
-    kernel_pays,
-    tree_kernel_pays,
 )
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.pinocchio_model import LoadCase
@@ -43,12 +40,6 @@ from armflex.rows.wrench import Wrench, check_rows
 
 AT_ONCE = 1024
 """Rows whose tip's response to all loads is held at once."""
-
-FEW, PLACES = 200, 40
-"""Rows, and joints with flexures, that Pinocchio may linearise as long as the engine does not pay.
-
-A campaign of more rows is fitted for long, and a model of more places takes long to derive.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +63,7 @@ class Response:
     laws: Array
     link_names: tuple[str, ...]
     sites: tuple[str, ...]
-    _parts: tuple[FewRows | ManyRows, ...]
+    _parts: tuple[ManyRows, ...]
     case: LoadCase
     end: str | None = None
 
@@ -180,7 +171,7 @@ class Response:
         return self.flexure_twists.reshape(len(self.row.q), self.laws.shape[2], 6)
 
     def _asked(self, what: str) -> Array:
-        """Return one of the things that its parts say; see `FewRows.asked`."""
+        """Return one of the things that its parts say; see `ManyRows.asked`."""
         found, twists = None, self._twists
         for part in self._parts:
             rows = part.rows
@@ -226,13 +217,9 @@ def respond(
     case = LoadCase(q, wrenches=tuple(wrenches), covariates=known)
     loads, twists, laws = np.empty((len(q), n, 6)), np.empty((len(q), n, 6)), np.empty((len(q), 6, n, 6))
 
-    if arm.chain:
-        few = len(q) <= FEW and len(arm.joint_names) + n <= PLACES and not kernel_pays(len(q))
-        solve = _solved_alone if few else _solved
-    else:
-        solve = _solved_loops if tree_kernel_pays(len(q)) else _solved_alone
+    solve = _solved if arm.chain else _solved_loops
 
-    def solved(asked: tuple[LoadedArm, np.ndarray]) -> FewRows | ManyRows:
+    def solved(asked: tuple[LoadedArm, np.ndarray]) -> ManyRows:
         loaded, rows = asked
         own = case.some(rows)
         own = own._replace(wrenches=tuple(one.under(loaded.robot.gravity) for one in own.wrenches))
@@ -264,7 +251,7 @@ def _solved(
     """Return some rows of one payload solved, the tip's response to their laws put into its rows of `into`."""
     arm, q, n = loaded.arm, np.ascontiguousarray(case.q), len(loaded.arm.sites)
     row = loaded.row(q, case.covariates)
-    solver, laws = RowSolver(loaded, True, case.wrenches), RowLaws(arm.stack, row)
+    solver, laws = RowSolver(loaded, case.wrenches), RowLaws(arm.stack, row)
     found = Solution.empty(len(q), n)
     fine = solver.solve(row, laws, found)
     some = np.flatnonzero(fine)
@@ -273,7 +260,7 @@ def _solved(
     into[rows[some]], distance = solver.linearise(row, laws, found, some)
     left = np.concatenate([np.flatnonzero(~fine), some[~(distance < 1.0)]])
     if len(left):
-        _rest(loaded, case, left, found, "newton", allow_large)
+        _rest(loaded, case, left, found, allow_large)
         if laws.curved:
             laws.expand(found.wrenches)
         into[rows[left]] = solver.linearise(row, laws, found, left)[0]
@@ -284,24 +271,10 @@ def _solved(
     return ManyRows(loaded, loaded.sited_chain, rows, pushed, laws.tangents(found.wrenches)), found
 
 
-def _solved_alone(
-    loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows | ManyRows, Solution]:
-    """Return the same of few rows, each by Pinocchio."""
-    found = Solution.empty(len(rows), len(loaded.arm.sites))
-    each = _rest(loaded, case, np.arange(len(rows)), found, "exact", allow_large)
-    tangents = loaded.arm.stack.tangents(found.wrenches, loaded.row(case.q, case.covariates))
-    part = linearised(loaded, rows, case, each, tangents)
-    into[rows] = part.by_law(None, case.q, found.twists)
-    return part, found
-
-
 def _solved_loops(
     loaded: LoadedArm, rows: np.ndarray, case: LoadCase, into: Array, allow_large: bool
-) -> tuple[FewRows | ManyRows, Solution]:
-    """Return the same of an arm with loops, by compiled code where it knows the loads."""
-    if Pushes(loaded, case.wrenches).posed:
-        return _solved_alone(loaded, rows, case, into, allow_large)
+) -> tuple[ManyRows, Solution]:
+    """Return the same of an arm with loops or springs."""
     solver, row, others = solver_of(loaded, case.wrenches), loaded.row(case.q, case.covariates), {}
 
     def alone(i: int) -> None:
@@ -323,14 +296,10 @@ def _solved_loops(
     return part, found
 
 
-def _rest(
-    loaded: LoadedArm, case: LoadCase, some: np.ndarray, into: Solution, method: str, allow_large: bool
-) -> list[Equilibrium]:
-    """Return where the arm rests in some rows, each by itself, and put it into `into`."""
-    places, found = loaded.flex.flexure_v, []
+def _rest(loaded: LoadedArm, case: LoadCase, some: np.ndarray, into: Solution, allow_large: bool) -> None:
+    """Put into `into` where the arm rests in some rows, each by itself by the reference."""
+    places = loaded.flex.flexure_v
     for i in some.tolist():
-        one = find_equilibrium(loaded, case.some(i), method, allow_large)
+        one = find_equilibrium(loaded, case.some(i), "newton", allow_large)
         assert one.torque is not None  # where stability was checked
         into.twists[i], into.wrenches[i] = one.motion[places].reshape(-1, 6), -one.torque[places].reshape(-1, 6)
-        found.append(one)
-    return found

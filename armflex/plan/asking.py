@@ -29,6 +29,7 @@ from armflex.plan.offer import Offer, Reach, around, spread_evenly
 from armflex.plan.planned_rows import DISTINGUISHED
 from armflex.plan.planning import reach_of
 from armflex.readings import Position, Readings
+from armflex.readings.encoder import Shaft
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH, STILL, last_motion
 
@@ -244,7 +245,7 @@ class Question:
             word, sensor, sigmas = kind.name.partition("_")[0], sensors[kind.name], float(np.sqrt(max(more, 0.0)))
             if sigmas > max(SPLIT, best.get(word, ("", 0.0))[1]):
                 link = "the tip" if sensor.link == view.arm.robot.tip else sensor.link
-                text = SPLITTING[word].format(place=sensor.shaft.joint if sensor.shaft else link)
+                text = SPLITTING[word].format(place=sensor.about.joint if isinstance(sensor.about, Shaft) else link)
                 there = any(one.link == sensor.link and one.kind is sensor.kind for one in unread)
                 best[word] = f"another {text.split(' ', 1)[1]}" if there else text, sigmas
         return tuple(sorted(best.values(), key=lambda one: -one[1]))

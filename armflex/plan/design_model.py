@@ -35,7 +35,7 @@ from armflex.linear_gaussian import LinearGaussian
 from armflex.measured.measurements import Measurements
 from armflex.parameters import FRAMES, ArmParameter, Certainty, Group, ParameterKind, numbers_of
 from armflex.plan.offer import Offer
-from armflex.readings import Position, Readings
+from armflex.readings import Position, Readings, TouchingSensor
 from armflex.readings.instrument import Instrument
 
 NOWHERE = -1
@@ -298,7 +298,9 @@ def _stored(setup: Setup, certainty: Certainty, offer: Offer, candidates: Sequen
     sensors = [(name, one) for name, one in arm.sensors.items() if name in offer.view.readings.names]
     keys = {name: sensor_keys(one, ("",), offer.view.readings.kinds) for name, one in sensors}
     unknown = [
-        sensor_block(setup, name, keys[name]) for name, one in sensors if keys[name] and (one.sockets or not one.found)
+        sensor_block(setup, name, keys[name])
+        for name, one in sensors
+        if keys[name] and (isinstance(one, TouchingSensor) or not one.found)
     ]
     fresh = [*unknown, *_law_blocks(new), *candidates]
     blocks, std, wide = (*frames, *kept, *fresh), np.sqrt(np.diag(known.covariance)), _finite(frames)

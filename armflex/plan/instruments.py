@@ -14,7 +14,8 @@ from armflex.laws.effects.location import BASE
 from armflex.plan.design import Goal
 from armflex.plan.design_model import Model
 from armflex.readings import SENSOR_KINDS, Acceleration, Distance, Encoder, Inclination, Kind, Position, SlideEncoder
-from armflex.readings.sensor import Sensor, Shaft
+from armflex.readings.encoder import Shaft
+from armflex.readings.sensor import Sensor
 
 TRACKER = "tracker"
 """The word for the instrument that looks at the tip."""
@@ -85,7 +86,7 @@ def usual(arm: Arm, word: str) -> tuple[Sensor, ...]:
         own = SlideEncoder if shaft and shaft.straight else kind
         declared = [(values or {}).get(one.name, np.zeros(len(one.axes))) for one in own.nuisances]
         spread = [np.full(len(one.axes), std.get(one.name, 0.0)) for one in own.nuisances]
-        return Sensor(f"{word}_{name}", own, link, sigma, np.concatenate(declared), np.concatenate(spread), shaft=shaft)
+        return Sensor(f"{word}_{name}", own, link, sigma, np.concatenate(declared), np.concatenate(spread), about=shaft)
 
     if word == "wire":
         angles = 2.0 * np.pi * np.arange(ANCHORS) / ANCHORS
@@ -186,7 +187,7 @@ def declaration(sensor: Sensor) -> str:
     """Return [instrument.NAME] as it is written into an arm.toml."""
     kind = next(word for word, kind in SENSOR_KINDS.items() if issubclass(sensor.kind, kind))
     lines = [f"[instrument.{sensor.name}]", f'kind = "{kind}"']
-    lines += [f'joint = "{sensor.shaft.joint}"'] if sensor.shaft else [f'link = "{sensor.link}"']
+    lines += [f'joint = "{sensor.about.joint}"'] if isinstance(sensor.about, Shaft) else [f'link = "{sensor.link}"']
     start = 0
     for one in sensor.kind.nuisances:
         own = slice(start, start + len(one.axes))

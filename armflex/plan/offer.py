@@ -16,7 +16,7 @@ from armflex.estimate.view import View, look
 from armflex.mechanics.deflection import DeflectionBatch
 from armflex.mechanics.history import known_rows
 from armflex.parallel import in_halves
-from armflex.readings import Kind, Position, Readings, Touch, touched
+from armflex.readings import Kind, Position, Readings, Touch, TouchingSensor, touched
 from armflex.rows import Rows
 from armflex.rows.rows import APPROACH
 
@@ -85,7 +85,7 @@ class Reach:
         kinds: list[Kind] = [Position.unread(count, self.sigma)] if "" in self.read else []
         for sensor in (one for name, one in self.arm.sensors.items() if name in self.read):
             sigma = self.sigmas.get(sensor.name, sensor.sigma)
-            if sensor.sockets is None:
+            if not isinstance(sensor, TouchingSensor):
                 kinds.append(sensor.unread(count, sigma))
             else:
                 each = np.full((count, 1), np.median(sigma))
@@ -95,9 +95,11 @@ class Reach:
     @property
     def touching(self) -> dict[str, tuple[str, ...]]:
         """Sockets that may be touched, by instrument: those whose places are known or were found."""
-        sensors = ((one, one.sockets) for name, one in self.arm.sensors.items() if name in self.read)
+        sensors = [one for name, one in self.arm.sensors.items() if name in self.read]
         return {
-            one.name: tuple(dict.fromkeys((*known.place, *filter(None, one.found)))) for one, known in sensors if known
+            one.name: tuple(dict.fromkeys((*one.sockets.place, *filter(None, one.found))))
+            for one in sensors
+            if isinstance(one, TouchingSensor)
         }
 
     @property

@@ -22,9 +22,9 @@ from armflex.parameters import FRAMES, ParameterKind, numbered
 from armflex.plan.design import Goal, IOptimal, TOptimal, instead, shows
 from armflex.plan.design_model import CandidateBlock, Model
 from armflex.plan.hypotheses import Hypothesis
-from armflex.plan.instruments import Mounted, informing_levels
+from armflex.plan.instruments import Mounted, declaration, informing_levels
 from armflex.plan.offer import Offer, Reach
-from armflex.result import Result
+from armflex.result import Result, record
 from armflex.rows import Rows
 
 DISTINGUISHED = 3.0
@@ -129,8 +129,56 @@ class Plan(Result):
     mounts: tuple[Mounted, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
 
-    FIELDS = ("table", "reached", "random_rows", "advice", "flags")
     ROWS = "table"
+
+    def content(self) -> dict[str, Any]:
+        """Return the stops and what they are expected to give, SI; what was reached is as the terminal shows it."""
+        goal, rows, read = self.goal, self.rows, iter(self.worth)
+        worth = [next(read) if measured else None for measured in rows.measured]
+        stops = zip(rows.pose, rows.payload, rows.q, worth, strict=True)
+        reached = {"reached": self.reached, "random": self.random.mean(axis=0), "everything": self.everything}
+        instruments = [
+            record(mount, "reached without", name="sensor.name", link="sensor.link")
+            | {"declare": declaration(mount.sensor), "elsewhere": dict(mount.others)}
+            for mount in self.mounts
+        ]
+        return {
+            "rows": len(self.worth),
+            "stops": [
+                {"pose": pose, "read": gain is not None, "payload": payload, "worth": gain}
+                | {"q": dict(zip(rows.joint_names, q, strict=True))}
+                for pose, payload, q, gain in stops
+            ],
+            "sigma_m": self.reach.sigma,
+            "goal": goal.title,
+            "expected": {name: goal.shown(value) for name, value in reached.items()} | record(self, "random_rows"),
+            "parameters": self.certainties,
+            "separation_sigmas": goal.shown(self.reached[-1]) if self.hypotheses else None,
+            "between": [
+                record(one, "name source") | {"size": dict(zip(one.candidate.labels, one.size, strict=True))}
+                for one in self.hypotheses
+            ],
+            "not_told": [
+                record(blind, "instead", parameter="name", trades_against="partners", moves_m="moves")
+                for blind in self.blind
+            ],
+            "left_out": dict(self.offered.dropped),
+            **({"instruments": instruments} if instruments else {}),
+            "motion": {"ordered": self.way[0], "as_chosen": self.way[1]},
+            **record(self, "advice flags"),
+        }
+
+    @property
+    def certainties(self) -> list[dict[str, Any]]:
+        """Every parameter that was not certain, with its standard deviation before and after, in its unit."""
+        blind = {one.name for one in self.blind}
+        values = zip(self.model.parameters, self.std_before.tolist(), self.std_after.tolist(), strict=True)
+        return [
+            record(one, "unit", name="label")
+            | {"before": before, "after": after, "told_by_tip": one.label not in blind}
+            for one, before, after in values
+            if before > 0.0
+        ]
 
     @property
     def table(self) -> dict[str, Any]:

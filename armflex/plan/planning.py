@@ -28,7 +28,7 @@ from armflex.plan.hypotheses import Hypothesis, candidate_of, hypothesis_of, nam
 from armflex.plan.instruments import TRACKER, Mounted, choose, informing_levels, offered
 from armflex.plan.offer import Offer, Reach, around, rows_at, spread_evenly
 from armflex.plan.planned_rows import DISTINGUISHED, UNKNOWN, Plan, blind_spots
-from armflex.readings import Position, unread
+from armflex.readings import Position, TouchingSensor, unread
 from armflex.readings.sensor import LONGEST, Sensor
 from armflex.rows.rows import APPROACH
 from armflex.trajectory import Trajectory, as_trajectory
@@ -119,14 +119,15 @@ def plan(
     path_flags = () if along is None else along.derived_directions(before.setup.arm)
     flags = (*before.flags, *path_flags, *flags)
     mounts: tuple[Mounted, ...] = ()
-    touching = [name for name, one in arm.sensors.items() if one.sockets is not None]
+    touching = [name for name, one in arm.sensors.items() if isinstance(one, TouchingSensor)]
     if instruments is None and touching and not (after and after.readings.of(Position)):
         instruments = touching
     if instruments is not None:
         if not len(instruments):
             raise InputError("instruments is empty: name what is read, such as 'tracker', or leave it out")
         before, reach, mounts = _mounted(before, reach, effects, instruments, rows, along, seed)
-        mounts = tuple(one for one in mounts if one.sensor.sockets is None)  # sockets are where they are
+        # Sockets are where they are.
+        mounts = tuple(one for one in mounts if not isinstance(one.sensor, TouchingSensor))
     offer = spread_evenly(reach, before.setup, OFFERED, seed)
     if len(offer.rows) < rows:
         raise InputError(f"{rows} rows: only {len(offer.rows)} of {OFFERED} that were offered can be measured")

@@ -28,6 +28,8 @@ from armflex.readings.sensor import Sensor as Sensor
 from armflex.readings.touch import SocketDistance as SocketDistance
 from armflex.readings.touch import Sockets as Sockets
 from armflex.readings.touch import Touch as Touch
+from armflex.readings.touch import TouchingSensor as TouchingSensor
+from armflex.readings.touch import sockets_of as sockets_of
 from armflex.readings.touch import touched as touched
 
 

@@ -13,7 +13,8 @@ from armflex.readings.postures import Postures
 from armflex.readings.sensor import AXES, MOUNTING, SCALE, zero_of
 from armflex.robot import Robot
 
-OPPOSITE = 'reads = "specific_force"', 'reads = "gravity"'
+OPPOSITE = {"gravity": "specific_force", "specific_force": "gravity"}
+"""What an accelerometer reads, and what it then does not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +29,13 @@ class Acceleration(Kind):
     @classmethod
     def declared(cls, table: Declaration, robot: Robot) -> dict[str, Any]:
         """Return the link, and whether it reads the opposite."""
-        signs = {"gravity": 1.0, "specific_force": -1.0}
-        return {**super().declared(table, robot), "sign": signs[table.choice("reads", tuple(signs), "gravity")]}
+        return {**super().declared(table, robot), "about": table.choice("reads", tuple(OPPOSITE), "gravity")}
 
     def _hold(self, at: Postures) -> tuple[End, Array]:
         """Return where it is, and the (N, 3, 3) change of its numbers with gravity."""
         end = at.end(self.name)
-        return end, at.sensors[self.name].sign * end.axes.swapaxes(1, 2)
+        sign = -1.0 if at.sensors[self.name].about == "specific_force" else 1.0
+        return end, sign * end.axes.swapaxes(1, 2)
 
     def ideal(self, at: Postures) -> Array:
         return (self._hold(at)[1] @ at.gravities[..., None])[..., 0]

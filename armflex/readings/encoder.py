@@ -13,8 +13,27 @@ from armflex.declaration import Declaration
 from armflex.readings.end import End, shifted, turned
 from armflex.readings.kind import Ends, Kind
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import SCALE, Shaft, zero_of
+from armflex.readings.sensor import SCALE, zero_of
 from armflex.robot import Robot
+
+
+@dataclass(frozen=True)
+class Shaft:
+    """The joint that an encoder reads: between the link inboard of it and its own.
+
+    Attributes:
+        joint: Its name.
+        inboard: The link that it turns or slides on.
+        straight: Whether it slides.
+        axis: (3,) unit vector in its own axes.
+        origin: (4, 4) its frame at zero in the inboard link [m].
+    """
+
+    joint: str
+    inboard: str
+    straight: bool
+    axis: Array
+    origin: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +53,11 @@ class Encoder(Kind):
         slides, origin = joint.kind == "prismatic", np.eye(4)
         origin[:3, :3], origin[:3, 3] = joint.rotation, joint.origin
         shaft = Shaft(joint.name, joint.parent, slides, np.asarray(joint.axis), origin)
-        return {"kind": SlideEncoder if slides else cls, "link": joint.child, "shaft": shaft}
+        return {"kind": SlideEncoder if slides else cls, "link": joint.child, "about": shaft}
 
     def _angle(self, at: Postures) -> tuple[Array, Array]:
         """Return the (N, 1) position [rad or m], and the (N, 3) motion in the base that it is of."""
-        sensor, shaft = at.sensors[self.name], at.sensors[self.name].shaft
-        assert shaft is not None
+        sensor, shaft = at.sensors[self.name], at.sensors[self.name].about
         inboard, link = at.pose(shaft.inboard) @ shaft.origin, at.pose(sensor.link)
         back, axis = inboard[:, :3, :3].swapaxes(1, 2), inboard[:, :3, :3] @ shaft.axis
         if shaft.straight:
@@ -58,8 +76,7 @@ class Encoder(Kind):
 
     def ends(self, at: Postures) -> Ends:
         """Return the joint's link, which turns or slides, and the one inboard of it."""
-        sensor, shaft, along = at.sensors[self.name], at.sensors[self.name].shaft, self._angle(at)[1][:, None]
-        assert shaft is not None
+        sensor, shaft, along = at.sensors[self.name], at.sensors[self.name].about, self._angle(at)[1][:, None]
         none = np.zeros((len(along), 3))
         end, inboard = (End(link, at.pose(link), none, none) for link in (sensor.link, shaft.inboard))
         if not shaft.straight:

@@ -14,7 +14,7 @@ from armflex.conventions import SHOWN, SMALLEST_STD, Array, Shown
 from armflex.declaration import Declaration
 from armflex.readings.end import FIXED, End
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import LONGEST, Nuisance
+from armflex.readings.sensor import LONGEST, Nuisance, Sensor
 from armflex.robot import Robot
 
 Own = TypeVar("Own", bound="Kind")
@@ -78,6 +78,9 @@ class Kind(ABC):
 
     most: ClassVar[tuple[float, ...]] = ()
     """The largest size of each of its numbers, in `unit`; () where nothing bounds them."""
+
+    sensor: ClassVar[type[Sensor]] = Sensor
+    """What reads it."""
 
     nuisances: ClassVar[tuple[Nuisance, ...]] = ()
     """What of a sensor of this kind may have to be found."""

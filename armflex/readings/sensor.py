@@ -13,7 +13,6 @@ from armflex.conventions import Array
 
 if TYPE_CHECKING:
     from armflex.readings.kind import Kind
-    from armflex.readings.touch import Sockets
 
 LONGEST = {"m": 10.0, "rad": 3.2, "px": 1e4, "m/s^2": 100.0, "N": 1e6, "Nm": 1e6, "Hz": 100.0, "1": 0.5}
 """By unit a standard deviation beyond which a number is in another one; sensors stand in the order of these."""
@@ -54,25 +53,6 @@ def zero_of(axes: tuple[str, ...], unit: str, name: str = "bias") -> Nuisance:
     return Nuisance(name, axes, unit, "zero")
 
 
-@dataclass(frozen=True)
-class Shaft:
-    """The joint that an encoder reads: between the link inboard of it and its own.
-
-    Attributes:
-        joint: Its name.
-        inboard: The link that it turns or slides on.
-        straight: Whether it slides.
-        axis: (3,) unit vector in its own axes.
-        origin: (4, 4) its frame at zero in the inboard link [m].
-    """
-
-    joint: str
-    inboard: str
-    straight: bool
-    axis: Array
-    origin: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Sensor:
     """One of them.
@@ -86,10 +66,7 @@ class Sensor:
         std: (K,) prior standard deviations about them, in their units; 0 keeps one as declared.
         found: (K,) deviations from what is declared, in their units, by session; '' is every one that has none.
         seen_from: The link that it stands on or looks from; None is the base.
-        sign: -1 for an accelerometer that reads what holds it up, not gravity.
-        shaft: Of an encoder.
         about: What its kind alone declares, see `Kind.declared`.
-        sockets: Of a touching instrument; `found` is then by socket, and '' is the touching point.
     """
 
     name: str
@@ -100,27 +77,19 @@ class Sensor:
     std: Array
     found: Mapping[str, Array] = field(default_factory=dict)
     seen_from: str | None = None
-    sign: float = 1.0
-    shaft: Shaft | None = None
-    sockets: Sockets | None = None
     about: Any = None
 
     def keys(self, sessions: Sequence[str], touched: Sequence[str]) -> tuple[str, ...]:
-        """Return what has numbers of its own that are to be found: sessions, '' where there is one, or sockets."""
-        if self.sockets is None:
-            every = tuple(dict.fromkeys(sessions)) if len(set(sessions)) > 1 else ("",)
-            return every if len(self.free) else ()
-        every = ("", *dict.fromkeys(one for one in touched if one))
-        return tuple(key for key in every if len(self.free_in(key)))
+        """Return what has numbers of its own that are to be found: sessions, '' where there is one."""
+        every = tuple(dict.fromkeys(sessions)) if len(set(sessions)) > 1 else ("",)
+        return every if len(self.free) else ()
 
     def std_in(self, key: str) -> Array:
-        """Return (K,) as `std`, of one session or socket."""
-        if self.sockets is None:
-            return self.std
-        return np.concatenate([self.sockets.std(key), np.zeros(3)]) if key else np.append(np.zeros(3), self.std[3:])
+        """Return (K,) as `std`, of one key, in their units."""
+        return self.std
 
     def free_in(self, key: str) -> np.ndarray:
-        """Return (k,) as `free`, of one session or socket."""
+        """Return (k,) as `free`, of one key."""
         return np.flatnonzero(self.std_in(key))
 
     def unread(self, count: int, sigma: ArrayLike | None = None) -> Kind:
@@ -134,9 +103,9 @@ class Sensor:
 
     @property
     def foreseen(self) -> bool:
-        """Whether there is something to say of what it will read: not of gaps, nor of a camera that may be anywhere."""
+        """Whether there is something to say of what it will read: not of a camera that may be anywhere."""
         unknown = [one.anywhere * LONGEST[one.unit] or np.inf for one in self.kind.nuisances for _ in one.axes]
-        return self.sockets is None and (bool(self.found) or bool(np.all(self.std < unknown)))
+        return bool(self.found) or bool(np.all(self.std < unknown))
 
     @property
     def free(self) -> np.ndarray:
@@ -156,25 +125,21 @@ class Sensor:
         return tuple((f"{one.name} {axis}".strip(), one.unit) for one in self.kind.nuisances for axis in one.axes)
 
     def of(self, name: str, sessions: Sequence[str]) -> Array:
-        """Return the (N, n) values of a nuisance in rows of N sessions, or of as many sockets, in its unit."""
+        """Return the (N, n) values of a nuisance in rows of N sessions, or other keys, in its unit."""
         which = [one.name == name for one in self.kind.nuisances for _ in one.axes]
         known = {session: self._at(session)[which] for session in dict.fromkeys(sessions)}
         return np.array([known[session] for session in sessions]).reshape(len(sessions), sum(which))
 
     def _at(self, session: str) -> Array:
-        """Return the (K,) values of all nuisances in a session or of a socket."""
-        every = self.found.get("", np.zeros(len(self.declared)))
-        if self.sockets is None:
-            return self.declared + self.found.get(session, every)
-        place = self.sockets.declared(session) + self.found.get(session, np.zeros(6))[:3]
-        return np.append(place, self.declared[3:] + every[3:])
+        """Return the (K,) values of all nuisances in a session."""
+        return self.declared + self.deviations(session)
+
+    def deviations(self, session: str) -> Array:
+        """Return the (K,) deviations found in a session, in their units; those of all others where it has none."""
+        return self.found.get(session, self.found.get("", np.zeros(len(self.declared))))
 
     def moved(self, session: str, step: Array) -> Sensor:
-        """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session.
-
-        Of a touching instrument it is in a socket.
-        """
-        start = np.zeros(len(self.declared)) if self.sockets else self.found.get("", np.zeros(len(self.declared)))
-        found = self.found.get(session, start).copy()
+        """Return the sensor with (k,) steps of what is free, in its units, added to what was found in a session."""
+        found = self.deviations(session).copy()
         found[self.free_in(session)] += step
         return replace(self, found={**self.found, session: found})

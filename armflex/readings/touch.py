@@ -19,7 +19,7 @@ from armflex.readings.end import End, shifted
 from armflex.readings.kind import FURTHEST, Ends, Kind, link_in
 from armflex.readings.plane import Plane
 from armflex.readings.postures import Postures
-from armflex.readings.sensor import AXES, LONGEST, POINT, Nuisance
+from armflex.readings.sensor import AXES, LONGEST, POINT, Nuisance, Sensor
 from armflex.robot import Robot
 
 CARRIED, FEWEST = 20, 3
@@ -74,6 +74,44 @@ class Sockets:
         return Plane(self.normal.get(socket, np.array([0.0, 0.0, 1.0])))
 
 
+@dataclass(frozen=True, eq=False)
+class TouchingSensor(Sensor):
+    """An instrument that touches: its numbers are by socket, and '' is the touching point.
+
+    Attributes:
+        sockets: What is known of them.
+    """
+
+    sockets: Sockets = field(default_factory=Sockets)
+
+    def keys(self, sessions: Sequence[str], touched: Sequence[str]) -> tuple[str, ...]:
+        """Return the sockets that were touched, and '' where the touching point is to be found."""
+        every = ("", *dict.fromkeys(one for one in touched if one))
+        return tuple(key for key in every if len(self.free_in(key)))
+
+    def std_in(self, key: str) -> Array:
+        return np.append(self.sockets.std(key), np.zeros(3)) if key else np.append(np.zeros(3), self.std[3:])
+
+    @property
+    def foreseen(self) -> bool:
+        """There is nothing to say of gaps: they are read as zero."""
+        return False
+
+    def deviations(self, session: str) -> Array:
+        """Return the (6,) deviations of a socket, or of the point that all share."""
+        return self.found.get(session, np.zeros(6))
+
+    def _at(self, session: str) -> Array:
+        """Return (6,) the place of a socket, and the touching point."""
+        place = self.sockets.declared(session) + self.deviations(session)[:3]
+        return np.append(place, self.declared[3:] + self.deviations("")[3:])
+
+
+def sockets_of(sensor: Sensor) -> Sockets:
+    """Return what is known of the sockets that an instrument touches, nothing of one that touches none."""
+    return sensor.sockets if isinstance(sensor, TouchingSensor) else Sockets()
+
+
 def read_sockets(table: Declaration) -> Sockets:
     """Return what an instrument that touches knows of what it is put into."""
     shapes, normal = table.part("shape"), table.part("normal").by_name(3)
@@ -120,6 +158,7 @@ class Touch(Kind):
     dimension = 3
     unit, quantity = "m", "length"
     channels = AXES
+    sensor = TouchingSensor
     nuisances = (Nuisance("place", AXES, "m"), POINT)
 
     @classmethod
@@ -149,13 +188,12 @@ class Touch(Kind):
 
     def touching(self, at: Postures) -> End:
         """Return the touching point: the instrument's own, or the target of the tip."""
-        sockets = at.sensors[self.name].sockets
-        return at.end(self.name if sockets is not None and sockets.own_point else "")
+        return at.end(self.name if sockets_of(at.sensors[self.name]).own_point else "")
 
     def _gap(self, at: Postures) -> tuple[Array, Array, Array]:
         """Return (N, 3) gaps [m], and (N, 3, 3) how they change with the point and with the socket's numbers."""
         sensor = at.sensors[self.name]
-        known, count = sensor.sockets or Sockets(), len(self.sockets)
+        known, count = sockets_of(sensor), len(self.sockets)
         place = sensor.of("place", self.sockets)
         points = self.touching(at).place
         gap = points - place
@@ -202,7 +240,7 @@ class Touch(Kind):
     def begun(self, at: Postures, key: str) -> Array | None:
         """Return (6,) where a fit of a socket may begin: the middle of its points, or the plane through them."""
         sensor, found = at.sensors[self.name], np.zeros(6)
-        known = sensor.sockets or Sockets()
+        known = sockets_of(sensor)
         rows = np.array([one == key for one in self.sockets], dtype=bool) & np.isfinite(self.sigma[:, 0])
         if not key or key in known.place or not rows.any():
             return found

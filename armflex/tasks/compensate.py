@@ -23,7 +23,7 @@ from armflex.estimate.tip_uncertainty import flagged_covariance
 from armflex.laws.effects.in_arm import about_time
 from armflex.measured.table import Tabular
 from armflex.mechanics.deflection import Deflection, length_sigma
-from armflex.mechanics.many_rows import kernel_pays, rigid_tips
+from armflex.mechanics.many_rows import rigid_tips
 from armflex.mechanics.response import respond
 from armflex.parallel import in_pieces, in_threads
 from armflex.progress import Progress
@@ -374,11 +374,10 @@ class _Solver:
         """Solve rows together from no change; return those that are reached by the smallest, by their numbers.
 
         Jumps as `Corrector.jump` makes them, of rows whose joints stay within their boxes and away from singular
-        positions: there they have a closed form. All other rows are left to the corrector, and so are too few to load
-        the engine for.
+        positions: there they have a closed form. All other rows are left to the corrector.
         """
         t, found = self.trajectory, {}
-        if t.v is not None or t.a is not None or not kernel_pays(len(some)):
+        if t.v is not None or t.a is not None:
             return found
         change, before = np.zeros((len(some), len(self.scale))), np.zeros((len(some), 6))
         open_ones, last = np.arange(len(some)), np.full(len(some), np.inf)

@@ -34,7 +34,7 @@ from armflex.measured.repeats import REPEATED, repeats
 from armflex.measured.table import Tabular
 from armflex.mechanics.many_rows import rigid_tips
 from armflex.readings.instrument import Instrument
-from armflex.result import Result
+from armflex.result import Result, record
 from armflex.rows.rows import numbered, same_positions
 from armflex.tasks.predict import predict
 
@@ -151,8 +151,21 @@ class PosePerformance(Result):
     remarks: tuple[str, ...]
     excluded: tuple[int, ...] = ()
 
-    FIELDS = ("poses", "directions", "drifts", "remarks", "excluded")
     ROWS = "table"
+
+    def content(self) -> dict[str, Any]:
+        """Return the pose characteristics under the standard's names, SI."""
+        named = "pose payload session"
+        accuracy = {"ap_m": "accuracy", "ap_xyz_m": "offset", "rp_m": "repeatability", "ap_with_model_m": "predicted"}
+        accuracy |= {"ap_abc_rad": "rotation", "rp_abc_rad": "rotation_repeatability"}
+        drift = {"dap_m": "accuracy", "drp_m": "repeatability", "shift_m": "shift"}
+        return {
+            "standard": "ISO 9283:1998",
+            "poses": [record(one, f"{named} direction cycles excluded rows", **accuracy) for one in self.poses],
+            "directions": [record(one, f"{named} number", vap_m="accuracy") for one in self.directions],
+            "drifts": [record(one, f"{named} number", **drift) for one in self.drifts],
+            **record(self, "remarks", excluded_rows="excluded"),
+        }
 
     @property
     def table(self) -> list[dict[str, Any]]:

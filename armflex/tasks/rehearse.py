@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
@@ -24,14 +25,16 @@ from armflex.conventions import Array
 from armflex.errors import Flag, InputError, listing
 from armflex.estimate import calibrate
 from armflex.estimate.view import look
+from armflex.files.effect_file import place_json
+from armflex.laws.effects.catalogue import EVERY
 from armflex.laws.effects.location import Location
 from armflex.measured.measurements import Measurements, as_measurements
 from armflex.measured.table import Tabular
 from armflex.plan.drive import RUN_UP
 from armflex.plan.planning import READING, plan
-from armflex.readings import Kind, Position, Readings
+from armflex.readings import Kind, Position, Readings, TouchingSensor
 from armflex.readings.instrument import Instrument
-from armflex.result import Result
+from armflex.result import Result, record
 from armflex.rows import Rows
 from armflex.rows.rows import last_motion
 from armflex.trace.probabilities import CREDIBLE
@@ -88,8 +91,17 @@ class Rehearsal(Result):
         effects: Every effect that was hidden, in the order of the catalogue.
     """
 
-    FIELDS = ("size", "sigma", "read", "effects")
     ROWS = "effects"
+
+    def content(self) -> dict[str, Any]:
+        """Return what of each effect would be named."""
+        effects = [
+            place_json(EVERY[one.effect], one.location)
+            | record(one, "nothing", probability="named", in_credible_set="within", size_m="size")
+            | {"confused_with": [{"name": title, "probability": chance} for title, chance in one.confused]}
+            for one in self.effects
+        ]
+        return record(self, rows="read", sigma_m="sigma", size_m="size") | {"effects": effects}
 
     rows: Rows
     sigma: float
@@ -140,7 +152,8 @@ def rehearse(
     for name, value, least in (("draws", draws, 1), ("seed", seed, 0)):
         if value < least:
             raise InputError(f"{name} is {value}, expected {least} or more")
-    unknown = [f"[instrument.{name}]" for name, one in arm.sensors.items() if not one.foreseen and one.sockets is None]
+    unseen = [name for name, one in arm.sensors.items() if not (one.foreseen or isinstance(one, TouchingSensor))]
+    unknown = [f"[instrument.{name}]" for name in unseen]
     if unknown:
         text = "may be anywhere, and is not read: give anchor, mounting, board_at, board_turn and focal with their _std"
         warn(

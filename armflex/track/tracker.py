@@ -14,7 +14,6 @@ from armflex.arguments import checked_kinds
 from armflex.arm import Arm
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, InputError, ModelFileError, Place, UnknownNameError
-from armflex.mechanics.many_rows import kernel
 from armflex.rows.rows import APPROACH, last_motion
 from armflex.storage.digest import digest
 from armflex.track.estimate import Estimate, estimate_of, expected_variance, recentred, take, widen
@@ -98,7 +97,6 @@ class Tracker:
         start = Anchor(estimate, 0, 0.0)
         self._state = State(estimate, self._model.point, Watch(start, start))
         self._sight = self._sight_at(self._state.point)
-        kernel().compile_everything()  # now, not in the loop
 
     @property
     def labels(self) -> tuple[str, ...]:

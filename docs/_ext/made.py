@@ -64,7 +64,7 @@ HEADS = {
         "mechanics",
         "mechanics.equilibrium",
         "mechanics.certificate",
-        "mechanics.kernel",
+        "mechanics.engine",
         "mechanics.many_rows",
     ),
     "How the tip responds": ("mechanics.response",),
@@ -86,7 +86,6 @@ HEADS = {
         "bench.fit_linear",
         "bench.network_problem",
         "bench.fit_bayesian",
-        "bench.fit_linear_chain",
         "sampling.metropolis",
     ),
 }

@@ -25,7 +25,6 @@ from armflex.laws import LinearLaw
 from armflex.mechanics.response import respond
 
 ROWS, ROUNDS, DRAWS = 100_000, 5, 100
-METHODS = ("first_order", "exact")
 
 
 def seconds(call: Callable[[], object]) -> float:
@@ -43,15 +42,14 @@ def main() -> None:
     lower, upper = (np.clip(limit, -1.5, 1.5) for limit in (boom.arm.robot.lower, boom.arm.robot.upper))
     q = np.random.default_rng(0).uniform(lower, upper, (ROWS, len(lower)))
     force = {"wrenches": [Wrench("tool", [300.0, -200.0, 100.0], [0.0, 0.0, 0.0])]}
-    asked = [(name, method, {}) for name in ("linear", "networks", "a curved law") for method in METHODS]
-    print(f"{'laws':>12} {'method':>12} {'':>8} {'x the speed of the loop':>24}")
-    for name, method, given in [*asked, *(("linear", method, force) for method in METHODS)]:
+    print(f"{'laws':>12} {'':>8} {'x the speed of the loop':>24}")
+    for name, given in (("linear", {}), ("networks", {}), ("a curved law", {}), ("linear", force)):
         arm, rates = known[name], []
-        arm.deflection(q[:5000], method=method, **given)
+        arm.deflection(q[:5000], **given)
         for _ in range(ROUNDS):
             loop = seconds(lambda: [base() for _ in range(ROWS // 10)]) * 10
-            rates.append(loop / seconds(lambda a=arm, m=method, g=given: a.deflection(q, method=m, **g)))
-        print(f"{name:>12} {method:>12} {'a force' if given else '':>8} {np.median(rates):24.2f}")
+            rates.append(loop / seconds(lambda a=arm, g=given: a.deflection(q, **g)))
+        print(f"{name:>12} {'a force' if given else '':>8} {np.median(rates):24.2f}")
     linearised(known, q[:4000], base)
     shared(known, q)
     followed(known["linear"], q[:2000])
@@ -104,15 +102,10 @@ def followed(arm: Arm, q: np.ndarray) -> None:
 
 def drawn(arm: object, q: np.ndarray) -> None:
     """Print what draws cost beside as many batches, each of one query."""
-    for method in ("first_order", "exact"):
-        one = np.median([seconds(lambda m=method: arm.deflection(q, method=m)) for _ in range(ROUNDS)])
-        single = (
-            seconds(lambda m=method: [arm.deflection(row, method=m).displacement for row in q[:200]]) * len(q) / 200
-        )
-        many = np.median([seconds(lambda m=method: ensemble(arm, q, draws=DRAWS, method=m)) for _ in range(3)])
-        print(
-            f"{DRAWS} draws, {method}: {many / one:.0f} batches of one query, {many / single:.1f} times single queries"
-        )
+    one = np.median([seconds(lambda: arm.deflection(q)) for _ in range(ROUNDS)])
+    single = seconds(lambda: [arm.deflection(row).displacement for row in q[:200]]) * len(q) / 200
+    many = np.median([seconds(lambda: ensemble(arm, q, draws=DRAWS)) for _ in range(3)])
+    print(f"{DRAWS} draws: {many / one:.0f} batches of one query, {many / single:.1f} times single queries")
 
 
 if __name__ == "__main__":

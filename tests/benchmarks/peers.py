@@ -70,8 +70,6 @@ def own_calls(boom: Boom) -> dict[str, Callable[[], Array]]:
         return lambda: rigid + loop(boom.q)[:3]
 
     calls = {OWN: asked(boom.arm, "exact"), PREPARED: prepared("exact")}
-    calls["armflex, deflection, first_order"] = asked(boom.arm, "first_order")
-    calls["armflex, prepared, first_order"] = prepared("first_order")
     if boom.freedoms > len(boom.stations):
         calls["armflex, in series"] = asked(boom.series, "exact")
     return calls

@@ -32,7 +32,7 @@ COMMANDS = {
     "armflex trace --help": [SCRIPT, "trace", "--help"],
 }
 BASELINE = 'python -c "import pinocchio"'
-HEAVY = ("torch", "matplotlib", "meshcat", "jinja2", "arviz", "arviz_stats", "scipy", "rich", "pandas", "joblib")
+HEAVY = ("torch", "matplotlib", "jinja2", "arviz", "arviz_stats", "scipy", "rich", "pandas", "joblib")
 SHOWN = 12
 
 

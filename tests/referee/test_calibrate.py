@@ -25,7 +25,6 @@ from armflex import (
     read_trajectory,
     total_covariance,
 )
-from armflex.cli.calibrate_command import as_json
 from armflex.errors import ArmFileError, InputError, UnsupportedError
 from armflex.estimate.blocks import declared_blocks
 from armflex.estimate.draw import draw_arms
@@ -36,7 +35,6 @@ from armflex.estimate.view import look
 from armflex.laws import LinearLaw
 from armflex.laws.joint.linear import LinearFit
 from armflex.parameters import Certainty
-from armflex.result import plain
 
 pytestmark = pytest.mark.slow
 
@@ -194,9 +192,7 @@ def test_what_nothing_determines_has_no_end(measured, found, tmp_path):
     partners = {p.name: p.trades_against for p in open_.undetermined}
     assert endless <= set(partners) and "instrument rz" in partners["joint_offset J1"]
     assert len(open_.fit.posterior.null_space) == 1 and open_.fit.freedom < found.fit.freedom
-    told = {
-        one["name"]: one["std"] for one in json.loads(json.dumps(plain(as_json(open_)), allow_nan=False))["parameters"]
-    }
+    told = {one["name"]: one["std"] for one in json.loads(json.dumps(open_.to_dict(), allow_nan=False))["parameters"]}
     assert {name for name, std in told.items() if std is None} == endless
     again = load_arm(open_.write(tmp_path / "arm.toml"))
     assert set(again.certainty.undetermined) == endless and "inf" not in (tmp_path / "arm.toml").read_text()

@@ -77,7 +77,7 @@ def test_results_show_themselves(name: str, arm: armflex.Arm, path: armflex.Traj
     page.feed(result._repr_html_())
     assert page.open == [] and page.cells
     told = result.to_dict()
-    assert json.loads(json.dumps(told, allow_nan=False)) == told and set(told) == set(result.FIELDS)
+    assert json.loads(json.dumps(told, allow_nan=False)) == told and {*result.FIELDS} <= {*told}
     pytest.importorskip("pandas")
     assert len(result.to_frame())
 

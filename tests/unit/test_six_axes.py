@@ -9,7 +9,6 @@ import pytest
 from support import six_axes
 
 from armflex import calibrate, trace
-from armflex.cli.calibrate_command import as_json
 from armflex.cli.trace_command import print_trace
 from armflex.errors import ConvergenceError
 from armflex.estimate.calibrate import Calibration
@@ -35,7 +34,7 @@ def test_what_only_a_combination_tells_is_marked(calibrated: Calibration) -> Non
     assert all(one.determined and one.combined for one in along)
     assert all({other.name for other in along} - {one.name} <= set(one.trades_against) for one in along)
     assert found["geometry elbow_joint dz"].determined and not found["geometry elbow_joint dz"].combined
-    names = {one["name"] for one in as_json(calibrated)["parameters"] if one["only_combined_with"]}
+    names = {one["name"] for one in calibrated.content()["parameters"] if one["only_combined_with"]}
     assert names >= {one.name for one in along}
 
 

@@ -15,8 +15,8 @@ import pytest
 import armflex
 
 HEAVY = {
-    *("torch", "matplotlib", "meshcat", "jinja2", "arviz", "arviz_stats", "nutpie", "pandas", "pyarrow", "scipy"),
-    *("joblib", "dask", "mujoco", "numba"),
+    *("torch", "matplotlib", "jinja2", "arviz", "arviz_stats", "nutpie", "pandas", "pyarrow", "scipy"),
+    *("joblib", "dask", "mujoco"),
 }
 IMPORT = "import armflex\narmflex.load_arm"
 HELP = "from armflex.cli.main import main\ntry:\n    main()\nexcept SystemExit as end:\n    assert not end.code"

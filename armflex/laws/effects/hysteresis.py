@@ -10,13 +10,13 @@ from armflex.conventions import Array
 from armflex.laws.effects.context import AXES, Context
 from armflex.laws.effects.effect import Amplitude, Inner, Memory, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Location
-from armflex.laws.effects.shapes import at_joints, on_axis, play_in, stepper, twists
+from armflex.laws.effects.shapes import at_joints, on_axis, play_in, twists
 from armflex.laws.terms import powers
 
 
 def play(load: Array, radius: float) -> Array:
     """Return (N,) the play operator of a (N,) load in row order, at rest at zero before the first row."""
-    return stepper(play_in)(np.asarray(load, dtype=float), float(radius))
+    return play_in(np.asarray(load, dtype=float), float(radius))
 
 
 def _state(location: Location, inner: Values) -> str:

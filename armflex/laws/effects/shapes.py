@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from functools import cache
 
 import numpy as np
 
@@ -103,7 +102,7 @@ def follow(time: Array, values: Array, lag: float) -> Array:
     moves = step > 0.0
     ahead = np.diff(known) / np.where(moves, step, 1.0) * lag
     state = np.empty(len(values))
-    state[order] = stepper(lag_behind)(known, ahead, np.where(moves, np.exp(-step / lag), np.nan))
+    state[order] = lag_behind(known, ahead, np.where(moves, np.exp(-step / lag), np.nan))
     return state
 
 
@@ -218,16 +217,6 @@ def with_temperature(make: Callable[..., list[Location]], records: Records) -> l
     return [location for name in records.temperatures for location in make(name)]
 
 
-@cache
-def stepper(recursion: Callable[..., Array]) -> Callable[..., Array]:
-    """Return a recursion compiled."""
-    import numba  # half a second that not every command needs
-
-    from armflex.storage.kept_code import kept
-
-    return kept(numba.njit(recursion))
-
-
 def lag_behind(values: Array, ahead: Array, decay: Array) -> Array:
     """Return (N,) what lags behind (N,) values in the order of time, in equilibrium at the first.
 
@@ -236,28 +225,21 @@ def lag_behind(values: Array, ahead: Array, decay: Array) -> Array:
         ahead: (N - 1,) their rise within the lag, from each row to the next.
         decay: (N - 1,) what is left over that time of being off; NaN where no time passes.
     """
-    state = np.empty(len(values))
-    if len(values):
-        state[0] = values[0]
-    for i in range(1, len(values)):
-        left = decay[i - 1]
-        if np.isnan(left):
-            state[i] = state[i - 1]
-        else:
-            state[i] = values[i] - ahead[i - 1] + (state[i - 1] - values[i - 1] + ahead[i - 1]) * left
-    return state
+    found = values[:1].tolist()
+    rows = zip(values.tolist(), values[1:].tolist(), ahead.tolist(), decay.tolist(), strict=False)
+    for before, value, rise, left in rows:  # numbers of Python: an array's take three times as long one by one
+        state = found[-1]
+        found.append(state if left != left else value - rise + (state - before + rise) * left)
+    return np.array(found)
 
 
 def play_in(load: Array, radius: float) -> Array:
     """Return the (N,) play operator of a (N,) load: what it drags along once it is a radius away."""
-    found, state = np.empty(len(load)), 0.0
-    for i in range(len(load)):
-        if load[i] - radius > state:
-            state = load[i] - radius
-        if load[i] + radius < state:
-            state = load[i] + radius
-        found[i] = state
-    return found
+    found, state = [], 0.0
+    for x in load.tolist():
+        state = min(max(state, x - radius), x + radius)
+        found.append(state)
+    return np.array(found)
 
 
 def coordinates(name: str, count: int) -> tuple[Inner, ...]:

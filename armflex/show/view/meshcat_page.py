@@ -1,41 +1,35 @@
 """One self-contained HTML page from a scene: open it in a browser, no server, no network.
 
-The page holds meshcat's viewer and, instead of a connection to meshcat's server, the very commands the server
-would have sent. They are made here, in process, from meshcat's own geometry, command and animation classes.
+The page holds meshcat's viewer and, instead of a connection to meshcat's server, the commands that the server would
+have sent: objects as three.js loads them, https://github.com/mrdoob/three.js/wiki/JSON-Object-Scene-format-4. The
+viewer lies in the folder `meshcat` as version 0.3.2 of that package has it, with its licences.
 """
-
-# pyright: reportArgumentType=false
-# meshcat has no types: those that follow from its defaults are too narrow.
 
 from __future__ import annotations
 
 import base64
 from collections.abc import Iterator
 from importlib import resources
-from io import BytesIO
 from string import Template
+from typing import Any
 
 import numpy as np
-import umsgpack
-from meshcat import geometry as mg
-from meshcat.animation import Animation, AnimationClip, AnimationTrack, js_position, js_quaternion
-from meshcat.commands import SetAnimation, SetObject, SetProperty, SetTransform
-from meshcat.path import Path as ScenePath
+from scipy.spatial.transform import Rotation
 
 from armflex.export.quoting import html_data, html_script, html_text
 from armflex.show.view.scene_3d import Camera, Posable, Scene, Shape, frame_camera, scene_points
 
-Command = dict[str, object]
+Json = dict[str, Any]
 
-_CAMERA = ScenePath(("Cameras", "default", "rotated", "<object>"))
+_CAMERA = "/Cameras/default/rotated/<object>"
 _BACKGROUND_TOP, _BACKGROUND_BOTTOM = (0.97, 0.98, 0.99), (0.84, 0.87, 0.90)
 _TUBE_SIDES, _BALL_SIDES, _CAPSULE_SIDES = 12, 12, 24
 """A page of many via-points is drawn by a processor alone, too: what is small has few sides."""
 _FRAMES_A_SECOND = 30.0
 _CIRCLE_SIDES = 48
 _Y_TO_Z = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-_LICENCES = ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
-_MESH_GEOMETRIES = {"stl": mg.StlMeshGeometry, "obj": mg.ObjMeshGeometry, "dae": mg.DaeMeshGeometry}
+_LICENCES = ("LICENSE", "main.min.js.LICENSE.txt", "main.min.js.THIRD_PARTY_LICENSES.json")
+_FOR_EVER = 1e9
 
 
 def render_page(scene: Scene) -> str:
@@ -56,7 +50,7 @@ def render_page(scene: Scene) -> str:
         "groups": list(dict.fromkeys(node.name.split("/")[0] for node in scene.nodes)),
         "posable": None if scene.posable is None else _posable(scene.posable),
         "carried": [
-            [_parts("Nodes", node.name), node.link, node.flexed, node.turns, pose.T.ravel().tolist()]
+            [_path("Nodes", node.name).split("/")[1:], node.link, node.flexed, node.turns, pose.T.ravel().tolist()]
             for node in scene.nodes
             if node.link and scene.posable
             for pose in (node.poses[min(scene.posable.frame, len(node.poses) - 1)],)
@@ -77,20 +71,18 @@ def render_page(scene: Scene) -> str:
         head, *rows = ("".join(f"<td>{html_text(cell)}</td>" for cell in row) for row in scene.table)
         body = "".join(f"<tr>{row}</tr>" for row in rows)
         legend += f'<h2>{html_text(scene.table_title)}</h2><table class="points"><tr>{head}</tr>{body}</table>'
-    viewer = resources.files("meshcat") / "viewer"
-    files = [viewer.joinpath(*name.split("/")) for name in _LICENCES]
-    licences = ["meshcat viewer", *(file.read_text("utf-8") for file in files if file.is_file())]
-    commands = [base64.b64encode(umsgpack.packb(command)).decode() for command in _commands(scene, camera)]
-    template = Template((resources.files("armflex.show.view") / "overlay.html").read_text(encoding="utf-8"))
+    here = resources.files("armflex.show.view")
+    licences = ["meshcat viewer", *((here / "meshcat" / name).read_text("utf-8") for name in _LICENCES)]
+    template = Template((here / "overlay.html").read_text(encoding="utf-8"))
     return template.substitute(
         title=html_text(scene.title),
         subtitle=html_text(scene.subtitle),
         legend=legend,
         notes="".join(f"<li>{html_text(note)}</li>" for note in scene.notes),
         licences=html_script("\n\n".join(licences)),
-        viewer=html_script((viewer / "dist" / "main.min.js").read_text(encoding="utf-8")),
+        viewer=html_script((here / "meshcat" / "main.min.js").read_text(encoding="utf-8")),
         facts=html_data(facts),
-        commands=html_data(commands),
+        commands=html_data(list(commands(scene, camera))),
     )
 
 
@@ -172,81 +164,88 @@ def _lathe_faces(rings: int, sides: int) -> np.ndarray:
     return np.concatenate(walls + caps)
 
 
-def _commands(scene: Scene, camera: Camera) -> Iterator[Command]:
-    background, grid = ScenePath(("Background",)), ScenePath(("Grid",))
-    yield SetProperty("top_color", list(_BACKGROUND_TOP), background).lower()
-    yield SetProperty("bottom_color", list(_BACKGROUND_BOTTOM), background).lower()
-    yield SetProperty("visible", False, ScenePath(("Axes",))).lower()
+def commands(scene: Scene, camera: Camera) -> Iterator[Json]:
+    """Yield the commands to the viewer, in order; arrays of numbers are `_packed`."""
+    yield _property("/Background", "top_color", _BACKGROUND_TOP)
+    yield _property("/Background", "bottom_color", _BACKGROUND_BOTTOM)
+    yield _property("/Axes", "visible", False)
     if scene.floor_z is None:
-        yield SetProperty("visible", False, grid).lower()
+        yield _property("/Grid", "visible", False)
     else:
         # Whole metres: the lines of the grid, half a metre apart, then lie on round coordinates.
         pose = np.eye(4)
         pose[:3, 3] = *np.round(camera.target[:2]), scene.floor_z
-        yield SetTransform(pose, grid).lower()
-        yield SetProperty("color", [1.0, 1.0, 1.0, 0.22], grid).lower()
+        yield _transform("/Grid", pose)
+        yield _property("/Grid", "color", (1.0, 1.0, 1.0, 0.22))
     # The viewer's cameras live in a frame with y up, the scene in one with z up.
     x, y, z = camera.position.tolist()
-    yield SetProperty("position", [x, z, -y], _CAMERA).lower()
-    yield SetProperty("far", 1000.0, _CAMERA).lower()
+    yield _property(_CAMERA, "position", (x, z, -y))
+    yield _property(_CAMERA, "far", 1000.0)
     for node in scene.nodes:
         path = _path("Nodes", node.name)
         for number, shape in enumerate(node.shapes):
-            place = path.append(f"shape {number}")
+            place = f"{path}/shape {number}"
             yield from _shape_commands(shape, place)
-            yield SetTransform(shape.place, place).lower()
-        yield SetTransform(node.poses[0], path).lower()
+            yield _transform(place, shape.place)
+        yield _transform(path, node.poses[0])
     for line in scene.polylines:
-        mesh = mg.TriangularMeshGeometry(*tube_mesh(line.points, line.radius))
-        yield _object_command(mg.Mesh, mesh, _paint(line.color, 1.0), _path("Paths", line.name))
+        yield _object(_path("Paths", line.name), _triangles(*tube_mesh(line.points, line.radius)), _paint(line.color))
     ball, sides = capsule_mesh(1.0, 0.0, _BALL_SIDES)
     for color in dict.fromkeys(one.color for one in scene.markers if one.radius):  # hundreds of balls are one mesh
         balls = [one.position + one.radius * ball for one in scene.markers if one.color == color and one.radius]
         faces = [i * len(ball) + sides for i in range(len(balls))]
-        mesh = mg.TriangularMeshGeometry(np.concatenate(balls), np.concatenate(faces))
-        yield _object_command(mg.Mesh, mesh, _paint(color, 1.0), _path("Markers", color))
-    if scene.times is None:
-        return
-    frames = ((scene.times - scene.times[0]) * _FRAMES_A_SECOND / scene.speed).tolist()
-    animation = Animation(default_framerate=_FRAMES_A_SECOND)
-    for node in scene.nodes:
-        if len(node.poses) > 1:
-            tracks = {
-                name: AnimationTrack(name, kind, frames, [[float(x) for x in of(pose)] for pose in node.poses])
-                for name, kind, of in (
-                    ("position", "vector3", js_position),
-                    ("quaternion", "quaternion", js_quaternion),
-                )
-            }
-            animation.clips[_path("Nodes", node.name)] = AnimationClip(tracks, fps=_FRAMES_A_SECOND)
-    yield SetAnimation(animation, play=True, repetitions=float("inf")).lower()
+        yield _object(_path("Markers", color), _triangles(np.concatenate(balls), np.concatenate(faces)), _paint(color))
+    if scene.times is not None:
+        frames = ((scene.times - scene.times[0]) * _FRAMES_A_SECOND / scene.speed).tolist()
+        moving = [node for node in scene.nodes if len(node.poses) > 1]
+        clips = [{"path": _path("Nodes", node.name), "clip": _clip(frames, node.poses)} for node in moving]
+        options = {"play": True, "repetitions": _FOR_EVER}
+        yield {"type": "set_animation", "animations": clips, "options": options, "path": ""}
 
 
-def _shape_commands(shape: Shape, place: ScenePath) -> Iterator[Command]:
-    size, kind, solid = [float(size) for size in shape.size], shape.kind, place.append("solid")
+def _clip(frames: list[float], poses: np.ndarray) -> Json:
+    """Return the motion through (T, 4, 4) poses as the viewer plays it."""
+    values = {
+        ("position", "vector3"): poses[:, :3, 3].tolist(),
+        ("quaternion", "quaternion"): Rotation.from_matrix(poses[:, :3, :3]).as_quat().tolist(),
+    }
+    tracks = [
+        {
+            "name": f".{name}",
+            "type": kind,
+            "keys": [{"time": time, "value": value} for time, value in zip(frames, found, strict=True)],
+        }
+        for (name, kind), found in values.items()
+    ]
+    return {"fps": _FRAMES_A_SECOND, "name": "default", "tracks": tracks}
+
+
+def _shape_commands(shape: Shape, place: str) -> Iterator[Json]:
+    size, kind, solid = [float(size) for size in shape.size], shape.kind, f"{place}/solid"
     if kind == "box":
-        geometry = mg.Box(size)
+        geometry = {"type": "BoxGeometry", **dict(zip(("width", "height", "depth"), size, strict=True))}
     elif kind == "sphere":
-        geometry = mg.Sphere(size[0])
-    elif kind == "cylinder":
-        geometry = mg.Cylinder(height=size[1], radius=size[0])
-    elif kind == "cone":
-        geometry = mg.Cylinder(height=size[1], radiusTop=0.0, radiusBottom=size[0])
+        geometry = {"type": "SphereGeometry", "radius": size[0], "widthSegments": 20, "heightSegments": 20}
+    elif kind in ("cylinder", "cone"):
+        radii = {"radiusTop": size[0] if kind == "cylinder" else 0.0, "radiusBottom": size[0]}
+        geometry = {"type": "CylinderGeometry", **radii, "height": size[1], "radialSegments": 50}
     elif kind == "capsule":
-        geometry = mg.TriangularMeshGeometry(*capsule_mesh(*size))
+        geometry = _triangles(*capsule_mesh(size[0], size[1]))
     else:
-        geometry = _MESH_GEOMETRIES[shape.data_format].from_stream(BytesIO(shape.data or b""))
-    yield _object_command(mg.Mesh, geometry, _paint(shape.color, shape.opacity, closed=kind != "mesh"), solid)
+        data = _packed(np.frombuffer(shape.data, np.uint8)) if shape.data_format == "stl" else shape.data.decode()
+        geometry = {"type": "_meshfile_geometry", "format": shape.data_format, "data": data}
+    yield _object(solid, geometry, _paint(shape.color, shape.opacity, closed=kind != "mesh"))
     if kind in ("cylinder", "cone"):
-        yield SetTransform(_Y_TO_Z, solid).lower()  # A cylinder of the viewer stands along y.
+        yield _transform(solid, _Y_TO_Z)  # A cylinder of the viewer stands along y.
     if kind == "mesh":
-        yield SetTransform(np.diag([*shape.size, 1.0]), solid).lower()
+        yield _transform(solid, np.diag([*shape.size, 1.0]))
     if kind in ("box", "cylinder"):
         red, green, blue = (int(int(shape.color[i : i + 2], 16) * 0.62) for i in (1, 3, 5))
-        shade = (red << 16) + (green << 8) + blue
-        ink = mg.LineBasicMaterial(color=shade, opacity=min(1.0, 0.25 + shape.opacity))
-        lines = mg.PointsGeometry(_edge_points(shape).T.astype(np.float32))
-        yield _object_command(mg.LineSegments, lines, ink, place.append("edges"))
+        opacity = min(1.0, 0.25 + shape.opacity)
+        ink = {"type": "LineBasicMaterial", "color": (red << 16) + (green << 8) + blue}
+        ink |= {"opacity": opacity, "transparent": opacity < 1.0}
+        lines = _buffer(position=_edge_points(shape))
+        yield _object(f"{place}/edges", lines, ink, kind="LineSegments")
 
 
 def _edge_points(shape: Shape) -> np.ndarray:
@@ -261,27 +260,61 @@ def _edge_points(shape: Shape) -> np.ndarray:
     return np.concatenate([rim - end, rim + end])
 
 
-def _object_command(kind: type[mg.Object], shape: mg.Geometry, material: mg.Material, path: ScenePath) -> Command:
-    thing = kind(shape, material)
-    # meshcat numbers its elements from the clock and the network card: name them after their place, so that
-    # a page depends on its scene alone.
-    for role, element in (("object", thing), ("geometry", shape), ("material", material)):
-        element.uuid = f"{path.lower()}:{role}"
-    return SetObject(thing, path=path).lower()
+def _object(path: str, geometry: Json, material: Json, kind: str = "Mesh") -> Json:
+    """Return what puts an object of three.js at a path; its parts are named after that, for the same page each time."""
+    parts = {"geometry": f"{path}:geometry", "material": f"{path}:material"}
+    thing = {
+        "metadata": {"version": 4.5, "type": "Object"},
+        "geometries": [{**geometry, "uuid": parts["geometry"]}],
+        "materials": [{**material, "uuid": parts["material"]}],
+        "object": {"uuid": f"{path}:object", "type": kind, **parts},
+    }
+    return {"type": "set_object", "object": thing, "path": path}
 
 
-def _paint(color: str, opacity: float, closed: bool = True) -> mg.Material:
+def _transform(path: str, pose: np.ndarray) -> Json:
+    return {"type": "set_transform", "path": path, "matrix": np.asarray(pose).T.ravel().tolist()}
+
+
+def _property(path: str, name: str, value: object) -> Json:
+    return {"type": "set_property", "path": path, "property": name, "value": value}
+
+
+def _triangles(vertices: np.ndarray, faces: np.ndarray) -> Json:
+    """Return the geometry of (V, 3) vertices and (F, 3) triangles."""
+    geometry = _buffer(position=vertices)
+    geometry["data"]["index"] = _attribute(np.asarray(faces, dtype=np.uint32))
+    return geometry
+
+
+def _buffer(position: np.ndarray) -> Json:
+    attributes = {"position": _attribute(np.asarray(position, dtype=np.float32))}
+    return {"type": "BufferGeometry", "data": {"attributes": attributes}}
+
+
+def _attribute(rows: np.ndarray) -> Json:
+    """Return (N, k) numbers, k of each vertex or triangle."""
+    kind = "Float32Array" if rows.dtype == np.float32 else "Uint32Array"
+    return {"itemSize": rows.shape[1], "type": kind, "array": _packed(rows), "normalized": False}
+
+
+def _packed(numbers: np.ndarray) -> Json:
+    """Return an array as the page makes a typed array of it."""
+    kinds = {"f": "Float32Array", "u": "Uint32Array" if numbers.itemsize == 4 else "Uint8Array"}
+    little = numbers.astype(numbers.dtype.newbyteorder("<"), copy=False)
+    return {"packed": kinds[numbers.dtype.kind], "base64": base64.b64encode(little.tobytes()).decode()}
+
+
+def _paint(color: str, opacity: float = 1.0, closed: bool = True) -> Json:
+    paint = {"type": "MeshPhongMaterial", "color": int(color[1:], 16), "opacity": opacity}
     if opacity == 1.0:
-        return mg.MeshPhongMaterial(color=int(color[1:], 16), shininess=18, side=0 if closed else 2)
+        return {**paint, "shininess": 18, "side": 0 if closed else 2, "transparent": False}
     # A ghost shows its front faces only, or its own back would muddy it; and it is drawn a hair further away
     # than it is, so that where it coincides with a solid the solid is seen.
     behind = {"polygonOffset": True, "polygonOffsetFactor": 2.0, "polygonOffsetUnits": 4.0}
-    return mg.MeshPhongMaterial(color=int(color[1:], 16), opacity=opacity, side=0, shininess=0, **behind)
+    return {**paint, "shininess": 0, "side": 0, "transparent": True, **behind}
 
 
-def _path(group: str, name: str) -> ScenePath:
-    return ScenePath(_parts(group, name))
-
-
-def _parts(group: str, name: str) -> tuple[str, ...]:
-    return (group, *(part for part in name.split("/") if part))
+def _path(group: str, name: str) -> str:
+    """Return where the viewer keeps what is named so; a '/' in the name groups."""
+    return "/".join(("", group, *(part for part in name.split("/") if part)))

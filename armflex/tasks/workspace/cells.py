@@ -21,7 +21,6 @@ from armflex.conventions import Array
 from armflex.errors import NO_ANSWER, ArmflexError, ClosureError, Flag, no_answer
 from armflex.estimate.tip_uncertainty import tip_covariance
 from armflex.mechanics.deflection import DeflectionBatch, length_sigma
-from armflex.mechanics.many_rows import kernel_pays
 from armflex.parallel import in_halves
 
 BITS = 21
@@ -138,8 +137,7 @@ class Answer:
 
 @lru_cache(maxsize=2)
 def _kept(question: Question) -> tuple[Arm, ...]:
-    """Return the arms as they first came here: their models are made already, and so is the engine if it pays."""
-    kernel_pays(question.rows)  # in every process alike: two engines agree to rounding, a map to the last bit
+    """Return the arms as they first came here: their models are made already."""
     return question.arms
 
 

@@ -24,7 +24,7 @@ from armflex.measured.table import write_table
 from armflex.mechanics.equilibrium import METHODS
 from armflex.parallel import in_order, in_pieces
 from armflex.progress import Progress
-from armflex.result import Result
+from armflex.result import Result, record
 from armflex.rows.rows import TIME
 from armflex.rows.wrench import Wrench
 from armflex.storage.array_file import Layout, read_arrays, write_arrays
@@ -112,8 +112,28 @@ class WorkspaceMap(Result):
     draws: int
     flags: tuple[Flag, ...]
 
-    FIELDS = ("voxel", "rows", "seed", "draws", "payloads", "reasons", "base", "tip", "table", "flags")
     ROWS = "table"
+
+    def content(self) -> dict[str, Any]:
+        """Return what was asked, and the largest displacement of all; `to_frame` has every voxel."""
+        said = record(self, "payloads rows seed draws base tip flags", joint_names="joints", voxel_m="voxel")
+        said |= {"voxels": len(self), "answered": self.answered.sum()}
+        said["refused"] = dict(zip(self.reasons, self.refused.sum(axis=0), strict=True))
+        said |= dict.fromkeys(("mean_m", "worst", "worst_of_draws_m"))
+        if self.answered.any():
+            here = self.worst_voxel
+            sizes = {"displacement_m": self.worst, "sigma_m": self.sigma, "worst_of_draws_m": self.worst_of_draws}
+            said["mean_m"] = np.nansum(self.mean * self.answered) / self.answered.sum()
+            said["worst"] = {name: None if values is None else values[here] for name, values in sizes.items()} | {
+                "centre": self.centres[here],
+                "q": self.worst_q[here],
+                "payload": self.payloads[self.worst_payload[here]],
+            }
+        if self.worst_of_draws is not None:
+            said["worst_of_draws_m"] = self.worst_of_draws.max()
+        if self.frequency is not None:
+            said["lowest_frequency_hz"] = np.nanmin(self.frequency, initial=np.inf)
+        return said
 
     @property
     def table(self) -> dict[str, Any]:

@@ -29,13 +29,11 @@ from armflex.errors import (
     UnknownNameError,
 )
 from armflex.laws.declared import read_assembly
-from armflex.result import plain
 
 TABLE = ROBOTS / "tarm_like" / "a4_table_1.csv"
 SMALL = {"neurons": 2, "starts": 1}
 MODELS = {
     "linear": ("linear", Options()),
-    "linear by chain": ("linear", Options(sampler="metropolis")),
     "polynomial": ("polynomial", Options(features=("radial",))),
     "terms found": ("polynomial", Options(features=("found",))),
     "neural": ("neural", Options(**SMALL)),
@@ -219,12 +217,11 @@ def test_a_chain_that_has_converged_on_all_rows_but_not_without_some(monkeypatch
 
 def test_a_stuck_chain_is_null_for_programs(armflex: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("arviz_stats")
-    from armflex.cli.train_command import as_json
 
     data, _ = bench(3, 24, 2, 0.01)
     result = train(data)
     stuck = replace(result, diagnostics=replace(result.diagnostics, rhat_max=np.inf, ess_min=0.0))
-    told = plain(as_json(stuck))["diagnostics"]
+    told = stuck.to_dict()["diagnostics"]
     assert told["rhat_max"] is None and told["ess_min"] == 0.0
 
 

@@ -15,8 +15,7 @@ from armflex import Arm
 from armflex.cli.export_command import FORMATS
 from armflex.readings import Touch
 from armflex.readings.instrument import Instrument
-from armflex.readings.sensor import Sensor
-from armflex.readings.touch import Sockets
+from armflex.readings.touch import Sockets, TouchingSensor
 from armflex.robot import load_robot
 
 TARGET, BALL, GIVEN = np.array([2e-3, -3e-3, 6e-3]), np.array([0.01, 0.0, 0.004]), {"yaml": "robot_calibration"}
@@ -29,7 +28,7 @@ def arm() -> Arm:
     """A calibrated arm, whose target is 7 mm from the tip, and a ball on another link."""
     arm = corrected(bundled("heavy_six"))
     link = arm.robot.chain[-3].child
-    touch = Sensor("probe", Touch, link, 1e-5, np.zeros(6), np.zeros(6), {"": np.append(np.zeros(3), BALL)})
+    touch = TouchingSensor("probe", Touch, link, 1e-5, np.zeros(6), np.zeros(6), {"": np.append(np.zeros(3), BALL)})
     touch = replace(touch, sockets=Sockets(own_point=True))
     return replace(arm, instrument=Instrument(target=TARGET), sensors={"probe": touch})
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from armflex.laws.effects.hysteresis import play
-from armflex.laws.effects.shapes import follow, play_in, stepper
+from armflex.laws.effects.shapes import follow
 
 LAG = 1800.0
 loads = arrays(float, st.integers(1, 40), elements=st.floats(-100.0, 100.0, width=32))
@@ -107,17 +107,6 @@ def test_lag_is_the_recursion_row_by_row(times, lag, seed):
     time = np.repeat(np.array(times, dtype=float), np.random.default_rng(seed).integers(1, 3, len(times)))
     values = np.random.default_rng(seed).normal(20.0, 4.0, len(time))
     np.testing.assert_array_equal(follow(time, values, lag), row_by_row(time, values, lag))
-
-
-@given(loads, radii)
-def test_compiled_play_is_what_is_written_down(load, radius):
-    np.testing.assert_array_equal(play(load, radius), play_in(np.asarray(load, dtype=float), radius))
-
-
-def test_states_are_had_without_a_place_to_keep_compiled_code(monkeypatch):
-    monkeypatch.setattr("numba.core.caching.CacheImpl._locator_classes", [])
-    load = np.array([0.0, 2.0, 1.0])
-    np.testing.assert_array_equal(stepper.__wrapped__(play_in)(load, 0.5), play_in(load, 0.5))
 
 
 def test_a_short_lag_is_no_lag_and_a_long_one_stays():

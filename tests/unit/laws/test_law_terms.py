@@ -1,5 +1,5 @@
 """Laws as terms: they are the law, their tangents are its derivatives, and a law that says nothing else is answered
-alike and at full speed by both engines and by exported C."""
+alike and at full speed by the engine, Pinocchio and exported C."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from armflex.laws.effects.in_arm import BoundTwist
 from armflex.laws.effects.location import resolve
 from armflex.laws.joint.carried import AtNode
 from armflex.laws.law import WithoutParameters, by_wrench
-from armflex.laws.terms import Factor, Kind, Of, Term, Terms, part, power, straight, tangent_of, twist_of
+from armflex.laws.terms import Factor, Kind, Of, Term, Terms, part, power, straight, table, tangent_of, twist_of
 
 SIZE = np.repeat([300.0, 500.0], 3)
 TWISTS = sorted(name for name, law in LAWS.items() if law.act is Act.TWIST)
@@ -91,7 +91,7 @@ class OneSided(WithoutParameters):
 def test_a_law_by_its_terms_alone_is_answered_by_both_engines(tmp_path: Path, column: str) -> None:
     one: Law = OneSided(random_compliance(1), column)
     arm = three_joints(tmp_path, [one, AtNode(one, np.array([0.1, 0.0, 0.2])), LinearLaw(random_compliance(3))])
-    assert not arm.stack.asked  # nothing is asked of Python in a row: the kernel has it in numbers
+    assert not arm.stack.asked  # nothing is asked of Python in a row: the engine has it in numbers
     rng = np.random.default_rng(2)
     q, heat = rng.uniform(-1.0, 1.0, (60, 3)), rng.uniform(15.0, 30.0, 60)
     known = {"temperature": heat} if column else {}
@@ -114,6 +114,31 @@ def test_a_law_by_its_terms_alone_is_exported(tmp_path: Path) -> None:
     assert not codes.any()
     wanted = [arm.deflection(row).pose.homogeneous[:3] for row in q]
     np.testing.assert_allclose(poses, wanted, rtol=0, atol=1e-12)
+
+
+@dataclass(frozen=True)
+class Curved(WithoutParameters):
+    """A joint that is as soft as a curve over its position says, and turns by another that closes."""
+
+    compliance: Array
+
+    def terms(self) -> Terms:
+        open_, closed = (
+            table("q_yaw", -0.6, 0.4, [0.5, 1.0, 0.7, 1.2]),
+            table("q_yaw", 0.0, 1.3, [1.0, -2.0, 0.5], True),
+        )
+        return [straight(self.compliance, open_), Term(1e-5 * np.eye(6)[5], factors=(closed,))]
+
+
+@pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
+def test_a_curve_over_a_position_is_exported(tmp_path: Path) -> None:
+    arm = three_joints(tmp_path, [Curved(random_compliance(i)) for i in range(3)])
+    code, q = compiled(arm, tmp_path), np.random.default_rng(4).uniform(-1.0, 1.0, (40, 3))
+    codes, poses = code.tips(q, np.zeros(40, dtype=int))
+    assert not codes.any()
+    wanted = [arm.deflection(row, method="newton").pose.homogeneous[:3] for row in q]
+    np.testing.assert_allclose(poses, wanted, rtol=0, atol=1e-12)
+    assert np.abs(arm.deflection(q).displacement - arm.deflection(np.zeros_like(q)).displacement).max() > 1e-5
 
 
 def test_a_missing_column_of_a_term_is_named_with_its_effect(tmp_path: Path) -> None:

@@ -251,7 +251,6 @@ def test_help_says_what_the_files_are_and_where_forces_go(armflex: Run, command:
         "intake",
         "train",
         "fem",
-        "compile",
         "demo",
         "prior",
         "history",

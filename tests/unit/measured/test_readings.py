@@ -45,12 +45,13 @@ from armflex.readings import (
 from armflex.readings.air import Air
 from armflex.readings.board import Board
 from armflex.readings.direction import PointDirection, Sight
+from armflex.readings.encoder import Shaft
 from armflex.readings.frequency import Swing
 from armflex.readings.instrument import Instrument
 from armflex.readings.kind import Ends
 from armflex.readings.load import Drive
 from armflex.readings.plane import Plane
-from armflex.readings.sensor import Nuisance, Sensor, Shaft
+from armflex.readings.sensor import Nuisance
 from armflex.readings.touch import SocketDistance
 from armflex.rows import Rows
 
@@ -99,7 +100,7 @@ SENSORS = {
     "camera": (RelativePosition, {"seen_from": "shoulder"}),
     "ruler": (Height, {"about": Plane(np.array([0.1, -0.2, 1.0]))}),
     "level": (Inclination, {"link": "forearm"}),
-    "acc": (Acceleration, {"sign": -1.0}),
+    "acc": (Acceleration, {"about": "specific_force"}),
     "encoder": (Encoder, {}),
     "block": (Touch, {"sockets": Sockets({"a": np.ones(3)}, 0.1, {"c": "plane", "d": "sphere"}, {"d": 0.1},
                                          own_point=True)}),
@@ -159,11 +160,11 @@ def at(heavy: Arm, rows: Rows, instrument: Instrument) -> Postures:
         if kind is Encoder:
             origin = np.eye(4)
             origin[:3, :3], origin[:3, 3] = joint.rotation, joint.origin
-            given = {"link": joint.child, "shaft": Shaft(joint.name, joint.parent, False, joint.axis, origin)}
+            given = {"link": joint.child, "about": Shaft(joint.name, joint.parent, False, joint.axis, origin)}
         declared = rng.normal(0.0, 0.05, size)
         if kind is Pixels:
             declared[:4] = 600.0, 620.0, 320.0, 240.0
-        sensors[name] = Sensor(**{"name": name, "kind": kind, "link": heavy.robot.tip, "sigma": 1e-4,
+        sensors[name] = kind.sensor(**{"name": name, "kind": kind, "link": heavy.robot.tip, "sigma": 1e-4,
                                "declared": declared, "std": np.full(size, 0.01), **given})  # fmt: skip
     view = look(Setup(replace(heavy, sensors=sensors), instrument), rows, np.arange(COUNT))
     return view.at

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import textwrap
 from dataclasses import replace
 
 import numpy as np
@@ -29,11 +26,9 @@ from armflex.estimate.draw import draw_arms
 from armflex.laws import LinearLaw
 from armflex.mechanics import deflection as batch_module
 from armflex.mechanics.deflection import DeflectionBatch
-from armflex.mechanics.many_rows import COMPILING
 
 NEAR = 1e-12
 """m and rad; of loads relative to the largest."""
-METHODS = ("exact", "first_order")
 
 
 def assert_rows(arm: Arm, q: np.ndarray, found: DeflectionBatch, payloads=None, known=None, **options: object) -> None:
@@ -61,38 +56,35 @@ def no_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_module, "deflect", refuse)
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize(("name", "payload"), [("tarm_like", "p600"), ("heavy_six", "p200"), ("heavy_six", None)])
-def test_the_bundled_arms(name, payload, method):
+def test_the_bundled_arms(name, payload):
     arm = bundled(name)
     q = positions(arm, 7)
-    assert_rows(arm, q, arm.deflection(q, payload, method=method), payload, method=method)
+    assert_rows(arm, q, arm.deflection(q, payload), payload)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_law_and_effects(tmp_path, no_reference, kind, method):
+def test_every_kind_of_law_and_effects(tmp_path, no_reference, kind):
     arm, known = three_joints(tmp_path, laws_of(kind)), {}
     if kind.startswith("effects"):
         arm, known = replace(arm, effects=effects()[:-1]), KNOWN
     q = positions(arm, 9)
-    found = arm.deflection(q, covariates=known, method=method)
-    assert_rows(arm, q, found, known=known, method=method)
+    found = arm.deflection(q, covariates=known)
+    assert_rows(arm, q, found, known=known)
     if known:
         pulled = replace(arm, effects=effects())
-        assert_rows(pulled, q, pulled.deflection(q, covariates=known, method=method), known=known, method=method)
+        assert_rows(pulled, q, pulled.deflection(q, covariates=known), known=known)
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, -9.81), (3.0, -2.0, 8.5)])
-def test_bases_branches_slides_and_seams(tmp_path, gravity, method):
+def test_bases_branches_slides_and_seams(tmp_path, gravity):
     law = [LinearLaw(random_compliance(i, 2.0)) for i in range(6)]
     where = {"tip": ("flange", law[0]), "foot": (None, law[1]), "roll": ("roll", law[2])}
     where |= {"end": ("slide", law[3], True), "seam": ("seam", law[4]), "again": ("roll", law[5])}
     arm, body = crooked(tmp_path, where, gravity=np.array(gravity)), Payload(15.0, [0.2, 0.1, 0.0])
     q = positions(arm, 8)
-    assert_rows(arm, q, arm.deflection(q, body, method=method), [body] * 8, method=method)
+    assert_rows(arm, q, arm.deflection(q, body), [body] * 8)
 
 
 def test_payloads_by_row_come_back_in_their_rows():
@@ -112,9 +104,8 @@ def test_motion_and_loads_from_outside(options):
         np.testing.assert_allclose(found.row(i).joint_loads, one.joint_loads, rtol=1e-9, atol=1e-6)
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("axes", ["base", "frame"])
-def test_loads_from_outside_on_any_link(tmp_path, no_reference, axes, method):
+def test_loads_from_outside_on_any_link(tmp_path, no_reference, axes):
     """On the base, on a side branch, between two flexures of one joint's link, at the tip, and two at once."""
     law = [LinearLaw(random_compliance(i), relative_std=0.1) for i in range(4)]
     where = {
@@ -127,19 +118,18 @@ def test_loads_from_outside_on_any_link(tmp_path, no_reference, axes, method):
     q = positions(arm, 5)
     for links in (["base"], ["counterweight"], ["mast"], ["boom"], ["fore", "tool"]):
         wrenches = [Wrench(name, *rng.normal(0.0, 300.0, (2, 3)), axes) for name in links]
-        found = arm.deflection(q, wrenches=wrenches, method=method)
-        assert_rows(arm, q, found, wrenches=wrenches, method=method)
+        found = arm.deflection(q, wrenches=wrenches)
+        assert_rows(arm, q, found, wrenches=wrenches)
         assert_consequences(arm, q, found)
-        loop = arm.prepared(method=method, wrenches=wrenches)
+        loop = arm.prepared(wrenches=wrenches)
         for row, expected in zip(q, found.displacement, strict=True):
             np.testing.assert_allclose(loop(row), expected, rtol=0, atol=1e-13)
-            np.testing.assert_allclose(loop.wrenches, arm.deflection(row, wrenches=wrenches, method=method).wrenches)
+            np.testing.assert_allclose(loop.wrenches, arm.deflection(row, wrenches=wrenches).wrenches)
 
 
-@pytest.mark.parametrize("method", ["newton", "fixed_point"])
-def test_methods_that_arrays_do_not_have(method):
+def test_the_reference_is_asked_row_by_row():
     arm, q = bundled("heavy_six"), positions(bundled("heavy_six"), 3)
-    assert_rows(arm, q, arm.deflection(q, "p100", method=method), "p100", method=method)
+    assert_rows(arm, q, arm.deflection(q, "p100", method="newton"), "p100", method="newton")
 
 
 def test_what_follows_from_an_equilibrium_is_that_of_the_row():
@@ -165,14 +155,13 @@ def assert_consequences(arm: Arm, q: np.ndarray, found: DeflectionBatch, near: f
         np.testing.assert_allclose(found.covariance[i], one.covariance, rtol=0, atol=near * scale.max())
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_shares_and_covariances_of_a_crooked_arm(tmp_path, method):
+def test_shares_and_covariances_of_a_crooked_arm(tmp_path):
     law = [LinearLaw(random_compliance(i, 2.0), relative_std=0.1) for i in range(6)]
     where = {"tip": ("flange", law[0]), "foot": (None, law[1]), "roll": ("roll", law[2])}
     where |= {"end": ("slide", law[3], True), "seam": ("seam", law[4]), "again": ("roll", law[5])}
     arm, bodies = crooked(tmp_path, where), [Payload(15.0, [0.2, 0.1, 0.0]), None]
     q = positions(arm, 8)
-    assert_consequences(arm, q, arm.deflection(q, bodies * 4, method=method))
+    assert_consequences(arm, q, arm.deflection(q, bodies * 4))
 
 
 @pytest.mark.slow
@@ -251,7 +240,7 @@ def test_bad_rows_are_named():
 def test_a_row_that_turns_too_far_is_named(tmp_path):
     arm = three_joints(tmp_path, [random_compliance(i, 300.0) for i in range(3)])
     with pytest.raises(SmallDisplacementError, match=r"row \d+: flexure"):
-        arm.deflection(positions(arm, 5), method="first_order")
+        arm.deflection(positions(arm, 5))
 
 
 def test_covariates_that_are_missing(tmp_path):
@@ -288,9 +277,8 @@ def test_strict_names_a_row_beyond_training(tmp_path):
     softness=st.floats(0.1, 20.0),
     kind=st.sampled_from(["linear", "networks", "position dependent"]),
     count=st.integers(1, 70),
-    method=st.sampled_from(METHODS),
 )
-def test_rows_that_fill_the_lanes_and_rows_that_do_not(tmp_path_factory, seed, softness, kind, count, method):
+def test_rows_that_fill_the_lanes_and_rows_that_do_not(tmp_path_factory, seed, softness, kind, count):
     """Laws that are the same in all rows and laws that are not."""
     laws = [LinearLaw(random_compliance(seed + i, softness)) for i in range(3)]
     if kind == "position dependent":
@@ -298,28 +286,26 @@ def test_rows_that_fill_the_lanes_and_rows_that_do_not(tmp_path_factory, seed, s
     folder = tmp_path_factory.mktemp("arm")
     arm = networks(folder, (3, 6)[seed % 2]) if kind == "networks" else three_joints(folder, laws)
     q = positions(arm, count, seed)
-    found = arm.deflection(q, method=method, allow_large=True)
+    found = arm.deflection(q, allow_large=True)
     some = np.unique([0, count // 2, count - 1])
     for i in some:
-        one = arm.deflection(q[i], method=method, allow_large=True)
+        one = arm.deflection(q[i], allow_large=True)
         np.testing.assert_allclose(found.displacement[i], one.displacement, rtol=0, atol=NEAR)
         np.testing.assert_allclose(found.twists[i], one.twists, rtol=0, atol=NEAR)
         most = np.abs(one.wrenches).max()
         np.testing.assert_allclose(found.wrenches[i], one.wrenches, rtol=0, atol=NEAR * most)
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("size", [3, 6])
-def test_networks_at_every_joint(tmp_path, size, method):
+def test_networks_at_every_joint(tmp_path, size):
     arm = networks(tmp_path, size)
     q = positions(arm, 6)
-    assert_rows(arm, q, arm.deflection(q, method=method), method=method)
+    assert_rows(arm, q, arm.deflection(q))
 
 
 def test_an_arm_that_stands_elsewhere_than_its_controller_says():
     arm, q = corrected(bundled("tarm_like")), positions(bundled("tarm_like"), 5)
-    for method in METHODS:
-        assert_rows(arm, q, arm.deflection(q, "p600", method=method), "p600", method=method)
+    assert_rows(arm, q, arm.deflection(q, "p600"), "p600")
     drawn = replace(arm, flexures=tuple(replace(one, law=replace(one.law, relative_std=0.0)) for one in arm.flexures))
     one = drawn.deflection(q, "p600").displacement
     np.testing.assert_allclose(ensemble(drawn, q, "p600", draws=2), [one, one], rtol=0, atol=NEAR)
@@ -328,14 +314,13 @@ def test_an_arm_that_stands_elsewhere_than_its_controller_says():
 # Draws.
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_each_draw_is_the_arm_with_those_laws(method):
+def test_each_draw_is_the_arm_with_those_laws():
     arm, q = bundled("tarm_like"), positions(bundled("tarm_like"), 3)
-    found, rng = ensemble(arm, q, "p300", draws=4, seed=5, method=method), np.random.default_rng(5)
+    found, rng = ensemble(arm, q, "p300", draws=4, seed=5), np.random.default_rng(5)
     assert found.shape == (4, 3, 6)
     for displacements in found:
         flexures = [replace(flexure, law=flexure.law.draw(rng)) for flexure in arm.flexures]
-        one = replace(arm, flexures=tuple(flexures)).deflection(q, "p300", method=method)
+        one = replace(arm, flexures=tuple(flexures)).deflection(q, "p300")
         np.testing.assert_allclose(displacements, one.displacement, rtol=0, atol=NEAR)
 
 
@@ -363,22 +348,3 @@ def test_an_arm_that_is_pulled_at_is_drawn_whole(tmp_path):
     expected = [one.deflection(q).displacement for one in draw_arms(arm, 3, seed=1)]
     np.testing.assert_array_equal(ensemble(arm, q, draws=3, seed=1), expected)
     assert np.ptp(expected, axis=0).max() > 1e-9
-
-
-@pytest.mark.slow
-def test_compiling_is_announced_once() -> None:
-    """A minute without a word looks like a program that hangs; the line is there in a process that has no log."""
-    code = """
-    import numba
-    from numba.core.event import trigger_event
-    from armflex.mechanics.many_rows import kernel
-    compiled = kernel()
-    for compiling in (numba.njit(lambda x: x), compiled.rigid_tips, compiled.rigid_tips):
-        with trigger_event("numba:compile", data={"dispatcher": compiling}):
-            print(compiling.__name__)
-    """
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(code)], capture_output=True, text=True, check=True, timeout=600
-    )
-    assert done.stdout.split() == ["<lambda>", "rigid_tips", "rigid_tips"]
-    assert done.stderr.splitlines() == [COMPILING]

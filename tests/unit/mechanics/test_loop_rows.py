@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.linearised import linearised_rows
 from support.machines import CRANE, MACHINES, PARALLELOGRAM, UNEVEN, Hinge, Machine, poses
 from support.sprung_arm import BALANCER, STRUT, TIE, sprung
 
 import armflex
 from armflex import Arm, Wrench
 from armflex.errors import ClosureError
-from armflex.mechanics import many_rows
+from armflex.laws.law import WithoutParameters
+from armflex.laws.terms import Term, straight
 from armflex.mechanics.mechanism import Mechanism
 from armflex.mechanics.response import respond
 from armflex.robot import Corrections
@@ -80,36 +82,23 @@ CASES: dict[str, tuple[Callable[[Path], Arm], str | None]] = {
 }  # fmt: skip
 
 
-@pytest.fixture
-def cold(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many_rows, "LOADED_AFTER", 10**9)
-    monkeypatch.setattr(many_rows, "_tree", [])
-
-
-def compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many_rows, "LOADED_AFTER", 0)
-    monkeypatch.setattr(many_rows, "COMPILED_AFTER", 0)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold: None, monkeypatch) -> None:
+def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, monkeypatch) -> None:
     make, machine = CASES[name]
     arm = make(tmp_path)
     q = poses(machine, 6) if machine else np.random.default_rng(1).uniform(-0.2, 0.2, (6, len(arm.joint_names)))
     loads = tuple(one for one in LOADS if one.frame in arm.link_names)
-    few, alone = arm.deflection(q, wrenches=loads), [arm.deflection(row, wrenches=loads) for row in q]
-    assert not many_rows._tree
-    compiled(monkeypatch)
+    alone = [arm.deflection(row, wrenches=loads, method="newton") for row in q]
     fresh = replace(arm)  # nothing of what was asked before
     asked, rest = [], Mechanism.rest
     monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
     many, prepared = fresh.deflection(q, wrenches=loads), fresh.prepared(wrenches=loads)
-    assert many_rows._tree and not asked
-    np.testing.assert_allclose(many.displacement, few.displacement, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(many.twists, few.twists, rtol=0, atol=1e-12)
-    size = np.abs(few.wrenches).max()
-    np.testing.assert_allclose(many.wrenches, few.wrenches, rtol=0, atol=1e-9 * size)
+    assert not asked
+    size = max(np.abs(one.wrenches).max() for one in alone)
+    np.testing.assert_allclose(many.displacement, [one.displacement for one in alone], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(many.twists, [one.twists for one in alone], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(many.wrenches, [one.wrenches for one in alone], rtol=0, atol=1e-9 * size)
     for row, expected in zip(q, alone, strict=True):
         found = fresh.deflection(row, wrenches=loads)
         np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
@@ -126,10 +115,9 @@ def test_compiled_answers_are_those_of_pinocchio(name: str, tmp_path: Path, cold
 
 
 @pytest.mark.slow
-def test_cold_rows_of_an_exact_parallelogram_settle(tmp_path: Path, cold: None, monkeypatch) -> None:
+def test_cold_rows_of_an_exact_parallelogram_settle(tmp_path: Path, monkeypatch) -> None:
     """Nothing answers to three of its pin's five gaps: what rounding makes of these decides nothing."""
     arm = PARALLELOGRAM.load(tmp_path)
-    compiled(monkeypatch)
     asked, rest = [], Mechanism.rest
     monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given[1].q) or rest(*given))
     for q in poses("parallelogram", 40):
@@ -137,11 +125,10 @@ def test_cold_rows_of_an_exact_parallelogram_settle(tmp_path: Path, cold: None, 
     assert not asked
 
 
-def test_a_mechanism_that_its_loads_stiffen_is_proven_in_compiled_code(tmp_path: Path, cold: None, monkeypatch) -> None:
+def test_a_mechanism_that_its_loads_stiffen_is_proven_in_compiled_code(tmp_path: Path, monkeypatch) -> None:
     """What they change is too much for its norm to be a proof, and stiffens it."""
     arm, pull = CRANE.load(tmp_path), Wrench("jib", np.array([1e5, 0.0, 0.0]), np.zeros(3))
-    few = arm.deflection(poses("crane", 8), wrenches=(pull,), allow_large=True)
-    compiled(monkeypatch)
+    few = arm.deflection(poses("crane", 8), wrenches=(pull,), allow_large=True, method="newton")
     asked, rest = [], Mechanism.rest
     monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
     found = replace(arm).deflection(few.q, wrenches=(pull,), allow_large=True)
@@ -149,13 +136,13 @@ def test_a_mechanism_that_its_loads_stiffen_is_proven_in_compiled_code(tmp_path:
     np.testing.assert_allclose(found.displacement, few.displacement, rtol=0, atol=1e-12)
 
 
-def test_pinocchio_solves_every_row_once(tmp_path: Path, cold: None, monkeypatch) -> None:
+def test_pinocchio_solves_every_row_once(tmp_path: Path, monkeypatch) -> None:
     arm = declared(PARALLELOGRAM, tmp_path, kind=SPHERICAL)
     q = poses("parallelogram", 4)
-    alone = [arm.deflection(row, wrenches=LOADS[:1]) for row in q]
+    alone = [arm.deflection(row, wrenches=LOADS[:1], method="newton") for row in q]
     asked, rest = [], Mechanism.rest
     monkeypatch.setattr(Mechanism, "rest", lambda *given: asked.append(given) or rest(*given))
-    found = replace(arm).deflection(q, wrenches=LOADS[:1])
+    found = replace(arm).deflection(q, wrenches=LOADS[:1], method="newton")
     for i, one in enumerate(alone):
         row = found.row(i)
         np.testing.assert_allclose(found.contributions[i], one.contributions, rtol=0, atol=1e-12)
@@ -166,35 +153,26 @@ def test_pinocchio_solves_every_row_once(tmp_path: Path, cold: None, monkeypatch
     assert len(asked) == len(q)
 
 
-RESPONSE = ("flexure_wrenches", "flexure_twists", "laws", "per_load", "tip", "links", "joints", "twists", "wrenches")
-RESPONSE = (*RESPONSE, "link_loads", "gravity")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
-def test_compiled_responses_are_those_of_pinocchio(name: str, tmp_path: Path, cold: None, monkeypatch) -> None:
+def test_compiled_responses_are_those_of_pinocchio(name: str, tmp_path: Path, monkeypatch) -> None:
     make, machine = CASES[name]
     arm = make(tmp_path)
     q = poses(machine, 3) if machine else np.random.default_rng(1).uniform(-0.2, 0.2, (3, len(arm.joint_names)))
     loads, end = tuple(one for one in LOADS if one.frame in arm.link_names), arm.link_names[len(arm.link_names) // 2]
-    few = respond(arm, q, ["none"], wrenches=loads)
-    asked = [{one: getattr(line, one) for one in RESPONSE} for line in (few, few.some(np.array([2, 0])), few.of(end))]
-    assert not many_rows._tree
-    compiled(monkeypatch)
-    many = respond(replace(arm), q, ["none"], wrenches=loads)
-    for found, line in zip(asked, (many, many.some(np.array([2, 0])), many.of(end)), strict=True):
-        for one in RESPONSE:
-            expected = found[one]
-            far = 1e-9 * np.abs(expected).max()
-            np.testing.assert_allclose(getattr(line, one), expected, rtol=0, atol=far, err_msg=one)
-    assert many.equilibrium(1).motion == pytest.approx(few.equilibrium(1).motion, abs=1e-12)
+    few, many = linearised_rows(arm, q, "none", loads), respond(replace(arm), q, ["none"], wrenches=loads)
+    for link in (None, end):
+        for one, expected in few.response(link).items():
+            for line, some in ((many, np.arange(3)), (many.some(np.array([2, 0])), np.array([2, 0]))):
+                far = 1e-9 * np.abs(expected).max()
+                np.testing.assert_allclose(getattr(line.of(link), one), expected[some], rtol=0, atol=far, err_msg=one)
+    assert many.equilibrium(1).motion == pytest.approx(few.founds[1].motion, abs=1e-12)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["uneven", "moved", "chain"])
 def test_every_row_has_its_own_load(name: str, tmp_path: Path, monkeypatch) -> None:
     arm = CASES[name][0](tmp_path)
-    compiled(monkeypatch)
     rng = np.random.default_rng(2)
     q, pushes = rng.uniform(-0.2, 0.2, (5, len(arm.joint_names))), rng.normal(0.0, 300.0, (5, 3))
     load = Wrench("tool", pushes, np.zeros((5, 3)))
@@ -207,7 +185,6 @@ def test_every_row_has_its_own_load(name: str, tmp_path: Path, monkeypatch) -> N
 
 def test_rows_that_compiled_code_does_not_answer_are_asked_in_their_turn(tmp_path: Path, monkeypatch) -> None:
     arm = CRANE.load(tmp_path)
-    compiled(monkeypatch)
     q = np.tile(poses("crane")[0], (3, 1))
     q[1, 1:] = (1.55, 1.9)  # longer than boom and jib are ever apart
     with pytest.raises(ClosureError, match=r"row 1: loop 'fold' cannot close here"):
@@ -216,7 +193,7 @@ def test_rows_that_compiled_code_does_not_answer_are_asked_in_their_turn(tmp_pat
         arm.prepared()(q[1])
 
 
-def test_the_branch_is_that_of_the_row_before(tmp_path: Path, cold: None, monkeypatch) -> None:
+def test_the_branch_is_that_of_the_row_before(tmp_path: Path, monkeypatch) -> None:
     """A four-bar whose rod is on its other side: every row goes on from there, far ones by smaller steps."""
     machine = replace(PARALLELOGRAM, loops={"tail": ("rod", (0.0, 0.0, 0.9), "fore", (-0.5, 0.0, 0.0), (0, 1, 0))})
     machine.load(tmp_path)
@@ -227,9 +204,8 @@ def test_the_branch_is_that_of_the_row_before(tmp_path: Path, cold: None, monkey
     file.write_text("[joint.foot]\npassive = true\nq0 = 1.0\n\n" + text)
     q = np.array([[0.0, 0.0, 0.0], [0.0, 0.3, -0.2], [0.0, -0.2, 0.3], [0.0, 0.1, 0.1]])
     arm = armflex.load_arm(file)
-    expected = arm.deflection(q)
+    expected = arm.deflection(q, method="newton")
     assert arm.deflection(q[0]).passive["elbow"] > 1.5
-    compiled(monkeypatch)
     found = armflex.load_arm(file).deflection(q)
     np.testing.assert_allclose(found.displacement, expected.displacement, rtol=0, atol=1e-12)
 
@@ -249,13 +225,33 @@ def rounded(arm: Arm, q: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("off", [0.0, 5e-6, 5e-5])
-def test_a_parallelogram_that_is_not_quite_one_near_its_singular_pose(off: float, tmp_path, cold, monkeypatch) -> None:
+def test_a_parallelogram_that_is_not_quite_one_near_its_singular_pose(off: float, tmp_path) -> None:
     pin = ("rod", (off, 0.5 * off, 1.1), "fore", (-0.4, 0.0, off), (0.0, 1.0, 0.0))
     machine = replace(PARALLELOGRAM, loops={"tail": pin}, springs=UNEVEN.springs)
     arm = machine.load(tmp_path)
     q = np.array([[0.0, 0.0, 0.5 * np.pi - angle] for angle in (1.2, 0.6, 0.3, 0.1, 0.03, 0.003)])
-    expected = arm.deflection(q)
-    compiled(monkeypatch)
+    expected = arm.deflection(q, method="newton")
     found, bound = replace(arm).deflection(q), rounded(arm, q)
     assert bound[0] < 1e-12 and bound[-1] > 100.0 * bound[0]
     assert (np.abs(found.displacement - expected.displacement) <= bound).all()
+
+
+@dataclass(frozen=True)
+class Skewed(WithoutParameters):
+    """An axis that turns under a force across it as well, which does not shift under a moment."""
+
+    def terms(self) -> list[Term]:
+        compliance = np.zeros((6, 6))
+        compliance[4, 4], compliance[4, 2] = 1e-6, 4e-7
+        return [straight(compliance)]
+
+
+@pytest.mark.parametrize("name", ["uneven", "chain"])
+def test_a_law_that_is_not_symmetric_is_solved_as_it_is(name: str, tmp_path: Path) -> None:
+    arm = CASES[name][0](tmp_path)
+    arm = replace(arm, flexures=tuple(replace(one, law=Skewed()) for one in arm.flexures))
+    q = np.full(len(arm.joint_names), 0.1)
+    exact, newton = (arm.deflection(q, wrenches=LOADS[1:], method=method) for method in ("exact", "newton"))
+    assert np.abs(newton.twists).max() > 1e-5
+    np.testing.assert_allclose(exact.twists, newton.twists, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(arm.deflection(q[None], wrenches=LOADS[1:]).twists[0], newton.twists, rtol=0, atol=1e-12)

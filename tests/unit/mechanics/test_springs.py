@@ -8,27 +8,16 @@ import pytest
 from support.small_arms import ROBOTS
 from support.sprung_arm import BALANCER, JOINTS, STRUT, TIE, sprung
 
-import armflex.mechanics.many_rows as many_rows
 from armflex import Wrench, load_arm
 from armflex.errors import ArmFileError, ConvergenceError, InputError, UnknownNameError, UnsupportedError
 from armflex.export.c_code import export
+from armflex.mechanics.many_rows import RowSolver
 from armflex.mechanics.response import respond
 from armflex.mechanics.spring import CoilSpring, GasSpring
 from armflex.robot import Corrections
 
 SPRINGS = (BALANCER, TIE, STRUT)
 Q = np.array([0.3, 0.5, 0.4])
-
-
-@pytest.fixture(autouse=True)
-def no_kernel(monkeypatch):
-    """Compiled code knows no springs: nothing here may ask it, however many rows there are."""
-
-    def refuse():
-        raise AssertionError("the compiled engine was asked")
-
-    monkeypatch.setattr(many_rows, "_loaded", [None])
-    monkeypatch.setattr(many_rows, "kernel", refuse)
 
 
 @pytest.fixture
@@ -79,12 +68,11 @@ def test_stiffness_is_the_change_of_the_torque(arm, pushes, moves):
 def test_every_method_batch_and_prepared_agree(arm):
     rows = Q + np.linspace(0.0, 0.4, 5)[:, None]
     single = [arm.deflection(q, method="newton") for q in rows]
-    for method in ("exact", "fixed_point"):
-        batch = arm.deflection(rows, method=method)
-        for i, one in enumerate(single):
-            np.testing.assert_allclose(batch.displacement[i], one.displacement, rtol=0.0, atol=1e-12)
-            np.testing.assert_allclose(batch.wrenches[i], one.wrenches, rtol=0.0, atol=1e-6)
-            np.testing.assert_allclose(batch.drive_loads[i], one.drive_loads, rtol=0.0, atol=1e-6)
+    batch = arm.deflection(rows)
+    for i, one in enumerate(single):
+        np.testing.assert_allclose(batch.displacement[i], one.displacement, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(batch.wrenches[i], one.wrenches, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(batch.drive_loads[i], one.drive_loads, rtol=0.0, atol=1e-6)
     prepared = arm.prepared()
     np.testing.assert_allclose(prepared(Q), single[0].displacement, rtol=0.0, atol=1e-12)
     np.testing.assert_allclose(prepared.wrenches, single[0].wrenches, rtol=0.0, atol=1e-6)
@@ -146,7 +134,7 @@ def test_what_cannot_do_springs_names_them(arm):
     with pytest.raises(UnsupportedError, match="spring 'balancer' has no form in C"):
         export(arm)
     with pytest.raises(UnsupportedError, match="springs"):
-        many_rows.RowSolver(arm.loaded(None), exact=True)
+        RowSolver(arm.loaded(None))
 
 
 def test_links_that_an_arm_has_not(arm):

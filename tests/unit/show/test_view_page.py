@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import re
 import socket
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from support.pages import BROWSER, hue_share, picture
 
-from armflex.show.view.meshcat_page import capsule_mesh, render_page, tube_mesh
+from armflex.show.view.meshcat_page import capsule_mesh, commands, render_page, tube_mesh
 from armflex.show.view.scene_3d import (
     LegendRow,
     Marker,
@@ -98,6 +99,21 @@ def test_page_is_made_without_process_or_socket(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(socket.socket, "connect", refuse)
     monkeypatch.setattr(socket.socket, "bind", refuse)
     assert len(render_page(small_scene())) > 500_000
+
+
+def test_numbers_are_packed_as_the_page_unpacks_them() -> None:
+    scene = small_scene()
+    camera = frame_camera(scene_points(scene))
+    told = {one["path"]: one for one in commands(scene, camera) if one["type"] == "set_object"}
+    (geometry,) = told["/Paths/tip path"]["object"]["geometries"]
+    vertices, faces = tube_mesh(scene.polylines[0].points, scene.polylines[0].radius)
+    for found, kind, expected in (
+        (geometry["data"]["attributes"]["position"], np.dtype("<f4"), vertices),
+        (geometry["data"]["index"], np.dtype("<u4"), faces),
+    ):
+        numbers = np.frombuffer(base64.b64decode(found["array"]["base64"]), kind).reshape(-1, found["itemSize"])
+        np.testing.assert_allclose(numbers, expected, rtol=1e-6, atol=1e-6)
+        assert found["type"] == found["array"]["packed"]
 
 
 def test_same_scene_gives_same_page() -> None:

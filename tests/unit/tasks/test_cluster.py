@@ -15,7 +15,6 @@ from support.campaigns import draw
 
 from armflex import Arm, load_arm, map_workspace, read_measurements
 from armflex.bench.fit_bayesian import evident_prior, sample
-from armflex.bench.fit_linear_chain import sample_compliance
 from armflex.bench.network_problem import scaled_problem
 from armflex.estimate import bootstrap
 from armflex.parallel import in_order
@@ -99,12 +98,6 @@ def test_a_cluster_gives_the_same_chains(cluster):
     with joblib.parallel_config(backend="dask"):
         assert np.array_equal(chains_of_a_network(), here)
     assert here.shape[0] == 2 and not np.array_equal(here[0], here[1])
-
-
-def test_a_cluster_gives_the_same_compliances(cluster):
-    here = sample_compliance(*bench(), chains=2, draws=200).compliances
-    with joblib.parallel_config(backend="dask"):
-        assert np.array_equal(sample_compliance(*bench(), chains=2, draws=200).compliances, here)
 
 
 def test_a_cluster_gives_the_same_fits(cluster, tmp_path):

@@ -26,7 +26,7 @@ def remaining(arm: Arm, commanded: Trajectory, moved: Trajectory) -> np.ndarray:
     """Return (N, 2) distance [m] and angle [rad] from the rigid arm's tip, by fixed point instead of Newton."""
     out = []
     for q, start, payload in zip(moved.q, commanded.q, moved.payload, strict=True):
-        pose, target = arm.deflection(q, payload, method="fixed_point").pose, arm.rigid_pose(start)
+        pose, target = arm.deflection(q, payload, method="newton").pose, arm.rigid_pose(start)
         turn = np.linalg.norm(pin.log3(pose.rotation @ target.rotation.T))
         out.append((np.linalg.norm(pose.translation - target.translation), turn))
     return np.array(out)
@@ -487,7 +487,7 @@ def test_targets_in_every_form(heavy: Arm, heavy_path: Trajectory, form: str) ->
     result = compensate(heavy, path, "pose", targets=given[form])
     assert result.ok and result.between_m is None
     for q, payload, pose in zip(result.trajectory.q, path.payload, poses, strict=True):
-        reached = heavy.deflection(q, payload, method="fixed_point").pose
+        reached = heavy.deflection(q, payload, method="newton").pose
         assert np.abs(pin.log6(pose.actInv(reached)).vector).max() < 1e-9
 
 
@@ -589,6 +589,6 @@ def test_inertial_loads_count(heavy: Arm, heavy_path: Trajectory) -> None:
     still = some_rows(heavy_path, 40)
     pushed = replace(still, v=np.zeros((1, 6)), a=np.array([[3.0, 2.0, -2.0, 0.0, 0.0, 0.0]]))
     result = compensate(heavy, pushed)
-    pose = heavy.deflection(result.trajectory.q[0], "p200", v=pushed.v[0], a=pushed.a[0], method="fixed_point").pose
+    pose = heavy.deflection(result.trajectory.q[0], "p200", v=pushed.v[0], a=pushed.a[0], method="newton").pose
     assert np.linalg.norm(pose.translation - heavy.rigid_pose(still.q[0]).translation) < 1e-9
     assert np.abs(result.rows[0].change - compensate(heavy, still).rows[0].change).max() > 1e-4

@@ -150,7 +150,7 @@ def test_a_cycle_without_an_approach_is_excluded_counted_and_named(
         table.writerows(rows)
     found = armflex.iso9283(arm, armflex.read_measurements(tmp_path / "m.csv", arm))
     assert [(one.cycles, one.excluded) for one in found.poses] == [(11, 1)] + [(12, 0)] * 4
-    assert found.excluded == (0,) and found.to_dict()["excluded"] == [0] and found.table[0]["excluded"] == 1
+    assert found.excluded == (0,) and found.to_dict()["excluded_rows"] == [0] and found.table[0]["excluded"] == 1
     (said,) = (text for text in found.remarks if "are excluded" in text)
     assert said.startswith("1 of 60 cycles") and said.endswith("m.csv:2.")
     given = armflex.iso9283(arm, armflex.read_measurements(path, arm))

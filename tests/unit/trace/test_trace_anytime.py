@@ -16,7 +16,6 @@ from support.command_line import strict_json
 from support.scoring import Score, judge
 
 from armflex import calibrate, load_arm, predict, read_measurements, trace
-from armflex.cli.calibrate_command import as_json as calibrated_json
 from armflex.cli.trace_command import Outputs, as_json
 from armflex.errors import FileError
 from armflex.estimate.held_out import held_out, pose_folds
@@ -203,5 +202,5 @@ def test_calibrating_with_too_few_poses_is_said_to_make_it_worse(tmp_path: Path)
     well = calibrate(arm, rows)
     assert well.held_out is not None and well.held_out[1] < well.held_out[0] and not well.flags
     assert calibrate(arm, read, few[:4], anyway=True).held_out is None  # fewer poses than folds
-    told = calibrated_json(found)["held_out_rms_mm"]
+    told = found.content()["held_out_rms_mm"]
     assert told == {"declared": 1e3 * declared, "calibrated": 1e3 * calibrated}

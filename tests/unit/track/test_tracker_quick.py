@@ -1,11 +1,8 @@
-"""A tracker in a control loop: nothing is compiled while readings come in, and an update is quick."""
+"""A tracker in a control loop: an update is quick."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,31 +11,6 @@ from armflex import Tracker
 from armflex.track.estimate import Seen, estimate_of, take
 
 pytestmark = pytest.mark.slow
-
-TESTS = Path(__file__).parents[2]
-
-FRESH = """
-import sys
-from pathlib import Path
-from studies.tracked import machine_in
-from armflex import Tracker
-from armflex.mechanics.many_rows import kernel
-machine = machine_in(Path(sys.argv[1]))
-tracker = Tracker(machine.arm)
-functions = [getattr(kernel(), name) for name in ("solve_many", "respond_rows")]
-ready = [len(function.signatures) for function in functions]
-for reading in machine.readings(100, 10):
-    tracker.update(reading)
-assert ready == [len(function.signatures) for function in functions] == [1, 1], ready
-"""
-
-
-def test_readings_compile_nothing(tmp_path):
-    """In a process of its own: what a reading needs was compiled, or read where it is kept, with the tracker."""
-    done = subprocess.run(
-        [sys.executable, "-c", FRESH, tmp_path], cwd=TESTS, capture_output=True, text=True, timeout=600
-    )
-    assert done.returncode == 0, done.stderr
 
 
 def test_an_update_is_quick(known, machine):

@@ -1,0 +1,279 @@
+"""Calls of the engine: one for each question, with arrays that this file has looked at.
+
+A call lets go of the interpreter's lock, so threads run side by side, each with an `Engine` of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from ctypes import CDLL, addressof, c_int, c_int64, c_void_p
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from armflex.conventions import Array
+from armflex.errors import ArmflexError, ShapeError
+from armflex.mechanics.engine import build
+from armflex.mechanics.engine.tables import (
+    NO_CHANGES,
+    REAL,
+    RESTED,
+    WHOLE,
+    AskedStruct,
+    Factors,
+    Laws,
+    RestStruct,
+    Tables,
+    Tree,
+    _within,
+    address,
+    addresses,
+    checked,
+)
+
+NO_LINKS, NO_WRENCHES = np.zeros((0, 3), dtype=WHOLE), np.zeros((1, 0, 9))
+
+_POINTER, _WHOLE = c_void_p, c_int64
+_CALLS: dict[str, tuple[type | None, list[type]]] = {
+    "engine_size": (_WHOLE, []),
+    "engine_level": (c_int, []),
+    "engine_room": (_WHOLE, [_POINTER]),
+    "engine_one": (c_int, [_POINTER] * 5),
+    "engine_chain": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 5]),
+    "engine_rest": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 4]),
+    "engine_respond": (None, [_POINTER, _WHOLE, *[_POINTER] * 7]),
+    "engine_tips": (None, [_POINTER, _WHOLE, *[_POINTER] * 3]),
+}
+
+
+class EngineError(ArmflexError):
+    """There is no compiled engine of this text; the message says what to run."""
+
+
+@cache
+def library() -> CDLL:
+    """Return the compiled engine, the faster one where the processor has what it asks for.
+
+    Raises:
+        EngineError: It was never compiled, or from another text than the one that is here.
+    """
+    found = _loaded(build.BASELINE)
+    if build.on_x86_64() and found.engine_level():
+        found = _loaded(build.FAST)
+    return found
+
+
+def _loaded(level: str) -> CDLL:
+    name, beside = build.library_name(level), find_spec(build.BESIDE)
+    folders = [build.FOLDER, *map(Path, (beside and beside.submodule_search_locations) or ())]
+    path = next((folder / name for folder in folders if (folder / name).exists()), None)
+    if path is None:
+        older = any(folder.glob(f"engine-*-{level}{build.SUFFIX}") for folder in folders)
+        why = "engine.c was edited since it was compiled" if older else "the engine is not compiled"
+        run = "run `python -m armflex.mechanics.engine.build`, or `pip install --editable .` once more"
+        raise EngineError(f"{why}: {run}")
+    found = CDLL(str(path))
+    for call, (result, arguments) in _CALLS.items():
+        function = getattr(found, call)
+        function.restype, function.argtypes = result, arguments
+    return found
+
+
+class Engine:
+    """The engine with one arm: its tables, and room to work in. Of one thread at a time; see engine.h for the calls."""
+
+    def __init__(self, tree: Tree) -> None:
+        self._library, self._tables, self._room = library(), Tables(tree), np.zeros(0)
+        self._arm, self._tree, self._settled = addressof(self._tables.struct), tree, False
+        self._into, self._rested = (), RestStruct()
+        self._tables.set_loads(NO_LINKS, NO_WRENCHES, NO_CHANGES, 1)
+        assert self._library.engine_size() == len(bytes(self._tables.struct))
+
+    def set_laws(self, laws: Laws, rows: int) -> None:
+        """Give the laws of the flexures, for so many rows."""
+        self._tables.set_laws(laws, rows)
+        self._settled = True
+
+    def set_loads(self, links: np.ndarray, wrenches: Array, changes: Array, rows: int) -> None:
+        """Give the loads on links, for so many rows."""
+        self._tables.set_loads(links, wrenches, changes, rows)
+
+    def rest_chain(
+        self, q: Array, exact: bool, displacement: Array, loads: Array | None, twists: Array, fine: np.ndarray
+    ) -> None:
+        """Fill where a chain rests in N rows, by the fixed point.
+
+        Args:
+            q: (N, d) positions of the drives.
+            exact: Whether it comes to rest; else what the loads of the rigid arm give.
+            displacement: (N, 6) of the tip [m, rad].
+            loads: (N, n, 6) on the flexures, None where they are not asked for [N, Nm].
+            twists: (N, n, 6) of the flexures [m, rad].
+            fine: (N,) 1 where that is so, else 0.
+        """
+        rows, n = len(q), len(self._tree.flexures)
+        self._check_chain()
+        self._check_rows(q)
+        checked(displacement, "displacement", REAL, rows, 6)
+        checked(twists, "twists", REAL, rows, n, 6)
+        checked(fine, "fine", np.dtype(np.bool_), rows)
+        if loads is not None:
+            checked(loads, "loads", REAL, rows, n, 6)
+        given = addresses((displacement, loads, twists, fine, self._work()))
+        self._library.engine_chain(self._arm, rows, address(q), exact, 1, *given)
+
+    def rest(self, q: Array, settled: bool, first: int, free: Array, idle: Array, into: Sequence[np.ndarray]) -> int:
+        """Fill where a mechanism rests in rows from `first` on, each closed from where the one before it was.
+
+        Args:
+            q: (N, d) positions of the drives.
+            settled: Whether it comes to rest; else it is only closed.
+            first: The first row.
+            free: (p,) joints without a drive from which the first is closed; overwritten.
+            idle: (m, m) projector on gaps that nothing answers to, of the row before; zero where it is not known.
+            into: closed (N, p), tips (N, 4, 4), flexed (N, p), twists (N, n, 6), loads (N, n, 6), forces (N, m),
+                displacement (N, 6), distance (N,), idles (N, m, m), first of more: see `loop_rows.Rested`. The same are
+                looked at once.
+
+        Returns:
+            The number of the row that is not answered, N where there is none.
+        """
+        tree, rows = self._tree, len(q)
+        self._check_rows(q)
+        if into is not self._into:
+            p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
+            shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
+            for name, array, shape in zip(RESTED, into, shapes, strict=False):
+                checked(array, name, REAL, len(into[0]), *shape)
+            self._into, self._rested = into, RestStruct(*addresses(into[: len(RESTED)]))
+        checked(free, "free", REAL, tree.passive)
+        checked(idle, "idle", REAL, len(tree.rows), len(tree.rows))
+        if (settled and not self._settled) or first < 0 or len(into[0]) != rows:
+            raise ShapeError("expected laws, a first row from 0 on, and room for all")
+        given = address(free), address(idle), addressof(self._rested), address(self._work())
+        return int(self._library.engine_rest(self._arm, rows, address(q), settled, first, *given))
+
+    def respond(
+        self,
+        what: str,
+        into: Array,
+        places: np.ndarray,
+        numbers: Array,
+        end: Array,
+        rests: Sequence[Array],
+        tangents: Array,
+        by_load: Array | None = None,
+        distance: Array | None = None,
+        behind: int = 0,
+    ) -> None:
+        """Fill one thing about an arm that rests in N rows; see `rest.responded`.
+
+        Args:
+            what: "laws", "joints", "at_sites", "motions", "poses" or "loads".
+            into: To be filled.
+            places, numbers: (2, f) and (f, 12) of frames; see `Frames`.
+            end: (16,) the frame that is meant by the tip, as the last row of `Tree.elements` has it.
+            rests: (N, d), (N, p), (N, n, 6), (N, m), (N, m, m): drives, passive joints, twists, forces, and what
+                nothing answers to.
+            tangents: (1 or N, n, 6, 6) of the laws; none are needed for poses and loads.
+            by_load: (N, 6, n, 6) motion of that frame per load on a flexure, where it is known.
+            distance: (N,) to be filled: below 1 is a proof that the arm stays.
+            behind: How many closures and pins there are behind the frames.
+        """
+        tree, (q, flexed, twists, forces, idle) = self._tree, rests
+        rows, f, n, m, d = len(q), len(numbers), len(tree.flexures), len(tree.rows), tree.driven
+        sites = f + behind
+        shapes = {"laws": (6, n, 6), "joints": (6, d), "at_sites": (6, sites, 6), "motions": (f, 6, 6)}
+        shapes |= {"poses": (f, 4, 4), "loads": (sites, 6)}
+        self._check_rows(q)
+        for name, array, shape in (
+            (what, into, shapes[what]), ("flexed", flexed, (tree.passive,)), ("twists", twists, (n, 6)),
+            ("forces", forces, (m,)), ("idle", idle, (m, m)),
+        ):  # fmt: skip
+            checked(array, name, REAL, rows, *shape)
+        checked(places, "places", WHOLE, 2, f)
+        checked(numbers, "numbers", REAL, f, 12)
+        checked(end, "end", REAL, 16)
+        _within(places.ravel(), "places", 0, len(tree.parents))
+        _within(end[15:], "end", 0, len(tree.parents))
+        self._check_behind(what, behind)
+        asked = AskedStruct(
+            end=address(end), frames=f, places=address(places), numbers=address(numbers), sites=sites,
+            tangent_rows=len(tangents), tangents=address(tangents),
+        )  # fmt: skip
+        setattr(asked, what, address(into))
+        if by_load is not None:
+            if m or tree.passive or (tree.flexures < 0).any():
+                raise ShapeError("motions per load are known of arms without loops alone")
+            asked.by_load = address(checked(by_load, "by_load", REAL, rows, 6, n, 6))
+        elif what not in ("poses", "loads"):
+            checked(tangents, "tangents", REAL, (1, rows) if rows else (0, 1), n, 6, 6)
+        if distance is not None:
+            asked.distance = address(checked(distance, "distance", REAL, rows))
+        given = *addresses((q, flexed, twists, forces, idle)), addressof(asked), address(self._work())
+        self._library.engine_respond(self._arm, rows, *given)
+
+    def tips(self, q: Array, poses: Array) -> None:
+        """Fill the (N, 4, 4) poses of a chain's tip where nothing gives, at (N, d) positions of its drives."""
+        self._check_rows(q)
+        if self._tree.passive:
+            raise ShapeError("an arm with joints without a drive has no pose of its drives alone")
+        checked(poses, "poses", REAL, len(q), 4, 4)
+        self._library.engine_tips(self._arm, len(q), *addresses((q, poses, self._work())))
+
+    def _check_rows(self, q: Array) -> None:
+        checked(q, "q", REAL, len(q), self._tree.driven)
+        for name in ("law_rows", "weight_rows", "wrench_rows", "change_rows"):
+            if getattr(self._tables.struct, name) not in (0, 1, len(q)) and len(q):
+                raise ShapeError(f"{name}: expected 1 or {len(q)} rows, got {getattr(self._tables.struct, name)}")
+
+    def _check_chain(self) -> None:
+        tree, n = self._tree, len(self._tree.flexures)
+        order = tree.kinds[2, :n]
+        if len(tree.joins) or tree.passive or not np.array_equal(np.sort(order), np.arange(n)) or not self._settled:
+            raise ShapeError("expected a chain, whose flexures follow each other, with laws")
+
+    def _check_behind(self, what: str, behind: int) -> None:
+        """Raise where there is not room for the closures and pins that C fills in behind the frames."""
+        ties = self._tree.joins[:, 0]
+        closures = int((ties < 6).sum())
+        pins = 2 * int((ties < 5).sum())
+        needed = closures + pins if what == "at_sites" else len(ties) if what == "loads" and len(self._tree.rows) else 0
+        if behind < needed:
+            raise ShapeError(f"{what}: expected {needed} places behind the frames, got {behind}")
+
+    def _work(self) -> Array:
+        size = int(self._library.engine_room(self._arm))
+        if size > len(self._room):
+            self._room = np.empty(size)
+        return self._room
+
+
+class OneRow:
+    """The engine with one chain in a control loop: positions in, twists and displacement out, in memory of its own."""
+
+    def __init__(self, tree: Tree, laws: Laws, bounds: Array, factors: Factors | None, known: Array) -> None:
+        engine, n = Engine(tree), len(tree.flexures)
+        self._engine = engine
+        engine.set_laws(laws, 1)
+        engine._check_chain()
+        if factors is not None:
+            engine._tables.set_factors(factors, known)
+        engine._tables.set_bounds(bounds)
+        self._q, self._twists, self._displacement = np.zeros(tree.driven), np.zeros((n, 6)), np.zeros(6)
+        self._ask = engine._library.engine_one
+
+    def set_loads(self, links: np.ndarray, wrenches: Array) -> None:
+        """Give the loads on links; wrenches may be changed in their place."""
+        self._engine.set_loads(links, wrenches, NO_CHANGES, 1)
+        self._held = self._engine._work()
+        self._where = (self._engine._arm, *addresses((self._q, self._displacement, self._twists, self._held)))
+
+    def __call__(self, q: Array) -> tuple[Array, Array] | None:
+        """Return (n, 6) twists and (6,) displacement at (d,) positions, None where the fixed point does not answer."""
+        self._q[:] = q
+        if not self._ask(*self._where):
+            return None
+        return self._twists.copy(), self._displacement.copy()

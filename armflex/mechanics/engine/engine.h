@@ -1,0 +1,84 @@
+/* The static equilibrium of compliant arms: tables of one arm with its payload, and what may be asked.
+ *
+ * All arrays are row by row, all numbers SI, all vectors in base axes where nothing else is said. Python fills the
+ * tables from its own arrays, a controller has them as constants. Nothing here allocates: `room` is memory of
+ * engine_room() doubles that the caller lends for the time of a call; one for each thread.
+ */
+#ifndef ENGINE_H
+#define ENGINE_H
+#include <stdint.h>
+
+typedef int64_t whole;
+
+typedef struct {
+    whole count;           /* elements k, the root among them; element 0 stands */
+    whole flexures;        /* n */
+    whole driven, passive; /* joints: d in q, cylinders among them, and p without a drive */
+    whole ties, rows;      /* T closures and springs, m rows that they close */
+    whole pushes;          /* L wrenches on links */
+    whole terms;           /* B curved terms of laws */
+    whole factors;         /* F functions of a column, of which the first is 1; 0 where laws are given by row */
+    whole changing;        /* C parts of laws that are affine in the load, times two factors */
+    whole law_rows, weight_rows, wrench_rows, change_rows; /* 1 or N; 0 of changes for none */
+    const double *elements;   /* (k + 1, 20) rotation, origin, axis, mass, centre, mass outboard; last: tip and gravity */
+    const whole *kinds;       /* (3, k) kind, number, order of flexures from base to tip */
+    const whole *parents;     /* (k) */
+    const double *carried;    /* (T, k) */
+    const double *tie;        /* (T, 45) */
+    const whole *joins;       /* (T, 6) */
+    const double *row, *way;  /* (m, 6) */
+    const whole *flexure;     /* (n) element of each, or -1 - its closure */
+    const double *compliance, *offset; /* (R, n, 6, 6), (R, n, 6) */
+    const double *neurons;    /* (H, 13) units, bias, gains */
+    const whole *starts;      /* (n + 1) */
+    const double *bent;       /* (B, 43) matrix, along, whether there is a matrix */
+    const double *shapes;     /* (S, 45) kind, bias, exponent, u, form */
+    const whole *spans, *pieces; /* (n + 1) terms of flexures, (B + 1) features of terms */
+    const double *weights;    /* (1 or N, B), but for factors */
+    const double *factor;     /* (F, 6) kind, column, a, b, c, d; of a table a, b, its first knot and how many, below 0
+                               * where it closes */
+    const double *knots;      /* values of tables */
+    const double *change;     /* (C, 45) flexure, first, second, offset, compliance */
+    const whole *weighing;    /* (B, 2) factors of terms */
+    const whole *varies;      /* (n) whether a flexure has parts that change */
+    const double *known;      /* what columns behind those of joints are: the payload's mass, covariates */
+    const double *bounds;     /* (2, d) */
+    const whole *links;       /* (L, 3) element, flexures inboard, whether it follows */
+    const double *wrenches;   /* (1 or N, L, 9) point, force, moment */
+    const double *changes;    /* (0, 1 or N, L, 6, 6) */
+} arm;
+
+typedef struct { /* (N, ...) where it rests; see engine_rest */
+    double *closed, *tips, *flexed, *twists, *loads, *forces, *displacement, *distance, *idles;
+} rested;
+
+typedef struct { /* what is asked about a frame where it rests; NULL for what is not */
+    const double *end;     /* (16) the frame, as the last row of `elements` has the tip */
+    whole frames;          /* f */
+    const whole *places;   /* (2, f) */
+    const double *numbers; /* (f, 12) */
+    whole sites;           /* s: frames and then closures and pins */
+    double *laws;          /* (N, 6, n, 6) */
+    double *joints;        /* (N, 6, nq) */
+    double *at_sites;      /* (N, 6, s, 6) */
+    double *motions;       /* (N, f, 6, 6) */
+    double *poses;         /* (N, f, 4, 4) */
+    double *loads;         /* (N, s, 6) */
+    double *distance;      /* (N) */
+    const double *by_load; /* (N, 6, n, 6) where it is known */
+    whole tangent_rows;
+    const double *tangents; /* (1 or N, n, 6, 6) of the laws */
+} asked;
+
+whole engine_size(void);  /* of an arm in bytes */
+int engine_level(void);   /* 1 where the processor has what x86-64-v3 asks for */
+whole engine_room(const arm *a);
+int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *room);
+whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes, double *displacement,
+                   double *loads, double *twists, unsigned char *fine, double *room);
+whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
+                  double *idle, const rested *found, double *room);
+void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
+                    const double *forces, const double *idle, const asked *found, double *room);
+void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room);
+#endif

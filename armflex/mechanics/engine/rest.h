@@ -1,0 +1,535 @@
+/* Where a chain rests, for one row or for several at once: included for each with another `real`. */
+
+typedef struct {
+    real turn[9], origin[3]; /* in the rigid arm */
+    real moment[3];          /* first moment about the base of what is between it and the next */
+    real moved[3], screw[9], load[6], twist[6], next[6], seen[3];
+} T(flexure);
+typedef struct {
+    real compliance[36], offset[6];
+} T(law);
+typedef struct {
+    T(flexure) *f;
+    T(law) *law;
+    real *weights, *factor, *hidden, *points, *pushes;
+    real tip[3], pull[3], quaternion[4];
+} T(state);
+
+static inline real T(dot)(const real *a, const real *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static inline void T(cross)(const real *a, const real *b, real *out)
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static inline void T(shift)(real *to, const real *turn, const double *by, double times)
+{
+    for (int i = 0; i < 3; i++) {
+        to[i] += turn[3 * i] * (times * by[0]) + turn[3 * i + 1] * (times * by[1]) + turn[3 * i + 2] * (times * by[2]);
+    }
+}
+
+/* Fill the screw by which a flexure moves what is outboard of it, and the coefficients of its exponential. */
+static inline void T(screw_of)(T(flexure) *f)
+{
+    real *v = f->screw, *w = f->screw + 3, lever[3], s = T(dot)(f->twist + 3, f->twist + 3);
+    for (int i = 0; i < 3; i++) {
+        v[i] = T(dot)(f->turn + 3 * i, f->twist);
+        w[i] = T(dot)(f->turn + 3 * i, f->twist + 3);
+    }
+    T(cross)(w, f->origin, lever);
+    for (int i = 0; i < 3; i++) {
+        v[i] -= lever[i];
+    }
+    f->screw[6] = 0.5 - s * (1.0 / 24 - s * (1.0 / 720 - s * (1.0 / 40320)));
+    f->screw[7] = 1.0 / 6 - s * (1.0 / 120 - s * (1.0 / 5040 - s * (1.0 / 362880)));
+    f->screw[8] = 1.0 - f->screw[7] * s;
+}
+
+/* Add how far a screw moves what has a mass and a first moment; a point has a mass of 1. */
+static inline void T(carry)(const real *screw, double mass, const real *moment, real *to)
+{
+    real once[3], twice[3], thrice[3];
+    T(cross)(screw + 3, moment, once);
+    for (int i = 0; i < 3; i++) {
+        once[i] += mass * screw[i];
+    }
+    T(cross)(screw + 3, once, twice);
+    T(cross)(screw + 3, twice, thrice);
+    for (int i = 0; i < 3; i++) {
+        to[i] += once[i] + screw[6] * twice[i] + screw[7] * thrice[i];
+    }
+}
+
+/* Turn a vector by a screw, back (-1) or forth (1). */
+static inline void T(lean)(const real *screw, double side, real *vector)
+{
+    real once[3], twice[3];
+    T(cross)(screw + 3, vector, once);
+    T(cross)(screw + 3, once, twice);
+    for (int i = 0; i < 3; i++) {
+        vector[i] += side * screw[8] * once[i] + screw[6] * twice[i];
+    }
+}
+
+/* Turn a frame about an axis of its own: sine and versine by the series of a quarter of the angle, doubled twice. */
+static inline void T(swing)(real *turn, const double *axis, real angle)
+{
+    real turns = T(nearest)(angle * TURNS_PER_RADIAN), x = 0.25 * ((angle - turns * TURN) - turns * TURN_REST);
+    real y = x * x, sine, cosine, less;
+    sine = 1.0 / 362880 - y * (1.0 / 39916800 - y * (1.0 / 6227020800.0 - y * (1.0 / 1307674368000.0 - y * (1.0 / 355687428096000.0))));
+    sine = x * (1.0 - y * (1.0 / 6 - y * (1.0 / 120 - y * (1.0 / 5040 - y * sine))));
+    cosine = 1.0 / 3628800 - y * (1.0 / 479001600 - y * (1.0 / 87178291200.0 - y * (1.0 / 20922789888000.0)));
+    cosine = 1.0 - y * (0.5 - y * (1.0 / 24 - y * (1.0 / 720 - y * (1.0 / 40320 - y * cosine))));
+    less = 2.0 * sine * sine;
+    sine = 2.0 * sine * cosine;
+    cosine = 1.0 - less;
+    less = 2.0 * sine * sine;
+    sine = 2.0 * sine * cosine;
+    for (int i = 0; i < 3; i++) {
+        real *row = turn + 3 * i, once[3], twice[3];
+        once[0] = row[1] * axis[2] - row[2] * axis[1];
+        once[1] = row[2] * axis[0] - row[0] * axis[2];
+        once[2] = row[0] * axis[1] - row[1] * axis[0];
+        twice[0] = once[1] * axis[2] - once[2] * axis[1];
+        twice[1] = once[2] * axis[0] - once[0] * axis[2];
+        twice[2] = once[0] * axis[1] - once[1] * axis[0];
+        for (int j = 0; j < 3; j++) {
+            row[j] += sine * once[j] + less * twice[j];
+        }
+    }
+}
+
+/* Place the rigid arm. */
+static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, whole first)
+{
+    real turn[9], *tip = s->tip;
+    whole carrier = -1;
+    for (int i = 0; i < 9; i++) {
+        turn[i] = T(all)((i % 4 == 0) ? 1.0 : 0.0);
+    }
+    tip[0] = tip[1] = tip[2] = T(all)(0.0);
+    for (whole i = 0; i < a->flexures; i++) {
+        s->f[i].moment[0] = s->f[i].moment[1] = s->f[i].moment[2] = T(all)(0.0);
+    }
+    for (whole k = 1; k <= a->count; k++) {
+        const double *local = a->elements + 20 * k;
+        whole kind = (k < a->count) ? a->kinds[k] : RIGID, own = (k < a->count) ? a->kinds[a->count + k] : -1;
+        T(shift)(tip, turn, local + 9, 1.0);
+        if (k == a->count) {
+            break;
+        }
+        if ((kind & ROTATED) != 0) {
+            for (int i = 0; i < 3; i++) {
+                real x = turn[3 * i], y = turn[3 * i + 1], z = turn[3 * i + 2];
+                for (int j = 0; j < 3; j++) {
+                    turn[3 * i + j] = x * local[j] + y * local[3 + j] + z * local[6 + j];
+                }
+            }
+        }
+        kind &= 3;
+        if (kind == FLEXURE) {
+            carrier = own;
+            memcpy(s->f[own].origin, tip, sizeof s->f[own].origin);
+            memcpy(s->f[own].turn, turn, sizeof turn);
+        } else if (kind != RIGID) {
+            real value;
+            for (int c = 0; c < LANES; c++) {
+                whole r = (first + c < rows) ? first + c : rows - 1;
+                AT(value, c) = q[r * a->driven + own];
+            }
+            if (kind == TURNS) {
+                T(swing)(turn, local + 12, value);
+            } else {
+                for (int i = 0; i < 3; i++) {
+                    tip[i] += value * (turn[3 * i] * local[12] + turn[3 * i + 1] * local[13] + turn[3 * i + 2] * local[14]);
+                }
+            }
+        }
+        if ((carrier >= 0) && (local[15] > 0.0)) {
+            for (int i = 0; i < 3; i++) {
+                s->f[carrier].moment[i] += local[15] * tip[i];
+            }
+            T(shift)(s->f[carrier].moment, turn, local + 16, local[15]);
+        }
+        for (whole j = 0; j < a->pushes; j++) {
+            if (a->links[3 * j] == k) {
+                real *point = s->points + 3 * j, *push = s->pushes + 6 * j, own_axes[6];
+                memcpy(point, tip, sizeof s->tip);
+                T(shift)(point, turn, a->wrenches + 9 * j, 1.0);
+                for (int i = 0; i < 6; i++) {
+                    for (int c = 0; c < LANES; c++) {
+                        whole r = (first + c < a->wrench_rows) ? first + c : a->wrench_rows - 1;
+                        AT(own_axes[i], c) = a->wrenches[9 * (r * a->pushes + j) + 3 + i];
+                    }
+                }
+                for (int i = 0; i < 6; i++) {
+                    push[i] = (a->links[3 * j + 2] != 0) ? T(dot)(turn + 3 * (i % 3), own_axes + i / 3 * 3) : own_axes[i];
+                }
+            }
+        }
+    }
+}
+
+static inline void T(add_load)(T(flexure) *f, const real *force, const real *moment)
+{
+    for (int j = 0; j < 3; j++) {
+        f->load[j] += f->turn[j] * force[0] + f->turn[3 + j] * force[1] + f->turn[6 + j] * force[2];
+        f->load[3 + j] += f->turn[j] * moment[0] + f->turn[3 + j] * moment[1] + f->turn[6 + j] * moment[2];
+    }
+}
+
+static inline void T(bear)(T(flexure) *f, const real *wrench)
+{
+    real lever[3], moment[3];
+    for (int i = 0; i < 3; i++) {
+        lever[i] = f->seen[i] - f->origin[i];
+    }
+    T(cross)(lever, wrench, moment);
+    for (int i = 0; i < 3; i++) {
+        moment[i] += wrench[3 + i];
+    }
+    T(add_load)(f, wrench, moment);
+}
+
+/* Fill the loads on the flexures; gravity and wrenches are turned back instead of turning the arm. */
+static void T(weigh)(const arm *a, T(state) *s, int flexed)
+{
+    const whole *order = a->kinds + 2 * a->count;
+    const double *gravity = a->elements + 20 * a->count + 12;
+    whole n = a->flexures;
+    for (whole i = 0; i < 3; i++) {
+        s->pull[i] = T(all)(gravity[i]);
+    }
+    for (whole step = n - 1; step >= 0; step--) {
+        T(flexure) *f = s->f + order[step], *outer = (step < n - 1) ? s->f + order[step + 1] : NULL;
+        if (flexed) {
+            T(screw_of)(f);
+        }
+        for (int i = 0; i < 3; i++) {
+            f->moved[i] = f->moment[i];
+            if (outer != NULL) {
+                f->moved[i] += outer->moved[i];
+            }
+        }
+        if ((outer != NULL) && flexed) {
+            T(carry)(outer->screw, a->elements[20 * order[step + 1] + 19], outer->moved, f->moved);
+        }
+    }
+    for (whole step = 0; step < n; step++) {
+        T(flexure) *f = s->f + order[step];
+        double mass = a->elements[20 * order[step] + 19];
+        real lever[3], force[3], moment[3];
+        if (flexed) {
+            T(lean)(f->screw, -1.0, s->pull);
+        }
+        for (int i = 0; i < 3; i++) {
+            lever[i] = f->moved[i] - mass * f->origin[i];
+            force[i] = mass * s->pull[i];
+            f->load[i] = f->load[3 + i] = T(all)(0.0);
+        }
+        T(cross)(lever, s->pull, moment);
+        T(add_load)(f, force, moment);
+    }
+    for (whole j = 0; j < a->pushes; j++) {
+        whole outmost = a->links[3 * j + 1] - 1;
+        int follows = a->links[3 * j + 2] != 0;
+        real wrench[6], here[3];
+        memcpy(wrench, s->pushes + 6 * j, sizeof wrench);
+        memcpy(here, s->points + 3 * j, sizeof here);
+        for (whole step = outmost; step >= 0; step--) {
+            T(flexure) *f = s->f + order[step];
+            memcpy(f->seen, here, sizeof here);
+            if (follows) {
+                T(bear)(f, wrench);
+            }
+            if ((step > 0) && flexed) {
+                T(carry)(f->screw, 1.0, f->seen, here);
+                if (follows) {
+                    T(lean)(f->screw, 1.0, wrench);
+                    T(lean)(f->screw, 1.0, wrench + 3);
+                }
+            }
+        }
+        for (whole step = 0; (step <= outmost) && !follows; step++) {
+            T(flexure) *f = s->f + order[step];
+            if (flexed) {
+                T(lean)(f->screw, -1.0, wrench);
+                T(lean)(f->screw, -1.0, wrench + 3);
+            }
+            T(bear)(f, wrench);
+        }
+    }
+}
+
+/* Fill what the laws are in some rows: factors of columns, and what is affine in the load. */
+static void T(know)(const arm *a, T(state) *s, whole rows, const double *q, whole first)
+{
+    for (whole f = 0; f < a->factors; f++) {
+        const double *one = a->factor + 6 * f;
+        whole column = (whole)one[1];
+        for (int c = 0; c < LANES; c++) {
+            whole r = (first + c < rows) ? first + c : rows - 1;
+            double x = (column < a->driven) ? q[r * a->driven + column] : a->known[column - a->driven];
+            AT(s->factor[f], c) = factor_at(one, a->knots, x);
+        }
+    }
+    for (whole t = 0; t < a->terms; t++) {
+        for (int c = 0; c < LANES; c++) {
+            whole r = (first + c < a->weight_rows) ? first + c : a->weight_rows - 1;
+            AT(s->weights[t], c) = a->weights[r * a->terms + t];
+        }
+        if (a->factors > 0) {
+            s->weights[t] *= s->factor[a->weighing[2 * t]] * s->factor[a->weighing[2 * t + 1]];
+        }
+    }
+    for (whole i = 0; i < a->flexures; i++) {
+        for (int b = 0; (b < 42) && ((a->varies[i] != 0) || (a->law_rows > 1)); b++) {
+            real *to = (b < 36) ? s->law[i].compliance + b : s->law[i].offset + b - 36;
+            for (int c = 0; c < LANES; c++) {
+                whole r = (first + c < a->law_rows) ? first + c : a->law_rows - 1;
+                AT(*to, c) = (b < 36) ? a->compliance[(r * a->flexures + i) * 36 + b] : a->offset[(r * a->flexures + i) * 6 + b - 36];
+            }
+        }
+    }
+    for (whole t = 0; t < a->changing; t++) {
+        const double *one = a->change + 45 * t;
+        T(law) *law = s->law + (whole)one[0];
+        real times = s->factor[(whole)one[1]] * s->factor[(whole)one[2]];
+        for (int b = 0; b < 6; b++) {
+            law->offset[b] += times * one[3 + b];
+        }
+        for (int b = 0; b < 36; b++) {
+            law->compliance[b] += times * one[9 + b];
+        }
+    }
+}
+
+/* Fill the twists that the laws give under the loads. */
+static void T(deform)(const arm *a, T(state) *s, int begin)
+{
+    for (whole i = 0; i < a->flexures; i++) {
+        const real *load = s->f[i].load;
+        real *twist = begin ? s->f[i].twist : s->f[i].next;
+        whole count = a->starts[i + 1] - a->starts[i];
+        if ((a->varies[i] != 0) || (a->law_rows > 1)) {
+            const T(law) *law = s->law + i;
+            for (int b = 0; b < 6; b++) {
+                const real *c = law->compliance + 6 * b;
+                twist[b] = law->offset[b] + c[0] * load[0] + c[1] * load[1] + c[2] * load[2] + c[3] * load[3] + c[4] * load[4] + c[5] * load[5];
+            }
+        } else {
+            for (int b = 0; b < 6; b++) {
+                const double *c = a->compliance + 36 * i + 6 * b;
+                twist[b] = a->offset[6 * i + b] + c[0] * load[0] + c[1] * load[1] + c[2] * load[2] + c[3] * load[3] + c[4] * load[4] + c[5] * load[5];
+            }
+        }
+        for (whole h = 0; h < count; h++) {
+            const double *u = a->neurons + 13 * (a->starts[i] + h);
+            s->hidden[h] = u[6] + u[0] * load[0] + u[1] * load[1] + u[2] * load[2] + u[3] * load[3] + u[4] * load[4] + u[5] * load[5];
+        }
+        for (whole h = 0; h < count; h++) {
+            s->hidden[h] = T(bounded)(s->hidden[h]);
+        }
+        for (whole h = 0; h < count; h++) {
+            const double *u = a->neurons + 13 * (a->starts[i] + h) + 7;
+            for (int b = 0; b < 6; b++) {
+                twist[b] += u[b] * s->hidden[h];
+            }
+        }
+        for (whole t = a->spans[i]; t < a->spans[i + 1]; t++) {
+            const double *bent = a->bent + 43 * t;
+            real value = s->weights[t];
+            for (whole p = a->pieces[t]; p < a->pieces[t + 1]; p++) {
+                const double *shape = a->shapes + 45 * p;
+                real part = T(all)(shape[1]);
+                if (shape[0] == RAISED) {
+                    for (int b = 0; b < 6; b++) {
+                        for (int c = 0; c < 6; c++) {
+                            part += load[b] * shape[9 + 6 * b + c] * load[c];
+                        }
+                    }
+                    for (int c = 0; c < LANES; c++) {
+                        AT(part, c) = pow(fmax(AT(part, c), LEAST), shape[2]);
+                    }
+                } else {
+                    for (int b = 0; b < 6; b++) {
+                        part += shape[3 + b] * load[b];
+                    }
+                    if (shape[0] == TANH) {
+                        part = T(bounded)(part);
+                    }
+                    for (int c = 0; c < LANES; c++) {
+                        AT(part, c) = (shape[0] == SIZE) ? fabs(AT(part, c)) : (shape[0] == CLIPPED) ? fmin(fmax(AT(part, c), -1.0), 1.0) : (shape[0] == RAMP) ? fmax(AT(part, c), 0.0) : AT(part, c);
+                    }
+                }
+                value *= part;
+            }
+            for (int b = 0; b < 6; b++) {
+                real given = T(all)(bent[36 + b]);
+                for (int c = 0; (c < 6) && (bent[42] > 0.0); c++) {
+                    given += bent[6 * b + c] * load[c];
+                }
+                twist[b] += value * given;
+            }
+        }
+    }
+}
+
+/* Come to rest by the fixed point; fill (LANES) whether that is so. */
+static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
+{
+    real size = T(all)(0.0), before, left;
+    int moving = 0, drawn[LANES] = {0};
+    T(weigh)(a, s, 0);
+    T(deform)(a, s, 1);
+    for (whole i = 0; i < a->flexures; i++) {
+        for (int b = 0; b < 6; b++) {
+            size += s->f[i].twist[b] * s->f[i].twist[b];
+        }
+    }
+    for (int c = 0; c < LANES; c++) {
+        fine[c] = (AT(size, c) < SMALL) ? 1 : 0;
+        AT(left, c) = fine[c];
+        moving |= fine[c];
+    }
+    before = size;
+    for (whole i = 0; (i < a->flexures) && exact; i++) {
+        for (int b = 0; b < 6; b++) {
+            for (int c = 0; c < LANES; c++) {
+                AT(s->f[i].twist[b], c) = fine[c] ? AT(s->f[i].twist[b], c) : 0.0;
+            }
+        }
+    }
+    for (int step = 0; (step < STEPS) && exact && moving; step++) {
+        size = T(all)(0.0);
+        T(weigh)(a, s, 1);
+        T(deform)(a, s, 0);
+        for (whole i = 0; i < a->flexures; i++) {
+            T(flexure) *f = s->f + i;
+            for (int b = 0; b < 6; b++) {
+                real by = (f->next[b] - f->twist[b]) * left;
+                f->twist[b] += by;
+                size += by * by;
+            }
+        }
+        moving = 0;
+        for (int c = 0; c < LANES; c++) {
+            if (fine[c] && !drawn[c]) {
+                if ((AT(size, c) <= CONVERGED) && (AT(size, c) * AT(size, c) <= NEXT * AT(before, c))) {
+                    drawn[c] = 1;
+                    AT(left, c) = 0.0;
+                } else if (!(AT(size, c) < SMALL)) {
+                    fine[c] = 0;
+                    AT(left, c) = 0.0;
+                } else {
+                    moving = 1;
+                }
+            }
+        }
+        before = size;
+    }
+    size = T(all)(0.0);
+    for (whole i = 0; (i < a->flexures) && exact; i++) {
+        for (int b = 0; b < 6; b++) {
+            size += s->f[i].twist[b] * s->f[i].twist[b];
+        }
+    }
+    for (int c = 0; (c < LANES) && exact; c++) {
+        fine[c] = fine[c] && drawn[c] && (AT(size, c) < SMALL);
+    }
+}
+
+/* Leave in `pull` how far the twists move the tip, and in `quaternion` how they turn it. */
+static void T(displace)(const arm *a, T(state) *s)
+{
+    real at[3], *u = s->quaternion;
+    const whole *order = a->kinds + 2 * a->count;
+    memcpy(at, s->tip, sizeof at);
+    u[0] = T(all)(1.0);
+    u[1] = u[2] = u[3] = s->pull[0] = s->pull[1] = s->pull[2] = T(all)(0.0);
+    for (whole step = a->flexures - 1; step >= 0; step--) {
+        T(flexure) *f = s->f + order[step];
+        real from[3], x, y, z, r = u[0], i = u[1], j = u[2], k = u[3], half, whole_, square;
+        T(screw_of)(f);
+        for (int b = 0; b < 3; b++) {
+            from[b] = s->tip[b] + s->pull[b];
+        }
+        T(carry)(f->screw, 1.0, from, s->pull);
+        square = T(dot)(f->twist + 3, f->twist + 3);
+        half = 0.5 - square * (1.0 / 48 - square * (1.0 / 3840 - square * (1.0 / 645120)));
+        whole_ = 1.0 - square * (1.0 / 8 - square * (1.0 / 384 - square * (1.0 / 46080)));
+        x = half * f->screw[3];
+        y = half * f->screw[4];
+        z = half * f->screw[5];
+        u[0] = whole_ * r - (x * i + y * j + z * k);
+        u[1] = whole_ * i + r * x + y * k - z * j;
+        u[2] = whole_ * j + r * y + z * i - x * k;
+        u[3] = whole_ * k + r * z + x * j - y * i;
+    }
+}
+
+static T(state) T(divide)(const arm *a, double *room)
+{
+    T(state) s;
+    real *at = (real *)(((uintptr_t)room + sizeof(real) - 1) / sizeof(real) * sizeof(real));
+    memset(&s, 0, sizeof s);
+    s.f = (T(flexure) *)at;
+    at = (real *)(s.f + a->flexures);
+    s.law = (T(law) *)at;
+    s.weights = (real *)(s.law + a->flexures);
+    s.factor = s.weights + a->terms;
+    s.points = s.factor + a->factors;
+    s.pushes = s.points + 3 * a->pushes;
+    s.hidden = s.pushes + 6 * a->pushes;
+    return s;
+}
+
+static void T(write)(const T(state) *s, int c, double *displacement)
+{
+    double r = AT(s->quaternion[0], c), i = AT(s->quaternion[1], c), j = AT(s->quaternion[2], c), k = AT(s->quaternion[3], c);
+    double sine = sqrt(i * i + j * j + k * k), times = (sine < 1e-8) ? 2.0 : 2.0 * atan2(sine, r) / sine;
+    for (int b = 0; b < 3; b++) {
+        displacement[b] = AT(s->pull[b], c);
+        displacement[3 + b] = times * AT(s->quaternion[1 + b], c);
+    }
+}
+
+static whole T(chain)(const arm *a, whole rows, const double *q, int exact, double *displacement, double *loads,
+                      double *twists, unsigned char *fine, double *room)
+{
+    T(state) s = T(divide)(a, room);
+    whole n = a->flexures, good = 0;
+    for (whole first = 0; first < rows; first += LANES) {
+        unsigned char some[LANES];
+        T(place)(a, &s, rows, q, first);
+        if ((first == 0) || (a->factors > 0) || (a->law_rows > 1) || (a->weight_rows > 1)) {
+            T(know)(a, &s, rows, q, first);
+        }
+        T(solve)(a, &s, exact, some);
+        if (exact && (loads != NULL)) {
+            T(weigh)(a, &s, 1);
+        }
+        T(displace)(a, &s);
+        for (int c = 0; (c < LANES) && (first + c < rows); c++) {
+            whole r = first + c;
+            fine[r] = some[c];
+            good += some[c];
+            T(write)(&s, c, displacement + 6 * r);
+            for (whole i = 0; i < n; i++) {
+                for (int b = 0; b < 6; b++) {
+                    twists[6 * (r * n + i) + b] = AT(s.f[i].twist[b], c);
+                    if (loads != NULL) {
+                        loads[6 * (r * n + i) + b] = AT(s.f[i].load[b], c);
+                    }
+                }
+            }
+        }
+    }
+    return good;
+}
