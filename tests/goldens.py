@@ -38,6 +38,8 @@ TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
 COMMANDS: dict[str, tuple[object, ...]] = {
     "deflect_tarm": ("deflect", TARM / "arm.toml", "--q", "A1=0.3,A4=-0.2", "--payload", "p300"),
     "deflect_heavy": ("deflect", HEAVY / "arm.toml", "--q", "J2=0.3,J3=-0.2"),
+    "modes_heavy": ("modes", HEAVY / "arm.toml", "--payload", "p100"),
+    "export_heavy": ("export", HEAVY / "arm.toml", "--to", "urdf", "-o", "out.urdf"),
     "predict_tarm": ("predict", TARM / "measured.toml", TARM / "held_out.csv", "-o", "rows.csv"),
     "check_tarm": ("check", TARM / "arm.toml", TARM / "trajectory.csv", "--tolerance", "50mm"),
     "check_heavy": ("check", HEAVY / "arm.toml", HEAVY / "trajectory.csv", "--tolerance", "5mm"),

@@ -35,6 +35,7 @@ COMMANDS = {
     "map": "worst displacement, uncertainty and margin over the whole workspace",
     "export": "write the arm for other programs: URDF, a sheet for the controller, C, URScript, KRL, RAPID",
     "view": "write a page of the arm that opens in a browser",
+    "schema": "the JSON schemas of an arm.toml and of what --json writes",
     "demo": "the whole workflow on the bundled TARM-like arm",
 }
 

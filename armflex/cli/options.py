@@ -35,6 +35,7 @@ from armflex.rows.wrench import Wrench
 from armflex.storage.read_file import read_file
 from armflex.storage.whole_file import is_replaced, is_stdout, write_whole
 from armflex.trajectory import Trajectory, read_trajectory
+from armflex.version import __version__
 
 if TYPE_CHECKING:
     from armflex.intake import Intake
@@ -180,10 +181,12 @@ def json_path() -> Path | None:
 def write_json(content: dict[str, Any], path: Path | None = None) -> None:
     """Write a result to a path or `--json`, whole or not at all; nothing where neither is given.
 
-    It is strict JSON: arrays are lists, dataclasses their fields, and what is not finite null; see `plain`.
+    What names its format, which is its schema, names the version of armflex. It is strict JSON: arrays are lists,
+    dataclasses their fields, and what is not finite null; see `plain`.
     """
     if path := path or json_path():
-        write_whole(path, (json.dumps(plain(content), indent=1, allow_nan=False) + "\n").encode())
+        named = {"armflex": __version__, **content} if "format" in content else content
+        write_whole(path, (json.dumps(plain(named), indent=1, allow_nan=False) + "\n").encode())
 
 
 def conclude(content: Callable[[], dict[str, Any]], flags: Sequence[Flag], arm: Arm | None = None) -> None:

@@ -43,7 +43,31 @@ MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
 
 MOST_KINDS = 3
-"""Kinds of effect that are shown on the terminal; the files hold all."""
+"""Kinds of effect, and places of each, that are shown on the terminal; the files hold all."""
+
+
+def _print_families(found: Trace, unit: str, factor: float) -> None:
+    """Print which kinds of effect there are: in a line where names explain them."""
+    kinds = found.families
+    if kinds is None or not kinds.found:
+        return
+    if found.accepted and not found.state.background.names:
+        every = (f"{family.name} {number(family.rms * factor, 3)} {unit}" for family in kinds.found)
+        say(f"Kinds of effect it lacked: {listing(every, MOST_KINDS)}.")
+        return
+    columns = ["kind of effect", f"RMS {unit}", "evidence", f"held out {unit}", "where most"]
+    rows = [
+        [
+            family.name,
+            number(family.rms * factor, 3),
+            f"{family.evidence:.0f}",
+            f"{number(family.held_out_without * factor, 3)} -> {number(kinds.held_out[1] * factor, 3)}",
+            listing(dict.fromkeys(place.site for place in family.places), MOST_KINDS),
+        ]
+        for family in kinds.found
+    ]
+    print_table("Kinds of effect that have no single place", columns, rows)
+
 
 MOST_ADVICE = 3
 """Of what to measure next."""
@@ -183,9 +207,7 @@ def print_trace(found: Trace) -> None:
     if at_target := found.state.fit.view.at_target(found.rms):
         say(at_target)
     print_campaigns(found.campaigns, ("calibrated", "with what was found"), readings.unit)
-    if found.families is not None and found.families.found:
-        kinds = (f"{family.name} {number(family.rms * factor, 3)} {unit}" for family in found.families.found)
-        say(f"Kinds of effect it lacks: {listing(kinds, MOST_KINDS)}.")
+    _print_families(found, unit, factor)
     columns = ["added", "site", "axis", "depends on", "value ± standard uncertainty", f"held out {unit}"]
     unsettled = [one for one in found.found if not one.is_named]
     for title, some in (("Effects identified", found.named), ("In the arm, but not settled", unsettled)):

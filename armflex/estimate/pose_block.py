@@ -1,7 +1,8 @@
-"""What no recorded column explains: a random twist of known size and unknown value, one for every pose."""
+"""What no recorded column explains: a random twist at a site, from pose to pose or wandering in time."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,10 +17,10 @@ from armflex.estimate.view import View
 from armflex.laws.effects.effect import Amplitude, Effect, TwistLaw, Words
 from armflex.laws.effects.location import Location
 from armflex.laws.effects.shapes import twists
-from armflex.laws.terms import Factor, Of
+from armflex.laws.terms import Factor, Of, table
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import ArmParameter, Group, ParameterKind
-from armflex.rows.rows import POSE
+from armflex.rows.rows import POSE, ROW
 
 RANDOM = "unexplained"
 """Name of the effect while a fit lasts."""
@@ -72,14 +73,69 @@ class PoseBlock(Block):
     def apply(self, setup: Setup, values: Array) -> Setup:
         """Return the setup with every pose's twist, which is taken out again before the arm is used."""
         count = len(values)
-        own = [(Factor(Of.TENT, POSE, (0.0, count - 1.0, 1.0, float(i))),) for i in range(count)]
-        law = TwistLaw(
-            name=RANDOM,
-            words=Words(RANDOM, "", ""),
-            places=lambda records: (),
-            amplitudes=tuple(Amplitude(f"pose {i}", "{m}") for i in range(count)),
-            terms=lambda here, inner: twists(here.direction, *own),
-            physical=False,
-        )
-        location = Location(self.site, self.axis, (POSE,), tuple(range(count)))
-        return setup.with_effect(Effect(law, location, tuple(values.tolist())))
+        each = [Factor(Of.TENT, POSE, (0.0, count - 1.0, 1.0, float(i))) for i in range(count)]
+        return setup.with_effect(_unexplained(self.site, self.axis, each, values))
+
+
+@dataclass(frozen=True, eq=False)
+class Walk(Block):
+    """A random walk of a twist in time, by the terms of its Karhunen-Loeve expansion: fitted, never predicted.
+
+    Attributes:
+        site, axis: Where.
+        std: (k,) standard deviation of each term's amplitude [m or rad].
+        waves: (N, k) what each term is in every row of the campaign, dimensionless.
+        session: Which it is of, '' of a walk through all.
+    """
+
+    site: str
+    axis: str
+    std: Array
+    waves: Array
+    session: str = ""
+
+    @cached_property
+    def parameters(self) -> tuple[ArmParameter, ...]:
+        """One per term."""
+        of = " ".join(part for part in (self.site, self.axis, "in time", self.session) if part)
+        unit = "m" if self.axis.startswith("d") else "rad"
+        group = Group(ParameterKind.UNEXPLAINED, of)
+        return tuple(ArmParameter(group, f"term {i}", unit) for i in range(self.waves.shape[1]))
+
+    @property
+    def prior(self) -> Array:
+        """(k,) the sizes."""
+        return self.std
+
+    @property
+    def size(self) -> float:
+        """Standard deviation of the twist over the rows [m or rad]."""
+        return float(np.sqrt((self.waves**2 @ self.std**2).mean()))
+
+    def jacobian(self, view: View) -> Array:
+        """Return `columns`, as of a `PoseBlock`."""
+        return self.columns(view)
+
+    def columns(self, view: View) -> Array:
+        """Return (M, d, k): every term moves all rows."""
+        answer = view.to_twist(self.site)[:, :, TWIST_NAMES.index(self.axis)]
+        return answer[:, :, None] * self.waves[view.rows][:, None, :]
+
+    def apply(self, setup: Setup, values: Array) -> Setup:
+        """Return the setup with the walk, which is taken out again before the arm is used."""
+        along = np.append(self.waves @ values, 0.0)  # of one row, too, a table has two knots
+        each = [table(ROW, 0.0, 1.0, along.tolist())]
+        return setup.with_effect(_unexplained(self.site, self.axis, each, np.ones(1)))
+
+
+def _unexplained(site: str, axis: str, each: Sequence[Factor], values: Array) -> Effect:
+    """Return the effect of a twist along an axis: (k,) values times each of some factors of the same column."""
+    law = TwistLaw(
+        name=RANDOM,
+        words=Words(RANDOM, "", ""),
+        places=lambda records: (),
+        amplitudes=tuple(Amplitude(f"{each[0].column} {i}", "{m}") for i in range(len(each))),
+        terms=lambda here, inner: twists(here.direction, *([factor] for factor in each)),
+        physical=False,
+    )
+    return Effect(law, Location(site, axis, (each[0].column,), tuple(range(len(each)))), tuple(values.tolist()))

@@ -13,7 +13,7 @@ from armflex.estimate.block import parameters_of
 from armflex.estimate.blocks import blocks_of
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import design_effect
-from armflex.estimate.pose_block import PoseBlock
+from armflex.estimate.pose_block import PoseBlock, Walk
 from armflex.estimate.view import View, look, unclear_shifts
 from armflex.laws.effects.in_arm import excess
 from armflex.linear_gaussian import LinearGaussian
@@ -50,6 +50,7 @@ def certainty_of(fit: Fit, least: float = 1.0) -> Certainty:
     columns = np.zeros((*fit.view.residual.shape, len(kept.parameters))) if columns is None else columns
     columns = (columns * (np.sqrt(fit.weights) / fit.view.sigma)[:, :, None]).reshape(fit.view.residual.size, -1)
     random = tuple((one.site, one.axis, float(one.std)) for one in fit.blocks if isinstance(one, PoseBlock))
+    walks = tuple((one.site, one.axis, one.size) for one in fit.blocks if isinstance(one, Walk))
     # Twists at every joint are what readings of a pose, and neighbouring poses, share.
     effect = design_effect(fit, columns, kept.covariance, least) if len(random) < 2 else 1.0
     noise = effect * max(fit.noise, least) ** 2
@@ -60,7 +61,7 @@ def certainty_of(fit: Fit, least: float = 1.0) -> Certainty:
     directions = np.pad(known.null_space, ((0, 0), (len(kept.parameters), 0)))
     directions = directions if kept.directions is None else np.vstack([kept.directions @ follows.T, directions])
     every = (*kept.parameters, *parameters_of(fit.blocks))
-    whole = Certainty(every, covariance, random or kept.unexplained, directions, fit.misfit, effect)
+    whole = Certainty(every, covariance, (random or kept.unexplained) + walks, directions, fit.misfit, effect)
     places = [i for i, one in enumerate(every) if one.group.kind is not ParameterKind.UNEXPLAINED]
     return whole.part(sorted(places, key=lambda i: every[i].group.kind is ParameterKind.EFFECT))
 

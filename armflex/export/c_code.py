@@ -6,18 +6,19 @@ The algorithm is that of the engine, for one configuration. Laws reach it as ter
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from armflex.arm import Arm, Flexure
 from armflex.conventions import LARGEST_POSITION, Array
-from armflex.errors import ArmflexError, InputError, UnsupportedError, listing
+from armflex.errors import ArmflexError, UnsupportedError
 from armflex.export import Exported
-from armflex.export.quoting import c_comment, c_string
+from armflex.export.c_text import SMALLEST_CHANGE, c_names, c_number, c_table, check_name
+from armflex.export.mechanism_c import export_mechanism
+from armflex.export.quoting import c_comment
 from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
@@ -33,12 +34,6 @@ from armflex.rows.rows import HOLD, TIME
 from armflex.version import __version__
 
 TEMPLATE = Path(__file__).with_name("arm.c")
-
-KEYWORDS = (
-    "auto break case char const continue default do double else enum extern float for goto if inline int long register "
-    "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while _Bool "
-    "_Complex _Imaginary"
-)
 
 ELEMENTS = {FLEXURE: "FLEXES", TURNS: "TURNS", SLIDES: "SLIDES", RIGID: "RIGID"}
 
@@ -62,12 +57,11 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
     check_name(name)
-    if arm.robot.linkage:  # to close a loop takes steps whose number nobody can promise, and may fail
-        named = listing((*arm.robot.linkage.closures, *arm.robot.linkage.passive))
-        text = "C code closes no loops, and an answer without them would be wrong"
-        raise UnsupportedError(f"this arm cannot be written as C: {text} (it has {named}); Python's prepared() does")
+    if not arm.chain:
+        return export_mechanism(arm, name)
     tables = _tables(arm)
     text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", TEMPLATE.read_text(encoding="utf-8"))
+    text = text.replace("/*@smallest_change*/\n", SMALLEST_CHANGE.read_text(encoding="utf-8"))
     arm, counts = tables.arm, {count: value for count, (value, _) in tables.counts.items()}
     text = _chosen(text, counts)
     flexures, joints = counts["FLEXURES"], counts["JOINTS"]
@@ -97,12 +91,6 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         "stack_bytes": stack,
     }
     return Exported(text, tuple(notes), numbers, about_time(arm, (TIME, HOLD)))
-
-
-def check_name(name: str) -> None:
-    """Raise `InputError` where a name is no identifier of C."""
-    if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():
-        raise InputError(f"--name {name!r} is no name in C: expected letters, digits and _, no keyword")
 
 
 @dataclass
@@ -218,9 +206,6 @@ def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
         if pulling.law.name not in PULLS:
             other = replace(arm, effects=tuple(one for one in arm.effects if one is not effect))
             refused.append((f"effect {effect.name!r}", f"is a {pulling.law.name}, which has no form in C", other))
-    for spring in arm.springs:
-        other = replace(arm, springs=tuple(one for one in arm.springs if one is not spring))
-        refused.append((f"spring {spring.name!r}", "has no form in C", other))
     if refused:
         parts = [f"{name} {reason} ({_amount(arm, other)})" for name, reason, other in refused]
         raise UnsupportedError(f"this arm cannot be written as C: {'; '.join(parts)}")
@@ -415,21 +400,21 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
     text = [
         "enum {\n" + "\n".join(counts) + "\n};",
         f"const int {name}_nq = {len(arm.joint_names)};",
-        _names(f"{name}_joints", arm.joint_names),
-        _names(f"{name}_payloads", tables.payloads),
-        _names(f"{name}_covariate_names", tables.covariates),
+        c_names(f"{name}_joints", arm.joint_names),
+        c_names(f"{name}_payloads", tables.payloads),
+        c_names(f"{name}_covariate_names", tables.covariates),
         f"double {name}_covariates[{max(1, len(tables.covariates))}] = {{{unset}}};",
-        _table("double limits[JOINTS][2]", "lowest and highest position of every joint [rad or m]",
+        c_table("double limits[JOINTS][2]", "lowest and highest position of every joint [rad or m]",
                [f"{c_number(pair)}, /* {c_comment(name)} */" for name, *pair in limits]),
-        _table("payload_body payloads[PAYLOADS]", "",
+        c_table("payload_body payloads[PAYLOADS]", "",
                [f"{{{c_number(body.mass)}, {c_number(body.com)}, {int(proven)}}}, /* {c_comment(name)} */"
                 for name, body, proven in zip(tables.payloads, bodies, tables.proven, strict=True)]),
-        _table("element chain[ELEMENTS]", "from base to tip, the arm as it is", tables.chain),
+        c_table("element chain[ELEMENTS]", "from base to tip, the arm as it is", tables.chain),
     ]  # fmt: skip
     names = [f" /* {c_comment(arm.flexure_names[i])} */" for i in arm.loaded(None).chain.order]
     if tables.nominal:
         what = "the rigid arm as the controller knows it"
-        text.append(_table("element nominal_chain[NOMINAL]", what, tables.nominal))
+        text.append(c_table("element nominal_chain[NOMINAL]", what, tables.nominal))
     if names:
         text.append(f"static const double gravity[3] = {c_number(tables.gravity)}; /* m/s^2, base axes */")
     per_flexure = (
@@ -439,7 +424,7 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
     )
     for declared, what, values in per_flexure:
         rows = [f"{c_number(value)},{name}" for value, name in zip(values, names, strict=True)]
-        text.append(_table(declared, what, rows) if rows else "")
+        text.append(c_table(declared, what, rows) if rows else "")
     columns = {column: i for i, column in enumerate(tables.columns)}
     factors, knots = [], []
     for one in tables.factors:
@@ -461,24 +446,5 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
         ("term terms[TERMS]", "", tables.terms),
         ("group curved[CURVED]", "", tables.curved),
     )
-    text += [_table(declared, what, rows) for declared, what, rows in optional if rows]
+    text += [c_table(declared, what, rows) for declared, what, rows in optional if rows]
     return "\n".join(part for part in text if part)
-
-
-def _table(declared: str, what: str, rows: Sequence[str]) -> str:
-    comment = f" /* {what} */" if what else ""
-    return f"static const {declared} = {{{comment}\n" + "\n".join(f"    {row}" for row in rows) + "\n};"
-
-
-def _names(declared: str, names: Iterable[str]) -> str:
-    return f"const char *const {declared}[] = {{{', '.join([*map(c_string, names), 'NULL'])}}};"
-
-
-def c_number(value: Any) -> str:
-    """Return a number, or numbers in braces, so that C reads the same doubles; braces round a zero hold zeros alone."""
-    if np.ndim(value) == 0:
-        return repr(float(value) + 0.0)
-    if not np.any(value):
-        return "{" * np.ndim(value) + "0.0" + "}" * np.ndim(value)
-    between = ",\n        " if np.shape(value) == (6, 6) else ", "
-    return "{" + between.join(map(c_number, value)) + "}"

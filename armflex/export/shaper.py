@@ -6,7 +6,7 @@ from pathlib import Path
 
 from armflex.arm import Arm
 from armflex.export import Exported
-from armflex.export.c_code import c_number, check_name
+from armflex.export.c_text import c_number, check_name
 from armflex.export.quoting import c_comment
 from armflex.tasks.calm import SLOWER, calm
 from armflex.trajectory import read_trajectory

@@ -115,20 +115,31 @@ class Closing:
         Raises:
             ClosureError: The loops do not close there, or neither is a way.
         """
-        given = {name: at for name, at in self._linkage.free.items() if at is not None}
-        start = np.array([given.get(name, 0.0) for name in self._linkage.free])
-        home = self._robot.home.copy()
-        lengths = self.ties.place(self.configuration(home, start))[0][self.lengths]
-        home[self._driven :] = lengths - self.offsets
-        settled = self._newton(home, start, jumps=True)
+        start, home, settled = self.beginning()
         led, share = (start, 0.0) if settled is None else self._followed(home, settled, q)
         found = [led] if share == 1.0 else []
-        if given or settled is None:
+        if self.given or settled is None:
             straight = self._newton(q, start, jumps=True)
             found += [] if straight is None else [straight]
         if not found:
             raise self._open(q, led, None if settled is None else home + share * (q - home))
         return min(found, key=lambda free: float(np.abs(free - start).max(initial=0.0)))
+
+    @property
+    def given(self) -> bool:
+        """Whether a joint without a drive has a `q0`."""
+        return any(at is not None for at in self._linkage.free.values())
+
+    def beginning(self) -> tuple[Array, Array, Array | None]:
+        """Return (p,) `q0` of the joints without a drive, (nq,) drives at home, and (p,) where the loops close there.
+
+        The last is None where they do not.
+        """
+        start = np.array([at or 0.0 for at in self._linkage.free.values()])
+        home = self._robot.home.copy()
+        lengths = self.ties.place(self.configuration(home, start))[0][self.lengths]
+        home[self._driven :] = lengths - self.offsets
+        return start, home, self._newton(home, start, jumps=True)
 
     def _followed(self, here: Array, free: Array, q: Array) -> tuple[Array, float]:
         """Return where they are when the drives go straight from (nq,) positions to others, and the share of the way.

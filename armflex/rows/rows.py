@@ -20,8 +20,9 @@ from armflex.rows.wrench import Wrench, wrenches_in
 STILL = 1e-9
 """Joints that move by less [rad or m] from row to row stand still: rounding turns no joint round."""
 
-POSE = "pose_number"
-"""Column that numbers the poses; for random twists, not a candidate, and not among what is known of rows by itself."""
+POSE, ROW = "pose_number", "row_number"
+"""Columns that number the poses and the rows; for random twists, not candidates, and not among what is known of rows by
+itself."""
 
 TIME = "time"
 """Column of when a row was, on the clock of its table [s]."""

@@ -104,7 +104,7 @@ def trace(
         reporter.stage("weighing which kinds of effect are missing")
         families = families_of(begun.fit, begun.context, begun.groups)
         try:
-            here = standing(led(begun, passing))
+            here = led(begun, passing)
             passing(here)
             here = search(here, passing)
             if is_bounded(here):

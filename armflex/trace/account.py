@@ -38,7 +38,7 @@ from armflex.trace.resampling import Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
-from armflex.trace.state import State, lost_of, refit, sorted_out
+from armflex.trace.state import State, beside_effects, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Folds, Validated, sessions_held_out, validated
 
@@ -144,7 +144,7 @@ def conclude(
         **errors,
         found=found,
         at_every_drive=common,
-        families=families,
+        families=beside_effects(state) if state.background.names else families,
         unexplained=left,
         places=places,
         undecided=None if state.effects or left is not None else _undecided(known),
@@ -177,7 +177,7 @@ def _errors(state: State, seen: Validated | None = None) -> dict:
         certainty = replace(certainty, misfit=max(certainty.misfit, chosen))
     arm = with_posteriors(fit.setup.arm, fit, certainty)
     # A random twist stays behind, because nobody can foresee it.
-    effects = (*calibration.arm.effects, *state.fitted)
+    effects = (*calibration.arm.effects, *state.fitted, *state.common)
     return {
         "arm": replace(arm, effects=effects, instrument=fit.setup.instrument).left(),
         "state": state,
@@ -254,7 +254,8 @@ def _before(state: State, certainty: Certainty) -> Before:
 
     Readings that scatter less than they state count as they state; see `certainty_of`.
     """
-    fit, count = state.fit, len(state.declared.arm.effects) + len(state.effects)
+    fit, own = state.fit, (*state.effects, *state.background.effects)
+    count = len(state.declared.arm.effects) + len(own)
     setup = replace(fit.setup, arm=replace(fit.setup.arm, effects=fit.setup.arm.effects[:count]))
     effect = max(certainty.design_effect * min(fit.noise, 1.0) ** 2, 1.0)
     measured, least = Measured.of(fit, state.measurements, replace(certainty, design_effect=effect), setup), 1.0

@@ -1,34 +1,54 @@
-"""Which kinds of effect a calibrated arm lacks: every kind at every drive at once, each with one size by the evidence.
+"""Families: every kind of effect at every drive at once, each with one size by the evidence.
 
 A real machine is a little of everything at every drive. A family is one kind of it: its columns are what its laws do at
 all drives, and all its amplitudes have one standard deviation, which is zero where the evidence has none for it
 (`estimate.variance_components`). A smooth curve over a drive's position is a Gaussian process with a Matern 3/2 kernel:
 sines over the recorded range and one length beyond it, each as variable as the kernel's spectrum says (Solin and Sarkka
 2020, Statistics and Computing 30, 419-446), with several lengths, of which each has a size.
+
+Families that are worth their prior probability are the background of names: their amplitudes are in every fit of the
+arm, with their sizes as priors, and what a name is worth is worth beside them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from armflex.conventions import TWIST_NAMES, Array
+from armflex.estimate.block import Block, EffectBlock
 from armflex.estimate.fit import Fit
 from armflex.estimate.held_out import errors_of, pose_folds
+from armflex.estimate.pose_block import Walk
+from armflex.estimate.robust import EVEN
 from armflex.estimate.variance_components import Components, MixedModel
-from armflex.laws.effects.context import Context
-from armflex.laws.effects.location import BASE, drive_axis
-from armflex.laws.effects.shapes import ROUNDING
+from armflex.laws.effects.backlash import BACKLASH
+from armflex.laws.effects.base_compliance import BASE_COMPLIANCE
+from armflex.laws.effects.candidate import Candidate
+from armflex.laws.effects.compliance import COMPLIANCE
+from armflex.laws.effects.context import AXES_TURN, Context
+from armflex.laws.effects.cross_coupling import CROSS_COUPLING
+from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
+from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
+from armflex.laws.effects.encoder_scale import ENCODER_SCALE
+from armflex.laws.effects.location import BASE, Location, drive_axis
+from armflex.laws.effects.shapes import PAIRS, ROUNDING
+from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT
 from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH
+from armflex.trace.bank import Bank
+from armflex.trace.hypotheses import EFFECTS, FAMILIAL
 from armflex.trace.projection import Projection, project
-from armflex.trace.selection import MOST_TRIED
+from armflex.trace.selection import MOST_TRIED, SCALES
+
+LEAST_INFORMED = 1e-3
+"""Tolerance: information of the readings on an amplitude, by that of its prior, below which a fit leaves it out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +57,30 @@ class Part:
 
     Attributes:
         family: Which.
-        site, axis: Where.
-        shapes: (M, d, k) changes of the readings per amplitude.
+        acts: A law there, or a walk in time.
         variances: (L, k) of its amplitudes, one row for each length that a curve has.
     """
 
     family: str
-    site: str
-    axis: str
-    shapes: Array
+    acts: Candidate | Walk
     variances: Array
+
+    @property
+    def place(self) -> tuple[str, str]:
+        """Site and axis."""
+        where = self.acts if isinstance(self.acts, Walk) else self.acts.location
+        return where.site, str(where.axis)
+
+    def block(self, std: Array, context: Context, rows: np.ndarray) -> EffectBlock | Walk | None:
+        """Return it as a block of a fit to (M,) rows, with (k,) standard deviations; 0 of what is to be left out."""
+        some = np.flatnonzero(std)
+        if not len(some):
+            return None
+        if isinstance(self.acts, Walk):
+            return replace(self.acts, std=std[some], waves=self.acts.waves[:, some])
+        terms = tuple(self.acts.location.terms[i] for i in some.tolist())
+        acts = replace(self.acts, location=replace(self.acts.location, terms=terms))
+        return EffectBlock(acts.effect(np.zeros(len(terms))).seen_in(context, rows), (), context, 0, std[some])
 
 
 @dataclass(frozen=True)
@@ -84,12 +118,12 @@ class FamilyFound:
 
 @dataclass(frozen=True)
 class Families:
-    """What kinds of effect a calibrated arm lacks.
+    """What kinds of effect an arm lacks.
 
     Attributes:
         found: Those with evidence, the most first.
-        held_out: RMS of the error on held-out poses of the calibrated arm, and with all families, in the unit of what
-            is read foremost; every row counts.
+        held_out: RMS of the error on held-out poses without any family, and with all, in the unit of what is read
+            foremost; every row counts.
         noise: Standard deviation of the readings over that stated, if the rest is nothing else.
     """
 
@@ -98,210 +132,396 @@ class Families:
     noise: float
 
 
-def families_of(fit: Fit, context: Context, poses: np.ndarray) -> Families:
-    """Return the kinds of effect that a calibrated arm lacks.
+@dataclass(frozen=True, eq=False)
+class Background:
+    """Families in a fit: effects of the arm, and walks in time that stay behind in the campaign.
+
+    Attributes:
+        names: Of the families.
+        effects: What is in the arm from then on.
+        walks: What wanders.
+        of: Family of each of those, effects first.
+        amplitudes: Where a fit starts, behind one another.
+        price: What it costs to have chosen one among all families [nats].
+    """
+
+    names: tuple[str, ...] = ()
+    effects: tuple[EffectBlock, ...] = ()
+    walks: tuple[Walk, ...] = ()
+    of: tuple[str, ...] = ()
+    amplitudes: Array = field(default_factory=lambda: np.zeros(0))
+    price: float = 0.0
+
+    @property
+    def blocks(self) -> tuple[Block, ...]:
+        """All of it."""
+        return (*self.effects, *self.walks)
+
+    @property
+    def charge(self) -> float:
+        """What it costs to have chosen these [nats]."""
+        return self.price * len(self.names)
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """(P,) family of each amplitude."""
+        return tuple(name for name, block in zip(self.of, self.blocks, strict=True) for _ in block.parameters)
+
+    def close_to(self, other: Background) -> bool:
+        """Return whether another has the same families with almost the same sizes."""
+        if self.families != other.families:
+            return False
+        sizes = (np.concatenate([np.zeros(0), *(block.prior for block in one.blocks)]) for one in (self, other))
+        return bool(np.all(np.abs(np.log(np.divide(*sizes))) <= EVEN))
+
+    def without(self, *gone: str) -> Background:
+        """Return the others without some families."""
+        own = np.isin(np.array(self.families, dtype=object), gone)
+        kept = [name not in gone for name in self.of]
+        effects, walks = (
+            tuple(block for block, stays in zip(blocks, flags, strict=True) if stays)
+            for blocks, flags in ((self.effects, kept[: len(self.effects)]), (self.walks, kept[len(self.effects) :]))
+        )
+        return replace(
+            self,
+            names=tuple(name for name in self.names if name not in gone),
+            effects=effects,
+            walks=walks,
+            of=tuple(name for name in self.of if name not in gone),
+            amplitudes=self.amplitudes[~own],
+        )
+
+    def from_effect(self, first: int, numbers: Sequence[int]) -> Background:
+        """Return the same as the effects of an arm from one on, with which each is of its name."""
+        pairs = enumerate(zip(self.effects, numbers, strict=True), first)
+        effects = tuple(replace(block, ordinal=place, number=number) for place, (block, number) in pairs)
+        return replace(self, effects=effects)
+
+
+NO_FAMILIES = Background()
+
+
+@dataclass(frozen=True, eq=False)
+class Kinds:
+    """The columns of all families at a fit.
+
+    Attributes:
+        fit: Where.
+        context: The campaign as effects see it there.
+        parts: What each family does at each place.
+        columns: (n, K) what that does to the whitened readings.
+        folds: (M,) fold of every row.
+    """
+
+    fit: Fit
+    context: Context
+    parts: tuple[Part, ...]
+    columns: Array
+    folds: np.ndarray
+
+    @cached_property
+    def slices(self) -> list[slice]:
+        """Columns of each part."""
+        ends = np.cumsum([0, *(part.variances.shape[1] for part in self.parts)]).tolist()
+        return [slice(first, last) for first, last in pairwise(ends)]
+
+    @cached_property
+    def components(self) -> list[tuple[str, int]]:
+        """Each length of each family, over all its places."""
+        return list(dict.fromkeys((part.family, i) for part in self.parts for i in range(len(part.variances))))
+
+    @cached_property
+    def variances(self) -> Array:
+        """(C, K) of each column's amplitude per unit of a component's."""
+        found = np.zeros((len(self.components), self.columns.shape[1]))
+        for part, place in zip(self.parts, self.slices, strict=True):
+            for length, spectrum in enumerate(part.variances):
+                found[self.components.index((part.family, length)), place] = spectrum
+        return found
+
+    @property
+    def names(self) -> list[str]:
+        """All families."""
+        return list(dict.fromkeys(name for name, _ in self.components))
+
+    def of(self, name: str) -> list[int]:
+        """Return the components of a family."""
+        return [i for i, (family, _) in enumerate(self.components) if family == name]
+
+    def beside(self, projection: Projection) -> Sized:
+        """Return the families' sizes beside what a projection has fitted, which also takes any constant twist.
+
+        Where links and zeros truly are is no family: what calibration was not allowed to move is not to be mistaken
+        for it.
+        """
+        projection = self._with_constants(projection)
+        gram = self.columns.T @ projection.left_of(self.columns)
+        score = self.columns.T @ projection.residual
+        model = MixedModel(0.5 * (gram + gram.T), score, projection.objective, projection.freedom, self.variances)
+        return Sized(self, projection, model, model.fitted())
+
+    def _with_constants(self, projection: Projection) -> Projection:
+        view = self.fit.view
+        twists = np.concatenate([view.to_twist(joint.name) for joint in view.arm.robot.moving], axis=2)
+        moved = np.array([view.rms(twist) for twist in twists.transpose(2, 0, 1)]) / view.per_metre
+        twists, moved = twists[:, :, moved > 0.0], moved[moved > 0.0]
+        columns = (twists * self.fit.scale[:, :, None]).reshape(view.residual.size, -1)
+        return replace(
+            projection,
+            regressors=np.hstack([projection.regressors, columns]),
+            precision=np.concatenate([projection.precision, (moved / view.largest_motion) ** 2]),
+        )
+
+
+def kinds_of(fit: Fit, context: Context, poses: np.ndarray) -> Kinds:
+    """Return the columns of all families at a fit.
 
     Args:
-        fit: The calibrated arm.
-        context: The campaign as effects see it at that fit.
+        fit: Of the arm.
+        context: The campaign as effects see it there.
         poses: (M,) number of the pose of every fitted row.
+    """
+    bank, parts, columns = Bank((), fit, context), list[Part](), [np.empty((fit.view.residual.size, 0))]
+    for part in _parts(fit, context, len(np.unique(poses))):
+        if isinstance(part.acts, Walk):
+            own = (part.acts.columns(fit.view) * fit.scale[:, :, None]).reshape(fit.view.residual.size, -1)
+        else:
+            own = bank.made(part.acts)
+        if own.any():
+            parts.append(part)
+            columns.append(own)
+    return Kinds(fit, context, tuple(parts), np.hstack(columns), pose_folds(poses))
+
+
+def families_of(fit: Fit, context: Context, poses: np.ndarray) -> Families:
+    """Return the kinds of effect that a calibrated arm lacks; arguments as of `kinds_of`.
 
     Raises:
         ConvergenceError: What families do is not finite.
     """
-    parts = [part for part in _parts(fit, context, len(np.unique(poses))) if part.shapes.any()]
-    return _Problem(fit, parts, pose_folds(poses)).families
+    return kinds_of(fit, context, poses).beside(project(fit)).families
 
 
-class _Problem:
-    """The linear problem of a fit with the columns of all families."""
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """Families with the sizes that the evidence gives them beside what else is fitted.
 
-    def __init__(self, fit: Fit, parts: Sequence[Part], folds: np.ndarray) -> None:
-        self.fit, self.parts, self.folds = fit, parts, folds
-        scale = fit.scale[:, :, None]
-        none = np.empty((fit.view.residual.size, 0))
-        self.columns = np.hstack([none, *((part.shapes * scale).reshape(len(none), -1) for part in parts)])
-        ends = np.cumsum([0, *(part.shapes.shape[2] for part in parts)]).tolist()
-        self.slices = [slice(first, last) for first, last in pairwise(ends)]
-        # A component for each length of each family, over all its places.
-        names = [(part.family, length) for part in parts for length in range(len(part.variances))]
-        self.components = list(dict.fromkeys(names))
-        variances = np.zeros((len(self.components), ends[-1]))
-        for part, place in zip(parts, self.slices, strict=True):
-            for length, spectrum in enumerate(part.variances):
-                variances[self.components.index((part.family, length)), place] = spectrum
-        self.projection = projection = _with_constants(fit)
-        gram = self.columns.T @ projection.left_of(self.columns)
-        score = self.columns.T @ projection.residual
-        self.model = MixedModel(0.5 * (gram + gram.T), score, projection.objective, projection.freedom, variances)
+    Attributes:
+        kinds: The families.
+        projection: What else is fitted.
+        model: The linear problem.
+        fitted: The sizes.
+    """
 
-    @cached_property
-    def fitted(self) -> Components:
-        """All families with the sizes that the evidence gives them."""
-        return self.model.fitted()
+    kinds: Kinds
+    projection: Projection
+    model: MixedModel
+    fitted: Components
 
     @property
     def families(self) -> Families:
         """What the evidence has."""
-        found, names = list[FamilyFound](), list(dict.fromkeys(name for name, _ in self.components))
-        amplitudes, least = self.fitted.amplitudes, -np.log(DOUBT)
-        for name in names:
-            own = [i for i, (family, _) in enumerate(self.components) if family == name]
-            if not self.fitted.ratios[own].any() or self.fitted.lost_without(*own) < least:
+        found, least = list[FamilyFound](), -np.log(DOUBT)
+        amplitudes = self.fitted.amplitudes
+        for name in self.kinds.names:
+            without = self._without(self.fitted, name, least)
+            if without is None:
                 continue
-            without = self.model.fitted(self.fitted.without(*own).ratios, MOST_TRIED)  # the others may take its place
             evidence = self.fitted.log_likelihood - without.log_likelihood
             if evidence < least:
                 continue
             places = dict[tuple[str, str], Array]()
-            for part, place in zip(self.parts, self.slices, strict=True):
+            for part, place in zip(self.kinds.parts, self.kinds.slices, strict=True):
                 if part.family == name:
-                    done = self.columns[:, place] @ amplitudes[place]
-                    places[part.site, part.axis] = places.get((part.site, part.axis), 0.0) + done
+                    done = self.kinds.columns[:, place] @ amplitudes[place]
+                    places[part.place] = places.get(part.place, 0.0) + done
             left = {place: self.projection.left_of(done) for place, done in places.items()}  # by what is fitted anyway
             sizes = [FamilyPlace(*place, self.rms(done)) for place, done in left.items()]
             sizes = tuple(sorted((size for size in sizes if size.rms > 0.0), key=lambda size: -size.rms))
             rms = self.rms(np.sum(list(left.values()), axis=0))
             found.append(FamilyFound(name, rms, evidence, self.held_out(without), sizes))
         found.sort(key=lambda family: -family.evidence)
-        none = self.model.at(np.zeros(len(self.components)))
+        none = self.model.at(np.zeros(len(self.kinds.components)))
         return Families(tuple(found), (self.held_out(none), self.held_out(self.fitted)), self.fitted.noise)
+
+    def _without(self, sizes: Components, name: str, least: float) -> Components | None:
+        """Return the sizes of the others without a family, in whose place they may step; None where it is not there.
+
+        Nor where less than `least` is lost without it even if they may not.
+        """
+        own = self.kinds.of(name)
+        if not sizes.ratios[own].any() or sizes.lost_without(*own) < least:
+            return None
+        return self.model.fitted(sizes.without(*own).ratios, MOST_TRIED)
+
+    @cached_property
+    def background(self) -> Background:
+        """The families that are worth their prior probability beside all others, as blocks of a fit.
+
+        The least is left out first, and the others take its place as far as they can.
+        """
+        kinds, sizes = self.kinds, self.fitted
+        price = -np.log(EFFECTS * FAMILIAL / len(kinds.names) / len(SCALES))
+        while there := [name for name in kinds.names if sizes.ratios[kinds.of(name)].any()]:
+            lost = {name: sizes.lost_without(*kinds.of(name)) for name in there}
+            least = min(there, key=lost.__getitem__)
+            if lost[least] > price:  # as long as the others may not take its place
+                without = {name: self.model.fitted(sizes.without(*kinds.of(name)).ratios, MOST_TRIED) for name in there}
+                least = max(there, key=lambda name: without[name].log_likelihood)
+                if sizes.log_likelihood - without[least].log_likelihood > price:
+                    break
+            sizes = self.model.fitted(sizes.without(*kinds.of(least)).ratios)
+        informed, amplitudes = sizes.spread**2 * np.diag(self.model.gram) > LEAST_INFORMED, sizes.amplitudes
+        std = np.where(informed, sizes.spread, 0.0)
+        effects, walks = list[tuple[str, EffectBlock, Array]](), list[tuple[str, Walk, Array]]()
+        for part, place in zip(kinds.parts, kinds.slices, strict=True):
+            block, own = part.block(std[place], kinds.context, kinds.fit.view.rows), amplitudes[place][std[place] > 0.0]
+            if isinstance(block, Walk):
+                walks.append((part.family, block, own))
+            elif block is not None:
+                effects.append((part.family, block, own))
+        return Background(
+            tuple(there),
+            tuple(block for _, block, _ in effects),
+            tuple(block for _, block, _ in walks),
+            tuple(family for family, *_ in (*effects, *walks)),
+            np.concatenate([np.zeros(0), *(own for *_, own in (*effects, *walks))]),
+            price,
+        )
 
     def rms(self, whitened: Array) -> float:
         """Return the RMS of what (n,) whitened errors are of what is read foremost, in its unit."""
-        errors = np.zeros(self.fit.view.residual.shape)
-        errors[:, self.fit.view.foremost] = errors_of(self.fit, whitened)
-        return self.fit.view.rms(errors)
+        fit = self.kinds.fit
+        errors = np.zeros(fit.view.residual.shape)
+        errors[:, fit.view.foremost] = errors_of(fit, whitened)
+        return fit.view.rms(errors)
 
     def held_out(self, sizes: Components) -> float:
         """Return the RMS of the error of every row, predicted from the other folds with these sizes."""
-        depth = self.fit.view.residual.shape[1]
+        depth = self.kinds.fit.view.residual.shape[1]
         some = sizes.columns
-        columns = np.hstack([self.projection.regressors, self.columns[:, some] * sizes.spread[some]])
+        columns = np.hstack([self.projection.regressors, self.kinds.columns[:, some] * sizes.spread[some]])
         precision = np.concatenate([self.projection.precision, np.ones(len(some))])  # by the noise's variance
         data = self.projection.data
         gram, score = columns.T @ columns, columns.T @ data
         left = np.empty(len(data))
-        for number in np.unique(self.folds):
-            own = np.repeat(self.folds == number, depth)
+        for number in np.unique(self.kinds.folds):
+            own = np.repeat(self.kinds.folds == number, depth)
             held = LinearGaussian(gram - columns[own].T @ columns[own] + np.diag(precision))
             left[own] = data[own] - columns[own] @ held.solve(score - columns[own].T @ data[own])
         return self.rms(left)
 
 
-def _with_constants(fit: Fit) -> Projection:
-    """Return the projection of a fit that also takes over any constant twist of any joint.
-
-    Where links and zeros truly are is no family: what calibration was not allowed to move is not to be mistaken for it.
-    """
-    view, declared = fit.view, project(fit)
-    twists = np.concatenate([view.to_twist(joint.name) for joint in view.arm.robot.moving], axis=2)
-    moved = np.array([view.rms(twist) for twist in twists.transpose(2, 0, 1)]) / view.per_metre
-    twists, moved = twists[:, :, moved > 0.0], moved[moved > 0.0]
-    columns = (twists * fit.scale[:, :, None]).reshape(view.residual.size, -1)
-    return replace(
-        declared,
-        regressors=np.hstack([declared.regressors, columns]),
-        precision=np.concatenate([declared.precision, (moved / view.largest_motion) ** 2]),
-    )
-
-
 def _parts(fit: Fit, context: Context, poses: int) -> Iterator[Part]:
     """Yield what every family does at every place of a campaign with so many poses."""
-    view, turning = fit.view, range(3, 6)
+    view, records = fit.view, context.records
     # Lengths over which a drive's errors may change [rad], of sliding drives by how far they were driven; about other
     # axes the longer half, since bearings and links are smoother than gears.
     lengths = np.array([0.05, 0.15, 0.5, 1.5])
     positions = {joint.name: context.row.position(joint.name)[view.rows] for joint in context.robot.moving}
     driven = {name: values for name, values in positions.items() if np.ptp(values) > 0.0}
-    along = {name: (values - values.mean()) / np.ptp(values) for name, values in driven.items()}
     recorded = {name: context.column(name)[view.rows] for name in context.recorded if name != "time"}
-    recorded = {name: (x - x.mean()) / np.ptp(x) for name, x in recorded.items() if np.ptp(x) > 0.0}
-    slides = [joint.name for joint in context.robot.moving if TWIST_NAMES.index(drive_axis(joint)) not in turning]
+    recorded = {name: x for name, x in recorded.items() if np.ptp(x) > 0.0}
+    slides = [joint.name for joint in context.robot.moving if drive_axis(joint) not in AXES_TURN]
+
+    def by_column(law: str, site: str, name: str, x: Array) -> Iterator[Part]:
+        for axis in records.axes(site) if site in records.joints else (*TWIST_NAMES,):
+            location = Location(site, axis, (name,))
+            yield Part(law, Candidate(LINE, location, (float(x.mean()),)), np.full((1, 1), np.ptp(x) ** -2.0))
+
     for joint in context.robot.moving:
-        twist, drive = view.to_twist(joint.name), TWIST_NAMES.index(drive_axis(joint))
-
-        def part(family: str, axis: int, *factors: Array, variances: Array | None = None, joint: Joint = joint,
-                 twist: Array = twist) -> Part:  # fmt: skip
-            shapes = twist[:, :, [axis]] * np.column_stack(factors)[:, None, :]
-            return Part(family, joint.name, TWIST_NAMES[axis], shapes,
-                        np.ones((1, shapes.shape[2])) if variances is None else variances)  # fmt: skip
-
+        drive, own = drive_axis(joint), f"q_{joint.name}"
+        axes = [axis for axis in AXES_TURN if axis in records.axes(joint.name)]
         if joint.name in driven:
-            values = driven[joint.name]
-            unit = 1.0 if drive in turning else float(np.ptp(values))
-            shapes, spectra = _curve(values, unit * lengths, max(poses // 4, 4))
-            yield part("curve of the drives", drive, shapes, variances=spectra)
-            yield part("scale of the encoders", drive, values - values.mean())
-            if drive in turning:
-                yield part("eccentricity of the encoders", drive, np.sin(values), np.cos(values))
-            shapes, spectra = _curve(values, unit * lengths[2:], max(poses // 8, 4))
-            for axis in turning:
-                if axis != drive:
-                    yield part("curve about other axes", axis, shapes, variances=spectra)
-        if f"{APPROACH}{joint.name}" in context.row.covariates:
-            yield part("play by approach", drive, context.column(f"{APPROACH}{joint.name}")[view.rows])
-        for name, share in recorded.items():
-            for axis in range(6):
-                yield part(f"by {name}", axis, share)
+            yield from _over_position(joint, driven[joint.name], lengths, axes, poses)
+        if (approach := f"{APPROACH}{joint.name}") in context.row.covariates:
+            location = Location(joint.name, drive, (approach,))
+            yield Part("play by approach", Candidate(BACKLASH, location, ()), np.full((1, 1), 4.0))
+        for name, x in recorded.items():
+            yield from by_column(f"by {name}", joint.name, name, x)
         load = view.load_at(joint.name)
-        places = [along[name] for name in dict.fromkeys((joint.name, *slides)) if name in along]
-        for axis in turning:
-            moment = load[:, axis]
-            largest = np.abs(moment).max()
-            yield part("compliance", axis, load[:, 3:])
+        where = [name for name in dict.fromkeys((joint.name, *slides)) if name in driven]
+        for i, j in PAIRS if len(axes) == 3 else ():
+            location = Location(joint.name, AXES_TURN[i], partner=AXES_TURN[j])
+            yield Part("compliance", Candidate(CROSS_COUPLING, location, ()), np.ones((1, 1)))
+        for axis in axes:
+            moment = load[:, TWIST_NAMES.index(axis)]
+            largest = float(np.abs(moment).max())
             if not largest > ROUNDING * np.abs(load).max():
                 continue
-            side = np.tanh(10.0 * moment / largest)  # a tenth of the load takes play to the other side
-            yield part("play by load", axis, side)
-            for name, share in recorded.items():
-                yield part(f"compliance by {name}", axis, moment * share)
-            if places:
-                powers = [place**power for place in places for power in (1, 2)]
-                yield part("compliance by position", axis, *(moment * power for power in powers))
-                yield part("play by load and position", axis, *(side * place for place in places))
-    twist, load = view.to_twist(BASE), view.load_at(BASE)
-    for axis in turning:
-        shapes = twist[:, :, [axis]] * load[:, None, 3:]
-        yield Part("compliance", BASE, TWIST_NAMES[axis], shapes, np.ones((1, 3)))
-    for name, share in recorded.items():
-        for axis in range(6):
-            shapes = twist[:, :, [axis]] * share[:, None, None]
-            yield Part(f"by {name}", BASE, TWIST_NAMES[axis], shapes, np.ones((1, 1)))
+            yield Part("compliance", Candidate(COMPLIANCE, Location(joint.name, axis), ()), np.ones((1, 1)))
+            play = Location(joint.name, axis, (own,))
+            inner = (0.0, 0.1 * largest)  # a tenth of the load takes play to the other side
+            yield Part("play by load", Candidate(LINE_PLAY, play, inner), np.ones((1, 1)))
+            for name, x in recorded.items():
+                location = Location(joint.name, axis, (name,))
+                acts = Candidate(LINE_COMPLIANCE, location, (float(x.mean()),))
+                yield Part(f"compliance by {name}", acts, np.full((1, 1), np.ptp(x) ** -2.0))
+            for name in where:
+                x = driven[name]
+                middle, span = float(x.mean()), float(np.ptp(x))
+                location = Location(joint.name, axis, (f"q_{name}",), (0, 1))
+                acts = Candidate(LINE_COMPLIANCE, location, (middle,))
+                yield Part("compliance by position", acts, np.array([[span**-2.0, span**-4.0]]))
+                acts = Candidate(LINE_PLAY, replace(location, terms=(1,)), (middle, inner[1]))
+                yield Part("play by load and position", acts, np.full((1, 1), span**-2.0))
+    base = Candidate(BASE_COMPLIANCE, Location(BASE, terms=(1, 2, 3, 4, 5, 6)), ())
+    yield Part("compliance", base, np.ones((1, 6)))
+    for name, x in recorded.items():
+        yield from by_column(f"by {name}", BASE, name, x)
     yield from _wandering(fit, context)
 
 
-def _curve(values: Array, lengths: Array, most: int) -> tuple[Array, Array]:
-    """Return (M, k) sines over (M,) positions, and the (L, k) variances that curves of (L,) lengths give them.
+def _over_position(joint: Joint, values: Array, lengths: Array, axes: Sequence[str], poses: int) -> Iterator[Part]:
+    """Yield what is a function of a drive's (M,) positions alone."""
+    drive, own = drive_axis(joint), (f"q_{joint.name}",)
+    unit = 1.0 if drive in AXES_TURN else float(np.ptp(values))
+    yield Part("curve of the drives", *_curve(joint.name, drive, values, unit * lengths, max(poses // 4, 4)))
+    yield Part("scale of the encoders", Candidate(ENCODER_SCALE, Location(joint.name, drive, own), ()), np.ones((1, 1)))
+    if drive in AXES_TURN:
+        acts = Candidate(ENCODER_ECCENTRICITY, Location(joint.name, drive, own, (0, 1)), ())
+        yield Part("eccentricity of the encoders", acts, np.ones((1, 2)))
+    for axis in axes:
+        if axis != drive:
+            acts = _curve(joint.name, axis, values, unit * lengths[2:], max(poses // 8, 4))
+            yield Part("curve about other axes", *acts)
+
+
+def _curve(site: str, axis: str, values: Array, lengths: Array, most: int) -> tuple[Candidate, Array]:
+    """Return sines over (M,) positions, and the (L, k) variances that curves of (L,) lengths give them.
 
     The finest of them has three radians within the shortest length; there are so many at most.
     """
     middle, half = 0.5 * (values.min() + values.max()), 0.5 * np.ptp(values) + lengths.max()
-    count = int(np.clip(2.0 * half * 3.0 / lengths.min() / np.pi, 1, most))
+    count = int(np.clip(2.0 * half * 3.0 / lengths.min() / np.pi, 1, min(most, MOST_SINES)))
     waves = np.pi * np.arange(1, count + 1) / (2.0 * half)
-    shapes = np.sin(waves * (values[:, None] - middle + half)) / np.sqrt(half)
     rates = np.sqrt(3.0) / lengths[:, None]
-    return shapes, 4.0 * rates**3 / (rates**2 + waves**2) ** 2
+    location = Location(site, axis, (f"q_{site}",), tuple(range(count)))
+    acts = Candidate(DRIVE_CURVE, location, (float(middle - half), float(middle + half)))
+    return acts, 4.0 * rates**3 / (rates**2 + waves**2) ** 2 / half
 
 
 def _wandering(fit: Fit, context: Context) -> Iterator[Part]:
     """Yield random walks in time: of the instrument's frame, anew in every session, and of every drive."""
-    view = fit.view
-    time = context.column("time")[view.rows] if context.timed else np.arange(len(view.rows), dtype=float)
+    view, every = fit.view, len(context.row.q)
+    # Campaigns have clocks of their own: of several together it is the order of their rows.
+    timed = context.timed and len(context.pieces) < 2
+    order = context.column("time") if timed else np.arange(float(every))
     count = 32  # terms of Karhunen and Loeve: finer ones are noise
     rates = np.pi * (np.arange(1, count + 1) - 0.5)
 
-    def walk(rows: np.ndarray) -> Array:
-        share = (time - time[rows].min()) / (np.ptp(time[rows]) or 1.0)
-        return np.sqrt(2.0) * np.sin(rates * share[:, None]) / rates * rows[:, None]
+    def walk(site: str, axis: str, rows: np.ndarray, session: str = "") -> Walk:
+        share, waves = (order - order[rows].min()) / (np.ptp(order[rows]) or 1.0), np.zeros((every, count))
+        waves[rows] = np.sqrt(2.0) * np.sin(rates * share[rows, None]) / rates
+        return Walk(site, axis, np.ones(count), waves, session)
 
-    sessions, every = np.array(view.sessions), np.ones(len(view.rows), dtype=bool)
-    spans = {walked.tobytes(): walked for name in dict.fromkeys(view.sessions) if (walked := sessions == name).any()}
-    for rows in (spans | {every.tobytes(): every}).values():
-        for axis in range(3):
-            shapes = view.by_frame[:, :, [axis]] * walk(rows)[:, None, :]
-            yield Part("wandering of the instrument", BASE, TWIST_NAMES[axis], shapes, np.ones((1, count)))
+    sessions = np.array(view.sessions)
+    spans = {name: view.rows[sessions == name] for name in dict.fromkeys(view.sessions)}
+    if len(spans) > 1:
+        spans[""] = view.rows
+    for session, rows in spans.items():
+        for axis in TWIST_NAMES[:3]:
+            yield Part("wandering of the instrument", walk(BASE, axis, rows, session), np.ones((1, count)))
     for joint in context.robot.moving:
-        drive = drive_axis(joint)
-        shapes = view.to_twist(joint.name)[:, :, [TWIST_NAMES.index(drive)]] * walk(every)[:, None, :]
-        yield Part("wandering of the drives", joint.name, drive, shapes, np.ones((1, count)))
+        acts = walk(joint.name, drive_axis(joint), view.rows)
+        yield Part("wandering of the drives", acts, np.ones((1, count)))

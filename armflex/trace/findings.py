@@ -241,7 +241,8 @@ class Trace(Result):
         asked: The rows that decide what is in question, where they were wanted.
         compared: Held-out poses, everything chosen and fitted without them; None where nothing was added.
         at_every_drive: Laws that all drives have.
-        families: Which kinds of effect the calibrated arm lacks, before anything is named.
+        families: Which kinds of effect are in the arm beside what is named; where none is, which kinds the calibrated
+            arm lacks before anything is named.
         undecided: What is left where these rows do not determine whether anything is missing, None where they can.
         unfinished: Whether it was ended at once: what was accepted is in `arm` and `accepted` alone, and what else
             would do, what is not identifiable and what to measure next is not worked out.
@@ -449,7 +450,9 @@ class Trace(Result):
         campaign = Campaign(state.measurements.sha256, len(self.rows), self.rms, state.measurements.clock)
         effects = [
             effect_table(effect, {name: one for name, one in state.std_of(block).items() if np.isfinite(one)})
-            for block, effect in zip(state.effects, state.fitted, strict=True)
+            for block, effect in zip(
+                (*state.effects, *state.background.effects), (*state.fitted, *state.common), strict=True
+            )
         ]
         setup = realise(fit.declared, state.blocks, fit.values)  # effects are written by themselves
         assert self.arm.certainty is not None

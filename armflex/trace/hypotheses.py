@@ -14,23 +14,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log
 
-import numpy as np
-
 from armflex.conventions import Array
-from armflex.laws.effects.backlash import BACKLASH
 from armflex.laws.effects.candidate import Candidate, candidates_of, grid, places_of
 from armflex.laws.effects.catalogue import EVERY
-from armflex.laws.effects.compliance import COMPLIANCE
 from armflex.laws.effects.context import Context
 from armflex.laws.effects.deadband import DEADBAND
-from armflex.laws.effects.effect import EffectLaw, Solved, Values
-from armflex.laws.effects.encoder_eccentricity import ENCODER_ECCENTRICITY
-from armflex.laws.effects.encoder_scale import ENCODER_SCALE
-from armflex.laws.effects.friction_windup import FRICTION_WINDUP
-from armflex.laws.effects.gear_harmonic import GEAR_HARMONIC
+from armflex.laws.effects.effect import EffectLaw, Values
 from armflex.laws.effects.hysteresis import HYSTERESIS
 from armflex.laws.effects.location import LINK, Location, drive_axis
-from armflex.laws.effects.shapes import ABOVE, ROUNDING
+from armflex.laws.effects.shapes import ABOVE
 
 EFFECTS = 2.0
 """Prior: effects that an arm is expected to lack."""
@@ -54,13 +46,6 @@ preloaded, and a shape over a joint's position that does not act at that joint."
 
 LOST_MOTION = (DEADBAND, HYSTERESIS)
 """Laws of it that act on any axis of a joint."""
-
-FAMILIES = (BACKLASH, FRICTION_WINDUP, ENCODER_ECCENTRICITY, ENCODER_SCALE, GEAR_HARMONIC, COMPLIANCE)
-"""Laws that every drive of a machine may have."""
-
-LEAST_SHARE = 0.1
-"""Tolerance: share of the largest shape of a law at any drive below which another's does not show, since no load shows
-no compliance: a drive of which none shows is no member of a family, and one that does not show is as there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +105,20 @@ def at_every_drive(law: EffectLaw, values: str = "") -> str:
     return f"{law.name.replace('_', ' ')}{values} at every drive"
 
 
+def searched() -> list[EffectLaw]:
+    """Return the laws that a campaign is searched for: those that may be at one place alone."""
+    return [law for law in EVERY.values() if not law.dense]
+
+
 def hypotheses(context: Context) -> list[Hypothesis]:
     """Return every law at every place of a campaign, and every free shape that is not only sought where it may be."""
-    known = list(candidates_of((law for law in EVERY.values() if not law.sought), context))
+    known = list(candidates_of((law for law in searched() if not law.sought), context))
     spots = [one.law_and_place for one in known]
     places, terms, values = Counter(name for name, *_ in set(spots)), dict[tuple, set](), dict[tuple, list[Values]]()
     for one, spot in zip(known, spots, strict=True):
         terms.setdefault(spot, set()).add(one.location.terms)
         values.setdefault((spot, one.location.terms), []).append(one.inner)
-    laws = {law.name: _of_law(law) for law in EVERY.values()}
+    laws = {law.name: _of_law(law) for law in searched()}
     drives = {joint.name: drive_axis(joint) for joint in context.robot.moving}
     found = []
     for one, spot in zip(known, spots, strict=True):
@@ -166,7 +156,7 @@ def _rare(one: Candidate, beside: Sequence[Values], context: Context) -> int:
 
 def _of_law(law: EffectLaw) -> float:
     """Return the log of how many effects of a law are expected."""
-    alike = [one for one in EVERY.values() if one.physical == law.physical]
+    alike = [one for one in searched() if one.physical == law.physical]
     share = (1.0 - NAMELESS - FAMILIAL) if law.physical else NAMELESS
     return log(EFFECTS * share / len(alike)) - PLAINER * alike.index(law)
 
@@ -179,41 +169,3 @@ def sought(law: EffectLaw, locations: Iterable[Location], context: Context) -> I
         for inner in inners:
             one = Candidate(law, acting, inner)
             yield Hypothesis((one,), _of_law(law) + oddness(one) - log(places * len(inners)))
-
-
-def families(view: Solved, context: Context) -> list[Hypothesis]:
-    """Return one law at every drive: turning and sliding drives apart, one wave number for all gears.
-
-    Their amplitudes are alike as twists, RMS over the rows.
-    """
-    joints = {joint.name: joint for joint in context.robot.moving}
-    grouped: dict[tuple, list[tuple[Candidate, Array]]] = {}
-    for law in FAMILIES:
-        places = [one for one in places_of(law, context) if one.site in joints]
-        places = [one for one in places if one.axis == drive_axis(joints[one.site])]
-        # Of the orders of gears those of the drive that goes farthest, the finest: poses may not show others' aliases.
-        inners = [(one, values) for one in places if (values := list(grid(law, one, context)))]
-        inners.sort(key=lambda one: -float(np.ptp(context.row.position(one[0].place))))
-        for location in places:
-            for inner in next((values for one, values in inners if one.turns == location.turns), []):
-                twists = law.features(location, inner, view, context)
-                size = np.sqrt((twists**2).sum(axis=2).mean(axis=0))
-                kind = (law.name, location.turns, location.terms, inner)
-                grouped.setdefault(kind, []).append((Candidate(law, location, inner), size))
-    least = ROUNDING * max(float(np.abs(one).max(initial=0.0)) for one in context.wrenches.values())
-    shown_by = dict[tuple, Array]()  # of each kind the largest shape of each term at any drive
-    for kind, members in grouped.items():
-        first, most = members[0][0], np.max([size for _, size in members], axis=0)
-        of_load = ["{w}" in first.law.amplitudes[i].unit for i in first.location.terms]
-        # What grows with the load is nothing where no drive bears any: a unit of it would be infinite.
-        if np.all(most > least * np.array(of_load)):
-            shown_by[kind] = most
-    kinds, found = Counter(kind[0] for kind in shown_by), []
-    for kind, most in shown_by.items():
-        shown = [(one, size, size > LEAST_SHARE * most) for one, size in grouped[kind]]
-        kept = [(one, np.where(some, size, most)) for one, size, some in shown if some.any()]
-        if len(kept) > 1:
-            prior = log(EFFECTS * FAMILIAL / len(FAMILIES) / kinds[kind[0]])
-            units = np.concatenate([1.0 / size for _, size in kept])
-            found.append(Hypothesis(tuple(one for one, _ in kept), prior, units))
-    return found

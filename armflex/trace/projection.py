@@ -27,12 +27,15 @@ class Projection:
         precision: (P,) their prior precision.
         data: (n,) readings that the columns are to explain, whitened and weighted.
         count: Number of readings; places of orientations that were not read are zero in everything, and none.
+        random: (P,) which parameters are amplitudes of families, whose size the readings gave: they are components of
+            the readings' covariance rather than fitted, and take no degree of freedom. None where there are none.
     """
 
     regressors: Array
     precision: Array
     data: Array
     count: int
+    random: np.ndarray | None = None
 
     @cached_property
     def fitted(self) -> LinearGaussian:
@@ -53,8 +56,26 @@ class Projection:
         return csr_array((self.regressors[:, alone] * self.fitted.scale[alone]).T)
 
     @cached_property
+    def bare(self) -> Projection:
+        """The same without families."""
+        if self.random is None or not self.random.any():
+            return self
+        kept = ~self.random
+        return Projection(self.regressors[:, kept], self.precision[kept], self.data, self.count)
+
+    @cached_property
+    def volume(self) -> float:
+        """log|Q| of the families' columns: what their sizes cost; see `estimate.variance_components`."""
+        if self.bare is self:
+            return 0.0
+        columns = self.regressors[:, self.random] / np.sqrt(self.precision[self.random])
+        return float(np.linalg.slogdet(np.eye(columns.shape[1]) + self.bare.inside(columns))[1])
+
+    @cached_property
     def freedom(self) -> float:
         """Number of readings less what is fitted to them (the trace of the hat matrix), 1 at least."""
+        if self.bare is not self:
+            return self.bare.freedom
         return max(self.count - float((self.each.data**2).sum()) - float((self.half**2).sum()), 1.0)
 
     @cached_property

@@ -65,11 +65,11 @@ class Screen(Evidence):
 
     error = LINEAR_ERROR
 
-    def __init__(self, known: Sequence[Hypothesis], bank: Bank, projection: Projection) -> None:
+    def __init__(self, known: Sequence[Hypothesis], bank: Bank, projection: Projection, charge: float = 0.0) -> None:
         self.bank, self.projection, self.quiet = bank, projection, bank.quiet
         self.fit, self.context = bank.fit, bank.context
         self.objective, self.freedom = projection.objective, projection.freedom
-        self.constant = -projection.freedom * float(np.log(bank.quiet))
+        self.constant = -projection.freedom * float(np.log(bank.quiet)) - 0.5 * projection.volume - charge
         sigma, moved = bank.fit.view.sigma[:, bank.fit.view.foremost], UNIT_MOTION * bank.fit.view.per_metre
         variance = float((sigma[np.isfinite(sigma)] ** 2).mean()) * bank.quiet**2
         self.unit = len(sigma) * moved**2 / variance

@@ -29,7 +29,7 @@ from armflex.laws.effects.unnamed import BUMP, LEVEL, PRODUCT, WAVE, WAVE_PRODUC
 from armflex.parameters import DOUBT
 from armflex.rows.rows import POSE
 from armflex.trace.bank import Bank
-from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, families, hypotheses, sought
+from armflex.trace.hypotheses import EFFECTS, NAMELESS, Hypothesis, hypotheses, sought
 from armflex.trace.refine import anchored_anew, refine
 from armflex.trace.screen import Screen
 from armflex.trace.selection import (
@@ -46,7 +46,7 @@ from armflex.trace.selection import (
     rivals,
     without,
 )
-from armflex.trace.state import State, of_poses, refit, sorted_out, with_all_of, with_random
+from armflex.trace.state import State, of_poses, refit, resized, sorted_out, with_all_of, with_random
 from armflex.trace.unrecorded import RandomTwist, as_likely, localise
 
 MOST_SHAPED = 10
@@ -115,7 +115,7 @@ def standing(state: State, last: Standing | None = None) -> Standing:
         last.screen.forget()
     state.reporter.stage(f"screening what {len(state.rows)} rows still show")
     # Grids of loads follow the fit.
-    found = linear(state, hypotheses(state.context), families(state.fit.view, state.context))
+    found = linear(state, hypotheses(state.context))
     visited = set() if last is None else last.visited
     visited.add(state.identity)
     return replace(found, visited=visited)
@@ -131,25 +131,44 @@ def is_bounded(here: Standing) -> bool:
     return len(here.visited) >= 3 * MOST_ROUNDS
 
 
-def led(state: State, passing: Callable[[Standing], None]) -> State:
-    """Return a calibrated state with what a search of some of its poses found, refitted to all; of few poses itself.
+def led(state: State, passing: Callable[[Standing], None]) -> Standing:
+    """Return a calibrated state with what a search of some of its poses found, refitted to all; of few as it begins.
 
     Half of `ROWS_AT_ONCE` poses lead a search almost to where all lead.
     """
     with suppress(ArmflexError):  # else it begins with nothing
         if (some := of_poses(state, ROWS_AT_ONCE // 2)) is not None:
             state.reporter.stage(f"beginning with {len(set(some.groups))} of {len(set(state.groups))} poses")
-            found = search(standing(some), passing).state
+            found = search(beginning(some), passing).state
             state.reporter.stage(f"refitting with what they show, to {len(state.rows)} rows")
-            return with_all_of(state, found) if found.known else state
+            if found.known or found.background.names:
+                return standing(with_families(with_all_of(state, found)))
+    return beginning(state)
+
+
+def beginning(state: State) -> Standing:
+    """Return a calibrated state with its linear problem as a search begins: with families, where a few names are less.
+
+    A few are as many as are added before the arm is fitted anew.
+    """
+    here, common = standing(state), with_families(state)
+    if common is state:
+        return here
+    few = climbed(here.screen, here.model, refine, most=MOST_TRIED)
+    return here if here.screen.log_posterior(few) > linear(common).value else standing(common, here)
+
+
+def with_families(state: State) -> State:
+    """Return the state with the families that it needs, itself where the arm does not come to rest with them."""
+    with suppress(ArmflexError):
+        return resized(state)
     return state
 
 
-def linear(state: State, known: Sequence[Hypothesis] = (), common: Sequence[Hypothesis] = ()) -> Standing:
+def linear(state: State, known: Sequence[Hypothesis] = ()) -> Standing:
     """Return a state with the linear problem of these hypotheses and its own: without any, what a trial is worth."""
     bank = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter, state.quiet)
-    screen = Screen(known, bank, state.bare)
-    screen.extend(common)
+    screen = Screen(known, bank, state.bare, state.background.charge)
     return Standing(state, screen, own_model(screen, state.hypotheses))
 
 
@@ -309,7 +328,9 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
         if state is None:
             return None
         trial = linear(state)
-        if (trial.value > here.value + BETTER or len(state.rows) != count) and (after := entered(state, here)):
+        better = trial.value > here.value + BETTER or len(state.rows) != count
+        sized = with_families(state) if better and state.background.names else state
+        if better and (after := entered(sized, here)):
             return after
         places = [here.screen.groups[one.number].hypothesis.spot for one in model]
         new = [i for i, spot in enumerate(places) if asked[spot] > known[spot]]
@@ -321,6 +342,39 @@ def _fitted(here: Standing, model: Model) -> Standing | None:
             return None
         model = without(model, spared)
     return None
+
+
+def _instead_of_families(here: Standing) -> Standing | None:
+    """Propose names instead of a family, or of all of them, where they are worth more."""
+    names, proposed = here.state.background.names, list[tuple[float, Standing, Model]]()
+    for gone in dict.fromkeys([*((name,) for name in names), names] if names else []):
+        fewer = _without(here, gone)
+        model = climbed(fewer.screen, fewer.model, refine, most=min(len(fewer.model) + MOST_TRIED, MOST_EFFECTS))
+        value = fewer.screen.log_posterior(model)
+        if value > here.value + BETTER:
+            proposed.append((value, fewer, model))
+    for _, fewer, model in sorted(proposed, key=lambda one: -one[0]):
+        state = refitted(fewer, model)
+        if state is None or linear(state).value <= here.value + BETTER:
+            continue
+        if after := entered(with_families(state), here):
+            return after
+    return None
+
+
+def _with_families(here: Standing) -> Standing | None:
+    """Propose the families that names leave, with their sizes beside those."""
+    state = with_families(here.state)
+    return entered(state, here) if linear(state).value > here.value + BETTER else None
+
+
+def _without(here: Standing, gone: Sequence[str]) -> Standing:
+    """Return the linear problem of a state as it is without some families."""
+    state, fewer = here.state, here.state.background.without(*gone)
+    state.reporter.stage(f"screening what names explain without {', '.join(gone)}")
+    projection = state.bare_without(*gone)
+    screen = Screen(hypotheses(state.context), here.screen.bank, projection, fewer.charge)
+    return Standing(replace(state, background=fewer), screen, own_model(screen, state.hypotheses))
 
 
 def refitted(here: Standing, model: Model) -> State | None:
@@ -353,7 +407,7 @@ def refitted(here: Standing, model: Model) -> State | None:
             first += count
     projection, rest = screen.projection, sum(len(block.parameters) for block in state.blocks)
     absorbed = projection.absorbed(projection.data - screen.explained(beside))
-    random = absorbed[rest:] if state.random is not None else np.zeros(0)
+    beside_effects = absorbed[rest:]  # families, and a random twist
     if not known:  # of several minima that of the calibration
         absorbed = state.first.values
     after = replace(state, known=known, heed=True)
@@ -361,7 +415,7 @@ def refitted(here: Standing, model: Model) -> State | None:
         declared = moved(state.blocks, state.fit.values[:rest], share * (absorbed[:rest] - state.fit.values[:rest]))
         effects = [start - (1.0 - share) * promised for start, promised in starts]
         with suppress(ArmflexError):  # an arm that buckles or a fit that does not settle is no answer
-            begun = np.concatenate([declared, *effects, random])
+            begun = np.concatenate([declared, *effects, beside_effects])
             return sorted_out(refit(after, tuple(blocks), state.random, begun))
     return None
 
@@ -414,5 +468,8 @@ def _without_far_off(here: Standing) -> Standing | None:
     return None if np.array_equal(left.rows, here.state.rows) else entered(left, here)
 
 
-PROPOSALS = (_more_probable, _anchored_anew, _with_shapes, _with_products, _set_aside, _withdrawn, _without_far_off)
+PROPOSALS = (
+    *(_instead_of_families, _more_probable, _anchored_anew, _with_shapes, _with_families),
+    *(_with_products, _set_aside, _withdrawn, _without_far_off),
+)
 """What may replace a state, in the order in which it is asked for."""

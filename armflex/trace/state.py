@@ -26,7 +26,8 @@ from armflex.mechanics.history import known_rows
 from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
 from armflex.progress import SILENT, Reporter
-from armflex.rows.rows import POSE
+from armflex.rows.rows import POSE, ROW
+from armflex.trace.families import NO_FAMILIES, Background, Families, Sized, kinds_of
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
 
@@ -46,6 +47,7 @@ class State:
         known: Hypotheses that were added, with values inside their laws as they were chosen.
         effects: What they add: one effect for each member of each hypothesis, in order.
         random: Random twist per pose, None where there is none.
+        background: Families beside the effects.
         heed: Whether rows that are far off in company stay in use; see `lost_readings`.
         reporter: Hears what is being done.
     """
@@ -60,6 +62,7 @@ class State:
     known: tuple[Hypothesis, ...] = ()
     effects: tuple[EffectBlock, ...] = ()
     random: PoseBlock | None = None
+    background: Background = NO_FAMILIES
     heed: bool = True
     reporter: Reporter = SILENT
 
@@ -128,6 +131,11 @@ class State:
         """The added effects with the values that the fit gave them."""
         return tuple(block.at(self.values_of(block)) for block in self.effects)
 
+    @cached_property
+    def common(self) -> tuple[Effect, ...]:
+        """Effects of families with the values that the fit gave them."""
+        return tuple(block.at(self.values_of(block)) for block in self.background.effects)
+
     @property
     def residual(self) -> Array:
         """(M, d) measured minus predicted [m, rad]; random twists, whose values nobody can know, are not predicted."""
@@ -144,13 +152,13 @@ class State:
 
     @property
     def identity(self) -> tuple:
-        """What distinguishes it from other states: laws and places, rows and readings in use, where a twist is random.
+        """What distinguishes it from other states: laws and places, families, rows and readings in use, random twists.
 
         A state that differs in values alone is the same one.
         """
         twist = None if self.random is None else (self.random.site, self.random.axis)
         spots = frozenset(Counter(one.spot for one in self.known).items())
-        return spots, self.rows.tobytes(), self.lost.tobytes(), twist
+        return spots, self.background.names, self.rows.tobytes(), self.lost.tobytes(), twist
 
     @property
     def quiet(self) -> float:
@@ -166,6 +174,10 @@ class State:
 
         By the scatter of the readings where that is less than was stated; see `quiet`.
         """
+        return self.bare_without()
+
+    def bare_without(self, *families: str) -> Projection:
+        """Return `bare` as it is when some families are not there."""
         fitted, own = self.fit, [self.fit.places(block) for block in self.effects]
         acting = [at[: len(block.effect.location.terms)] for at, block in zip(own, self.effects, strict=True)]
         none = np.zeros(0, dtype=int)
@@ -175,8 +187,28 @@ class State:
         values = np.zeros_like(fitted.values)
         values[some] = fitted.values[some]
         data = fitted.residual + fitted.regressors @ values
-        regressors = fitted.regressors[:, rest] / self.quiet
-        return Projection(regressors, fitted.precision[rest], data / self.quiet, fitted.view.count)
+        family = np.full(len(fitted.values), "", dtype=object)
+        family[self._common] = self.background.families
+        rest = rest[~np.isin(family[rest], families)]
+        common = family[rest] != ""
+        # Sizes of families are by the noise, whatever that is.
+        precision = fitted.precision[rest] * np.where(common, self.quiet**-2.0, 1.0)
+        return Projection(
+            fitted.regressors[:, rest] / self.quiet, precision, data / self.quiet, fitted.view.count, common
+        )
+
+    @property
+    def _common(self) -> np.ndarray:
+        """Places of what is of families among the values of the fit."""
+        return np.concatenate([np.zeros(0, dtype=int), *map(self.fit.places, self.background.blocks)])
+
+    @property
+    def named(self) -> Projection:
+        """The projection of all that is fitted but families, by the scatter that was stated."""
+        fitted = self.fit
+        kept = np.setdiff1d(np.arange(len(fitted.values)), self._common)
+        data = fitted.residual + fitted.regressors @ fitted.values
+        return Projection(fitted.regressors[:, kept], fitted.precision[kept], data, fitted.view.count)
 
 
 def begin(calibration: Calibration, reporter: Reporter = SILENT) -> State:
@@ -207,7 +239,7 @@ def with_all_of(state: State, found: State) -> State:
         ArmflexError: The arm does not come to rest in all of them, or no fit is found.
     """
     effects = [replace(one, effect=one.effect.seen_in(state.context, state.rows)) for one in found.effects]
-    after, start = replace(state, known=found.known), found.fit.values
+    after, start = replace(state, known=found.known, background=found.background), found.fit.values
     return sorted_out(refit(after, tuple(effects), found.random, start, THOROUGH), THOROUGH)
 
 
@@ -244,7 +276,8 @@ def context_at(fitted: Fit, measurements: Measurements) -> Context:
     """Return the campaign as the catalogue sees it at a fit: loads at every site of every driven row."""
     arm, view = fitted.setup.arm, fitted.view
     gravity = gravity_in(fitted.setup, measurements.session)
-    known = known_rows(arm, measurements, gravity) | {POSE: measurements.pose_number.astype(float)}
+    numbers = {POSE: measurements.pose_number.astype(float), ROW: np.arange(float(len(measurements)))}
+    known = known_rows(arm, measurements, gravity) | numbers
     wrenches = {site: np.empty((len(measurements), 6)) for site in view.line.sites}
     lines, rest = [(view.rows, view.line)], np.setdiff1d(np.arange(len(measurements)), view.rows)
     if len(rest):
@@ -266,6 +299,33 @@ def with_random(state: State, random: PoseBlock | None) -> State:
     return refit(state, state.effects, random, np.concatenate([start, added]))
 
 
+def resized(state: State, effort: Effort = ROUGH) -> State:
+    """Return the state with the families that the evidence has beside its effects, and their sizes; see `Background`.
+
+    Raises:
+        ArmflexError: The arm does not come to rest with them, or no fit is found.
+    """
+    background = _sized(state).background
+    return state if background.close_to(state.background) else with_background(state, background, effort)
+
+
+def beside_effects(state: State) -> Families:
+    """Return which kinds of effect the readings have beside a state's effects."""
+    return _sized(state).families
+
+
+def _sized(state: State) -> Sized:
+    return kinds_of(state.fit, state.context, state.groups).beside(state.named)
+
+
+def with_background(state: State, background: Background, effort: Effort = ROUGH) -> State:
+    """Return the state with these families instead of its own, and everything refitted."""
+    values, count = state.fit.values, sum(len(one.parameters) for one in (*state.blocks, *state.effects))
+    random = values[count + len(state.background.families) :]
+    start = np.concatenate([values[:count], background.amplitudes, random])
+    return refit(replace(state, background=background), state.effects, state.random, start, effort)
+
+
 def refit(
     state: State,
     effects: tuple[EffectBlock, ...],
@@ -277,7 +337,10 @@ def refit(
     known = state.declared.arm.effects
     numbers = numbers_of((*known, *(block.effect for block in effects)))[len(known) :]
     effects = tuple(replace(block, number=number) for block, number in zip(effects, numbers, strict=True))
-    blocks = (*state.blocks, *effects, *(() if random is None else (random,)))
+    common = state.background
+    numbers = numbers_of((*known, *(block.effect for block in (*effects, *common.effects))))
+    common = common.from_effect(len(known) + len(effects), numbers[len(known) + len(effects) :])
+    blocks = (*state.blocks, *effects, *common.blocks, *(() if random is None else (random,)))
     fitted = fit(state.declared, blocks, state.measurements, state.rows, start, state.reporter.steps, effort)
     context = context_at(fitted, state.measurements)
-    return replace(state, effects=effects, random=random, fit=fitted, context=context)
+    return replace(state, effects=effects, random=random, background=common, fit=fitted, context=context)

@@ -62,9 +62,7 @@ KEYS: dict[str, dict[str, Key]] = {
         "spring": Key("springs between two links, a table for each"),
         "preset": Key("flexures that replace or join those declared, chosen by `--preset NAME`"),
         "measurement": Key("how the arm is measured"),
-        "requires": Key(
-            "distributions whose effects, laws or readings the file needs, each with a version or the least"
-        ),
+        "requires": Key("distributions whose effects, laws or readings the file needs, with the version"),
         "instrument": Key("instruments that read the arm beside, or instead of, x y z; a table for each"),
         "prior": Key("standard deviations of the parameters that `calibrate` fits"),
         "effect": Key("effects beyond the flexures, in order"),

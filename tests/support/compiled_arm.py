@@ -44,6 +44,16 @@ class CompiledArm:
         codes, poses = self._ask(self.library.arm_tip, q, payload, 12)
         return codes, poses.reshape(-1, 3, 4)
 
+    def followed(
+        self, q: np.ndarray, payload: np.ndarray, state: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return what `tips` does, each row from where the one before it was; the first from a state, or cold."""
+        size = ctypes.c_int.in_dll(self.library, "arm_nstate").value
+        carried = np.zeros(max(size, 1)) if state is None else state
+        at = carried.ctypes.data_as(POINTER)
+        codes, poses = self._ask(lambda row, one, out: self.library.arm_follow(row, one, at, out), q, payload, 12)
+        return codes, poses.reshape(-1, 3, 4)
+
     def compensated(self, q: np.ndarray, payload: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (N,) codes and (N, nq) joint positions."""
         return self._ask(self.library.arm_compensate, q, payload, q.shape[1])

@@ -17,6 +17,9 @@ from armflex.laws.effects.context import Context
 from armflex.laws.effects.location import Location
 from support.small_arms import ROBOTS
 
+MOST_TERMS = 17
+"""Amplitudes that act at once: together more of them would move the target far."""
+
 HEAVY = ROBOTS / "heavy_six"
 TEXT = (HEAVY / "arm.toml").read_text().replace('"robot.urdf"', f'"{(HEAVY / "robot.urdf").as_posix()}"')
 
@@ -62,7 +65,7 @@ def locations(law: EffectLaw) -> list[Location]:
     if law.name not in CATALOGUE:
         columns = ("q_J2", "humidity")[: 2 if law.name.endswith("product") else 1]
         return [Location("J3", "rz", columns, tuple(range(len(law.amplitudes)))), Location("base", "dx", columns, (0,))]
-    return list(law.places(context().records))
+    return [dataclasses.replace(one, terms=one.terms[:MOST_TERMS]) for one in law.places(context().records)]
 
 
 BACKLASH = 'name = "backlash"\nsite = "J2"\naxis = "ry"\nparameters = { gap = 3.6e-4 }'

@@ -30,7 +30,7 @@ from armflex.mechanics.response import respond
 from armflex.readings import Position, Postures
 from armflex.readings.instrument import Instrument
 from support.campaigns import draw
-from support.effect_arms import MECHANICAL
+from support.effect_arms import MECHANICAL, MOST_TERMS
 from support.machines import LIFTED
 
 ROWS = 14
@@ -134,7 +134,8 @@ def some_effects(law: EffectLaw, stage: Stage, count: int, shift: float = SHIFT)
         inner = list(grid(law, locations[index], stage.context))
         if not inner:  # so few rows tell no wave there from its aliases
             continue
-        candidate = Candidate(law, locations[index], inner[rng.integers(len(inner))])
+        few = replace(locations[index], terms=locations[index].terms[:MOST_TERMS])
+        candidate = Candidate(law, few, inner[rng.integers(len(inner))])
         columns = stage.view.jacobian(law, candidate.location, candidate.inner, stage.context)
         sizes = np.sqrt((columns**2).sum(axis=1).mean(axis=0))
         acting = [law.amplitudes[i] for i in candidate.location.terms]

@@ -24,6 +24,7 @@ ROOMS = (
     "export",
     *("show.view", "show.report"),
     "testing",
+    "schemas",
     "cli",
     "__main__",
 )

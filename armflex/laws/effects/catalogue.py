@@ -1,11 +1,23 @@
-"""Every effect that a campaign is searched for, by name: a new one is its file, and its line here or an entry point."""
+"""Every effect that an arm may have, by name: a new one is its file, and its line here or an entry point."""
 
 from __future__ import annotations
 
 from importlib import import_module
 
+from armflex.laws.effects.drive_curve import DRIVE_CURVE
 from armflex.laws.effects.effect import EffectLaw
-from armflex.laws.effects.unnamed import BUMP, LEVEL, LINE, PRODUCT, SPLINE, SPLINE_COMPLIANCE, WAVE, WAVE_PRODUCT
+from armflex.laws.effects.unnamed import (
+    BUMP,
+    LEVEL,
+    LINE,
+    LINE_COMPLIANCE,
+    LINE_PLAY,
+    PRODUCT,
+    SPLINE,
+    SPLINE_COMPLIANCE,
+    WAVE,
+    WAVE_PRODUCT,
+)
 from armflex.plugins import Registry
 
 NAMED = (
@@ -58,8 +70,10 @@ NAMED = (
 LAWS: tuple[EffectLaw, ...] = (
     *(getattr(import_module(f"armflex.laws.effects.{name}"), name.upper()) for name in NAMED),
     *(LEVEL, LINE, WAVE, BUMP, SPLINE, SPLINE_COMPLIANCE, WAVE_PRODUCT, PRODUCT),
+    *(DRIVE_CURVE, LINE_COMPLIANCE, LINE_PLAY),
 )
-"""In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes."""
+"""In the order of preference where the data do not distinguish two laws: the plainer first; then unnamed shapes, and
+last those that are `dense`."""
 
 
 def _fault(name: str, law: object) -> str:

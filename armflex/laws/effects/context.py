@@ -15,7 +15,7 @@ from armflex.laws import Row
 from armflex.laws.effects.location import LINK, TOOL, Here, Location, link_of, path_to, resolve, site_names
 from armflex.robot import Robot
 from armflex.rows import Driven, Rows
-from armflex.rows.rows import HOLD, LEVEL_OF, POSE, TIME
+from armflex.rows.rows import HOLD, LEVEL_OF, POSE, ROW, TIME
 
 if TYPE_CHECKING:
     from armflex.laws.effects.effect import Manipulator, Memory, Solved, Values
@@ -232,7 +232,7 @@ def survey(
         points: (..., 3) where links were, in the base [m].
         stars: Whether an instrument reads the direction of something far away.
     """
-    hidden = {POSE, *(f"approach_{joint}" for joint in rows.joint_names)}
+    hidden = {POSE, ROW, *(f"approach_{joint}" for joint in rows.joint_names)}
     candidates = [name for name in known_columns(rows, arm) if name not in hidden and LEVEL_OF not in name]
     recorded = tuple(name for name in candidates if varies(known[name]))
     places = points.reshape(-1, 3)
@@ -268,8 +268,11 @@ def known_columns(rows: Driven, arm: Manipulator) -> dict[str, Array]:
     keys = [one if isinstance(one, str) else id(one) for one in rows.payload]  # a payload has arrays
     weights = {key: arm.payload(one).mass for key, one in dict(zip(keys, rows.payload, strict=True)).items()}
     known = begun_anew(arm, rows.known, np.zeros(len(rows.q))) | {MASS: np.array([weights[key] for key in keys])}
-    if isinstance(rows, Rows) and any(POSE in effect.location.covariates for effect in arm.effects):
+    asked = {name for effect in arm.effects for name in effect.location.covariates}
+    if isinstance(rows, Rows) and POSE in asked:
         known[POSE] = rows.pose_number.astype(float)
+    if ROW in asked:
+        known[ROW] = np.arange(float(len(rows.q)))
     texts = {name.partition(LEVEL_OF)[0] for name in known if LEVEL_OF in name}
-    asked = {name for effect in arm.effects for name in effect.location.covariates if LEVEL_OF in name}
-    return {name: np.zeros(len(rows.q)) for name in asked if name.partition(LEVEL_OF)[0] in texts} | known
+    levels = {name for name in asked if LEVEL_OF in name}
+    return {name: np.zeros(len(rows.q)) for name in levels if name.partition(LEVEL_OF)[0] in texts} | known

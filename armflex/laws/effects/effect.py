@@ -238,6 +238,8 @@ class EffectLaw(ABC):
         spatial: Whether a place in space is searched for it, with which it bends like a free shape.
         physical: Whether it is physics rather than a free shape, whether or not the catalogue names it.
         sought: Whether it is tried only where the residual points.
+        dense: Whether it is at every place at once or at none, so that no single one is searched for; see
+            `armflex.trace.families`.
         passive: Whether a twist of the load is a compliance, which must follow the load's way.
         symmetric: Whether axis and partner of its locations may change places.
         of_session: Whether it is of a session that has been: no row still to be measured depends on it.
@@ -265,6 +267,7 @@ class EffectLaw(ABC):
     spatial: bool = False
     physical: bool = True
     sought: bool = False
+    dense: bool = False
     passive: bool = True
     symmetric: bool = False
     of_session: bool = False
@@ -513,11 +516,13 @@ class TwistLaw(EffectLaw):
     Attributes:
         terms: What each amplitude multiplies, in the form that both engines and exported C know.
         basis: The twists themselves, of a law that follows that of the flexure, which may be no sum of terms.
+        joined: Of a law of many amplitudes, the terms of all of them with their values, where those are fewer.
     """
 
     act: Act = Act.TWIST
     terms: TermsBy
     basis: Basis | None = None
+    joined: Callable[[Here, Values, Values], Terms] | None = None
 
     def twists(self, here: Here, wrench: Array, row: Row, inner: Values) -> Array:
         """Return the (..., k, 6) twist per amplitude under a (..., 6) wrench at the site, local axes."""

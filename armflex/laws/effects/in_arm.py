@@ -61,6 +61,8 @@ class BoundTwist(WithoutParameters):
 
     def terms(self) -> Terms:
         """Return the terms of the effect's law times its amplitudes."""
+        if self.law.joined is not None:
+            return self.law.joined(self.here, self.effect.amplitudes, self.effect.inner)
         known = zip(self.effect.amplitudes, self.law.terms(self.here, self.effect.inner), strict=True)
         return [
             one for value, each in known if value for term in each for one in _timed(term.times(value), self.effect)

@@ -15,8 +15,8 @@ import numpy as np
 from armflex.laws.effects.context import Context, Records
 from armflex.laws.effects.effect import Amplitude, Effect, Inner, Manipulator, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import BASE, TOOL, Here, Location, with_terms
-from armflex.laws.effects.shapes import compliances, free_of_aliases, of_column, on_axis, twists
-from armflex.laws.terms import Factor, Of, Term, powers, tents, waves
+from armflex.laws.effects.shapes import compliances, free_of_aliases, of_column, on_axis, shares_of_load, twists
+from armflex.laws.terms import Factor, Kind, Of, Term, part, powers, tents, waves
 
 KNOTS = 8
 """Hats of a free shape over the recorded range; the mean is left to the constant parameters."""
@@ -142,6 +142,40 @@ LINE = Shape(
     ),
     inner=(MIDDLE,),
     shape="line",
+)
+LINE_COMPLIANCE = Shape(
+    name="unnamed_line_compliance",
+    words=Words(
+        "unnamed trend of a compliance", "a compliance grows steadily with a column", "(slope · x + curvature · x²) · w"
+    ),
+    places=_with_all(2),
+    amplitudes=(
+        Amplitude("slope", "{m}/{w} per recorded"),
+        Amplitude("curvature", "{m}/{w} per recorded^2"),
+    ),
+    terms=lambda here, inner: compliances(
+        here.direction, *(powers(_column(here), exponent, inner[0]) for exponent in (1, 2))
+    ),
+    inner=(MIDDLE,),
+    loaded=True,
+    shape="line_compliance",
+    dense=True,
+)
+LINE_PLAY = Shape(
+    name="unnamed_line_play",
+    words=Words(
+        "unnamed trend of a play", "the load takes up play that grows with a column", "(g + slope · x) · tanh(τ / τ₀)"
+    ),
+    places=_with_all(2),
+    amplitudes=(Amplitude("g", "{m}"), Amplitude("slope", "{m} per recorded")),
+    terms=lambda here, inner: [
+        [Term(here.direction, features=(part(here.direction / inner[1], Kind.TANH),), factors=factors)]
+        for factors in (powers(_column(here), exponent, inner[0]) for exponent in (0, 1))
+    ],
+    inner=(MIDDLE, Inner("tau0", "{w}", partial(shares_of_load, shares=(0.1,)))),
+    loaded=True,
+    shape="line_play",
+    dense=True,
 )
 PRODUCT = Shape(
     name="unnamed_product",

@@ -13,6 +13,7 @@ import numpy as np
 
 from armflex.conventions import Array
 from armflex.laws.law import Compliance, Parameter, Ranges, Row, block_norms
+from armflex.laws.terms import Factor, Of, Terms, powers, straight
 
 ALONG = np.diag([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
@@ -64,6 +65,25 @@ class OilColumn(Compliance):
         softness = first * second / (self.bulk_modulus * (head**2 * second + ring**2 * first))
         found = self.factor * softness
         return (found[..., None, None] if isinstance(found, np.ndarray) else found) * ALONG
+
+    def terms(self) -> Terms:
+        """Return the same within the stroke: with u = q - lower, V1 V2 / (A1^2 V2 + A2^2 V1) by polynomial division."""
+        (head, ring), dead, stroke, column = self.areas, self.dead_volume, self.upper - self.lower, f"q_{self.cylinder}"
+        full, size = ring * stroke + dead, self.factor / self.bulk_modulus * ALONG
+        above = -head * ring, head * full - ring * dead, dead * full  # of u^2, u and 1
+        below, falls = head**2 * full + ring**2 * dead, head * ring * (head - ring)  # below - falls u
+        if falls <= 0.0:  # both sides are as wide: no quotient
+            shares = [(above[2] / below, 0), (above[1] / below, 1), (above[0] / below, 2)]
+            return [straight(share * size, *powers(column, number, self.lower)) for share, number in shares]
+        slope = -above[0] / falls
+        level = (slope * below - above[1]) / falls
+        rest = (above[2] - level * below) / falls
+        nearer = Factor(Of.OVERLAP, column, (below / falls - stroke, self.upper))  # 1 / (below / falls - u)
+        return [
+            straight(level * size),
+            straight(slope * size, *powers(column, 1, self.lower)),
+            straight(rest * size, nearer),
+        ]
 
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return the change of the twist with the bulk modulus: the less compliant, the more of it."""

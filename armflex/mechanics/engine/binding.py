@@ -40,6 +40,7 @@ _CALLS: dict[str, tuple[type | None, list[type]]] = {
     "engine_size": (_WHOLE, []),
     "engine_level": (c_int, []),
     "engine_room": (_WHOLE, [_POINTER]),
+    "engine_rest_room": (_WHOLE, [_POINTER, _WHOLE]),
     "engine_one": (c_int, [_POINTER] * 5),
     "engine_chain": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 5]),
     "engine_rest": (_WHOLE, [_POINTER, _WHOLE, _POINTER, _WHOLE, _WHOLE, *[_POINTER] * 4]),
@@ -222,6 +223,10 @@ class Engine:
             raise ShapeError("an arm with joints without a drive has no pose of its drives alone")
         checked(poses, "poses", REAL, len(q), 4, 4)
         self._library.engine_tips(self._arm, len(q), *addresses((q, poses, self._work())))
+
+    def room(self, rank: int) -> int:
+        """Return how many numbers a controller works with, where laws have so many coordinates at most."""
+        return int(self._library.engine_rest_room(self._arm, rank))
 
     def _check_rows(self, q: Array) -> None:
         checked(q, "q", REAL, len(q), self._tree.driven)

@@ -14,12 +14,9 @@ enum { ROD = 4, GEAR, COIL, GAS };
 enum { PART, SIZE, CLIPPED, TANH, RAISED, RAMP };
 enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV, TABLE };
 enum { STEPS = 24, MOST = 50, TIP = 8 };
-static const double SMALL = 0.1 * 0.1, CONVERGED = 1e-24, NEXT = 4e-30, SLOWEST = 0.1, LEAST = 1e-300;
+static const double SMALL = 0.1 * 0.1, CONVERGED = 1e-24, SLOWEST = 0.1;
 static const double SHARE = 0.1, ALIGNED = 1e-4, ASSEMBLED = 2e-3, CLOSED = 1e-13, LONGEST = 0.5, ROUNDED = 1e-9;
 static const double SHORTEST = 1e-9, NEAR_SINGULAR = 1e-8, ROUNDING = 1e-12, ENDS = 1e-28, SQUARED = 1e-8;
-static const double TURN = 6.283185307179586, TURN_REST = 2.4492935982947064e-16, TURNS_PER_RADIAN = 0.15915494309189535;
-static const double HALVINGS = 1.4426950408889634, LOG_2_ROUND = 0.6931471803691238, LOG_2_REST = 1.9082149292705877e-10;
-static const double LARGE = 1.5 * 4503599627370496.0;
 
 /* A cubic through values at equally spaced knots, with the slope of a parabola at the ends: see laws.terms. */
 static double table_at(const double *values, whole count, int round_, double x)
@@ -77,6 +74,12 @@ static double factor_at(const double *f, const double *knots, double x)
     }
     return value;
 }
+
+#if !defined(CONTROLLER)
+static const double NEXT = 4e-30, LEAST = 1e-300;
+static const double TURN = 6.283185307179586, TURN_REST = 2.4492935982947064e-16, TURNS_PER_RADIAN = 0.15915494309189535;
+static const double HALVINGS = 1.4426950408889634, LOG_2_ROUND = 0.6931471803691238, LOG_2_REST = 1.9082149292705877e-10;
+static const double LARGE = 1.5 * 4503599627370496.0;
 
 /* tanh to 4e-16 without branches: the halvings of exp(-2 |x|) are the last bits of a sum with a large number. */
 #define BOUNDED(name, real, bits, nearest, size, sign, power_of)                                                        \
@@ -161,6 +164,8 @@ BOUNDED(bounded_many, lanes, bits, nearest_many, least_many, sign_many, power_ma
 #undef T
 #undef AT
 #endif
+
+#endif /* CONTROLLER */
 
 /* ---- Vectors, and packs of four columns ------------------------------------------------------------------------- */
 
@@ -352,21 +357,33 @@ static work divided(const arm *a, whole p, whole rank, double **room)
     return w;
 }
 
-whole engine_room(const arm *a)
+#if !defined(CONTROLLER)
+/* What `divided` takes for p passive joints and `rank` coordinates, at most. */
+static whole divided_room(const arm *a, whole rank)
+{
+    whole size = a->passive + rank + a->rows, wide = wide_of(size);
+    return 2 * a->count * 6 * wide + 8 * (size + 2) * wide + 2 * size;
+}
+
+/* What all but chains take where laws have `rank` coordinates at most. */
+whole engine_rest_room(const arm *a, whole rank)
 {
     whole k = a->count, n = a->flexures, m = a->rows, t = a->ties, p = a->passive, z = a->driven + p + 6 * n;
     whole here_ = 21 * k + 8 * z + 36 * n + 36 * n + 2 * m + 6 * (m + t) + m * (p + 6 * n) + 19 * t + 24 * n + 64;
-    whole size = p + 6 * n + m, wide = wide_of(size);
-    whole work_ = 2 * k * 6 * wide + 8 * (size + 2) * wide + 2 * size;
-    whole respond = 36 * n * 2 + m * (p + 6 * n) + 6 * (p + 6 * n) + 8 * size + 2 * 6 * TIP * (k + 2) + k + 256;
-    whole hidden = 0, chain;
+    whole respond = 36 * n * 2 + m * (p + 6 * n) + 6 * (p + 6 * n) + 8 * (p + 6 * n + m) + 2 * 6 * TIP * (k + 2) + k + 256;
+    return here_ + divided_room(a, 0) + divided_room(a, rank) + respond + 2 * m * m + 64 * GAP;
+}
+
+whole engine_room(const arm *a)
+{
+    whole n = a->flexures, hidden = 0;
     for (whole i = 0; i < n; i++) {
         whole own = a->starts[i + 1] - a->starts[i];
         hidden = (own > hidden) ? own : hidden;
     }
-    chain = 16 * (90 * n + a->terms + a->factors + 9 * a->pushes + hidden + 32) + 16;
-    return chain + here_ + 2 * work_ + respond + 64 * GAP;
+    return 16 * (90 * n + a->terms + a->factors + 9 * a->pushes + hidden + 32) + 16 + engine_rest_room(a, 6 * n);
 }
+#endif /* CONTROLLER */
 
 /* ---- Where it is ------------------------------------------------------------------------------------------------ */
 
@@ -736,8 +753,9 @@ static void eigen(double *matrix, whole n, double *vectors)
     }
 }
 
-/* Move passive joints to where the loops close; return whether the reference would say the same. */
-static int close_loops(const arm *a, const double *q, double *loose_joints, here *h, work *w)
+/* Move passive joints to where the loops close, by steps that may be long at first where it `jumps`; return whether
+ * the reference would say the same. */
+static int close_loops(const arm *a, const double *q, int jumps, double *loose_joints, here *h, work *w)
 {
     whole m = a->rows, p = a->passive, wide = w->most;
     double before = 2.0 * LONGEST, *normal = w->small, *step = w->right;
@@ -775,7 +793,7 @@ static int close_loops(const arm *a, const double *q, double *loose_joints, here
         }
         shrinks = size <= 0.5 * before;
         ends = (size <= CLOSED) || ((size <= SQUARED) && shrinks) || ((size <= ROUNDED) && !shrinks);
-        if (!ends && !shrinks) {
+        if (!ends && !shrinks && !jumps) {
             return 0;
         }
         for (whole i = 0; i < p; i++) {
@@ -1451,7 +1469,7 @@ static whole rest_rows(const arm *a, whole rows, const double *q, whole settled,
         const double *compliance = a->compliance + 36 * n * own, *offset = a->offset + 6 * n * own;
         double turn[9], at[3], moved[9], end[3], change[9];
         fill(h.twists, 6 * n);
-        if (!close_loops(a, here_q, free_joints, &h, &closing)) {
+        if (!close_loops(a, here_q, 0, free_joints, &h, &closing)) {
             return row;
         }
         memcpy(f->closed + row * p, free_joints, (size_t)p * sizeof *free_joints);
@@ -1753,7 +1771,7 @@ static void respond_rows(const arm *a, whole rows, const double *q, const double
     }
 }
 
-whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
+API whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
                   double *idle, const rested *found, double *room)
 {
     whole done = rest_rows(a, rows, q, settled, first, free_joints, idle, found, room);
@@ -1761,13 +1779,14 @@ whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whol
     return done;
 }
 
-void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
+API void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
                     const double *forces, const double *idle, const asked *found, double *room)
 {
     respond_rows(a, rows, q, flexed, twists, forces, idle, found, room);
     whole_again(a, room);
 }
 
+#if !defined(CONTROLLER)
 void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room)
 {
     double *lent = room;
@@ -1827,3 +1846,4 @@ int engine_one(const arm *a, const double *q, double *displacement, double *twis
     (void)chain_one(a, 1, q, 1, displacement, NULL, twists, &fine, room);
     return fine;
 }
+#endif /* CONTROLLER */

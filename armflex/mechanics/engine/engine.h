@@ -70,15 +70,22 @@ typedef struct { /* what is asked about a frame where it rests; NULL for what is
     const double *tangents; /* (1 or N, n, 6, 6) of the laws */
 } asked;
 
-whole engine_size(void);  /* of an arm in bytes */
-int engine_level(void);   /* 1 where the processor has what x86-64-v3 asks for */
+/* A controller has the text of the engine in its own file: it calls these alone. */
+#if defined(CONTROLLER)
+#define API static
+#else
+#define API
+whole engine_size(void); /* of an arm in bytes */
 whole engine_room(const arm *a);
+whole engine_rest_room(const arm *a, whole rank); /* of all but chains, by the coordinates of laws */
+int engine_level(void);  /* 1 where the processor has what x86-64-v3 asks for */
 int engine_one(const arm *a, const double *q, double *displacement, double *twists, double *room);
 whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole lanes, double *displacement,
                    double *loads, double *twists, unsigned char *fine, double *room);
-whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
-                  double *idle, const rested *found, double *room);
-void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
-                    const double *forces, const double *idle, const asked *found, double *room);
 void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room);
+#endif
+API whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
+                      double *idle, const rested *found, double *room);
+API void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
+                        const double *forces, const double *idle, const asked *found, double *room);
 #endif

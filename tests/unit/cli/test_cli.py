@@ -28,6 +28,7 @@ from armflex.errors import Flag
 from armflex.progress import Doing, interlude
 from armflex.trace.findings import Trace
 from armflex.trajectory import write_trajectory
+from armflex.version import __version__
 
 TARM, HEAVY = ROBOTS / "tarm_like", ROBOTS / "heavy_six"
 TABLE = TARM / "a4_table_1.csv"
@@ -56,7 +57,8 @@ def test_deflect_json(shell: Run, tmp_path: Path, tarm: Arm) -> None:
     )
     found = strict_json(tmp_path / "d.json")
     assert set(found) == {
-        "format", "payload", "base", "tip", "method", "joint_names", "flexure_names", "q", "joint_loads", "wrenches",
+        "armflex", "format", "payload", "base", "tip", "method", "joint_names", "flexure_names", "q", "joint_loads",
+        "wrenches",
         "twists", "contributions", "corrected", "remainder", "displacement", "covariance", "compliance", "pose",
         "rigid_pose", "flags", "load_factor", "passive", "loop_loads", "cylinder_states", "spring_states",
     }  # fmt: skip
@@ -87,7 +89,7 @@ def test_check_json_and_exit_code(armflex: Run, tmp_path: Path, robot: Path, tol
     )
     found = strict_json(tmp_path / "c.json")
     more = {"angle_rad", "samples", "load_factor", "relative_sigma_m", "flags", "base", "tip"}
-    assert set(found) == {"format", "ok", "tolerance_m", "via_points", "path_worst"} | more
+    assert set(found) == {"armflex", "format", "ok", "tolerance_m", "via_points", "path_worst"} | more
     assert found["format"] == "armflex-check-1" and found["ok"] == (code == 0)
     more = POINT | {"margin_rad", "payload", "reason"}
     assert all(set(point) == more for point in [*found["via_points"], found["path_worst"]])
@@ -115,7 +117,7 @@ def test_compensate_writes_what_python_finds(
     expected = compensate(arm, read_trajectory(path, arm), match)
     np.testing.assert_allclose(written.q, expected.trajectory.q, rtol=0, atol=1e-12)
     found = strict_json(tmp_path / "c.json")
-    about = {"format", "ok", "match", "between_m", "remains_m", "sigma_m", "rows", "flags", "base", "tip"}
+    about = {"armflex", "format", "ok", "match", "between_m", "remains_m", "sigma_m", "rows", "flags", "base", "tip"}
     about |= {"relative_sigma_m"}
     assert set(found) == about and found["sigma_m"] == max(one["sigma_m"] for one in found["rows"])
     assert found["format"] == "armflex-compensate-1" and found["ok"] and len(found["rows"]) == 20
@@ -182,8 +184,8 @@ def test_train_json_and_file(armflex: Run, tmp_path: Path) -> None:
     fine(armflex("train", TABLE, "--model", "linear", "-o", "a.safetensors", "--json", "t.json"))
     found = strict_json(tmp_path / "t.json")
     contract = {
-        "format", "model", "rows", "unit", "train_rms", "held_out_rms", "held_out", "parameters", "diagnostics",
-        "compared",
+        "armflex", "format", "model", "rows", "unit", "train_rms", "held_out_rms", "held_out", "parameters",
+        "diagnostics", "compared",
     }  # fmt: skip
     assert set(found) == contract | {"flags"}
     assert set(found["diagnostics"]) == {"rhat_max", "ess_min", "coverage_95"}
@@ -221,14 +223,14 @@ def test_predict_on_a_campaign(armflex: Run, tmp_path: Path, heavy: Arm) -> None
         sigma = np.sqrt(np.diag(found.covariance)[:3])
         np.testing.assert_allclose([float(row[f"sigma_{n}"]) for n in "xyz"], sigma, rtol=1e-12)
     summary = strict_json(tmp_path / "p.json")
-    assert set(summary) == {"format", "rows", "base", "tip", "flags"} and summary["rows"] == 2
+    assert set(summary) == {"armflex", "format", "rows", "base", "tip", "flags"} and summary["rows"] == 2
     assert "base_frame" in result.stderr
 
 
 def test_view_writes_a_page_and_says_so(armflex: Run, tmp_path: Path) -> None:
     fine(armflex("view", HEAVY / "arm.toml", "--q", "J2=0.3", "--payload", "p200", "-o", "v.html", "--json", "v.json"))
     assert strict_json(tmp_path / "v.json") == {
-        "format": "armflex-view-1", "page": "v.html", "base": "base", "tip": "tool"
+        "armflex": __version__, "format": "armflex-view-1", "page": "v.html", "base": "base", "tip": "tool"
     }  # fmt: skip
     assert (tmp_path / "v.html").stat().st_size > 500_000
 

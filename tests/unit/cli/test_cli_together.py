@@ -110,7 +110,7 @@ def folder(job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_every_command_is_asked() -> None:
     assert [*GIVEN] == [name for name in COMMANDS if name in GIVEN]
-    assert {*COMMANDS} - {*GIVEN} <= {"demo", "history", "intake", "prior"}
+    assert {*COMMANDS} - {*GIVEN} <= {"demo", "history", "intake", "prior", "schema"}
 
 
 @pytest.mark.slow

@@ -24,7 +24,8 @@ from support.structures import nonlinear
 
 from armflex import Arm, Payload, Trajectory, compensate, load_arm
 from armflex.errors import InputError, SmallDisplacementError, UnstableEquilibriumError, UnsupportedError
-from armflex.export.c_code import KEYWORDS, export
+from armflex.export.c_code import export
+from armflex.export.c_text import KEYWORDS
 from armflex.laws import AtNode, Law, LinearLaw, PositionDependentLaw
 from armflex.laws.effects import Effect, Location
 from armflex.laws.effects.catalogue import EVERY

@@ -13,8 +13,7 @@ from support.machines import CRANE, FIVE_BAR, MACHINES, PARALLELOGRAM, UNEVEN, H
 from support.small_arms import central_difference
 
 import armflex
-from armflex.errors import ArmFileError, ClosureError, UnsupportedError
-from armflex.export.c_code import export
+from armflex.errors import ArmFileError, ClosureError
 from armflex.laws import LinearLaw
 from armflex.mechanics.deflection import Deflection
 from armflex.mechanics.response import respond
@@ -259,12 +258,6 @@ def test_a_mimic_joint_follows_and_loads_its_drive(tmp_path):
 
 
 MIMIC = '<mimic joint="lower" multiplier="-2" offset="0.1"/>'
-
-
-def test_what_does_not_know_loops_says_so_by_name(tmp_path):
-    arm = FIVE_BAR.load(tmp_path)
-    with pytest.raises(UnsupportedError, match="loops"):
-        export(arm)
 
 
 @pytest.mark.slow

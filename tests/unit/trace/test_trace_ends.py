@@ -13,7 +13,6 @@ import pytest
 from support import three_joint_plant
 from support.command_line import fine, run_here, strict_json
 from support.plant import Array, Push, State
-from support.small_arms import joint, link, robot
 
 from armflex import Arm, Measurements, calibrate, load_arm, read_measurements, trace
 from armflex.errors import InputError
@@ -29,7 +28,7 @@ from armflex.rows.rows import POSE
 from armflex.trace import search as searching
 from armflex.trace import state as states
 from armflex.trace.account import conclude, so_far
-from armflex.trace.hypotheses import families, hypotheses, sought
+from armflex.trace.hypotheses import hypotheses, sought
 from armflex.trace.search import entered, linear, refitted, search, standing
 from armflex.trace.selection import Chosen
 from armflex.trace.state import begin, with_random
@@ -174,25 +173,6 @@ def test_a_joint_that_never_moves_is_no_column_of_a_shape(tmp_path: Path) -> Non
     assert {"q_J1", "q_J2"} <= over and "q_J3" not in over
     places = list(WAVE.places(state.context.records))
     assert places and list(sought(WAVE, places, state.context))
-
-
-def test_a_term_that_no_load_shows_makes_no_family(tmp_path: Path) -> None:
-    """Joints about the vertical bear no moment about themselves: there is no friction that grows with it."""
-    parts = [link("base")]
-    for i, (before, after) in enumerate((("base", "one"), ("one", "two"), ("two", "three"))):
-        parts += [joint(f"J{i + 1}", before, after, (0.5, 0, 0.1), axis=(0, 0, 1)), link(after, 9.0, (0.3, 0, 0))]
-    parts += [joint("flange", "three", "tip", (0.5, 0, 0), kind="fixed"), link("tip")]
-    stiff = three_joint_plant.ARM.replace("1e-6, 4e-6, 1e-6", "0.0, 0.0, 1e-6")  # else it would tilt
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(three_joint_plant, "URDF", robot(*parts))
-        patch.setattr(three_joint_plant, "ARM", stiff)
-        written(tmp_path)
-    arm = load_arm(tmp_path / "arm.toml")
-    state = begin(calibrate(arm, read_measurements(tmp_path / "rows.csv", arm), as_stated=True))
-    every = families(state.fit.view, state.context)
-    assert "backlash" in {one.one.law.name for one in every}
-    assert not {"friction_windup", "compliance"} & {one.one.law.name for one in every}
-    assert all(np.isfinite(one.unit).all() for one in every if one.unit is not None)
 
 
 def test_a_random_twist_that_is_set_aside_leaves_an_account(folder: Path, tmp_path: Path) -> None:

@@ -1,0 +1,126 @@
+"""Families in a fit: their evidence is that of Gaussian readings, walks move their rows, and an arm keeps them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from support import six_axes
+from support.campaigns import draw
+
+from armflex import Arm, calibrate, load_arm, predict, read_measurements
+from armflex.conventions import Array
+from armflex.estimate.pose_block import Walk
+from armflex.estimate.view import look
+from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
+from armflex.laws.effects.effect import Effect, full
+from armflex.laws.effects.location import Location
+from armflex.measured.measurements import Measurements
+from armflex.trace.projection import Projection
+from armflex.trace.search import linear, with_families
+from armflex.trace.state import State, begin
+
+
+def drawn(seed: int) -> tuple[Projection, Array]:
+    """Return 50 readings of three fitted parameters and of eight amplitudes of families, and their covariance."""
+    rng = np.random.default_rng(seed)
+    fitted, family = rng.normal(size=(50, 3)), rng.normal(size=(50, 8))
+    precision = rng.uniform(0.2, 5.0, 11)
+    columns = np.hstack([fitted, family])
+    readings = columns @ (rng.normal(size=11) / np.sqrt(precision)) + rng.normal(size=50)
+    return Projection(columns, precision, readings, 50, np.arange(11) >= 3), columns / precision @ columns.T + np.eye(
+        50
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_families_cost_what_components_of_a_covariance_do(seed: int) -> None:
+    projection, covariance = drawn(seed)
+    assert projection.objective == pytest.approx(projection.data @ np.linalg.solve(covariance, projection.data))
+    fitted = projection.regressors[:, :3]
+    bare = fitted / projection.precision[:3] @ fitted.T + np.eye(50)
+    assert projection.volume == pytest.approx(np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(bare)[1])
+    assert projection.freedom == pytest.approx(50 - np.trace(np.eye(50) - np.linalg.inv(bare)))
+
+
+def curves() -> list[Effect]:
+    """Return a curve of each drive: sines that fall with their number."""
+    arm, rng, effects = six_axes.declared(), np.random.default_rng(5), []
+    terms = tuple(range(24))
+    for joint, axis in zip(arm.robot.moving, DRIVE_AXES, strict=True):
+        location, number = Location(joint.name, axis, (f"q_{joint.name}",), terms), np.array(terms) + 1.0
+        sizes = 1.5e-3 * rng.normal(size=24) / (1.0 + (number / 6.0) ** 2)
+        place = arm.joint_names.index(joint.name)
+        span = six_axes.LOWER[place] - 1.5, six_axes.UPPER[place] + 1.5
+        effects.append(Effect(DRIVE_CURVE, location, (*full(sizes, location, MOST_SINES), *map(float, span))))
+    return effects
+
+
+DRIVE_AXES = ("rz", "ry", "ry", "ry", "rz", "ry")
+
+
+def errors(arm: Arm, rows: Measurements) -> Array:
+    return np.linalg.norm(predict(arm, rows).position - rows.position, axis=1)
+
+
+@pytest.fixture(scope="module")
+def curved() -> tuple[State, State]:
+    """Return a calibrated arm whose drives err by curves, and the same with its families."""
+    state = begin(calibrate(*six_axes.campaign(334, effects=curves()), as_stated=True))
+    return state, with_families(state)
+
+
+def test_what_all_drives_have_is_in_the_fit_and_in_the_arm(curved: tuple[State, State]) -> None:
+    before, after = curved
+    assert after.background.names == ("curve of the drives",)
+    assert len(after.background.effects) == 6 and not after.effects
+    assert linear(after).value > linear(before).value + 100.0
+    _, other = six_axes.campaign(200, seed=1, effects=curves())
+    from dataclasses import replace
+
+    setup = after.fit.setup
+    arm = replace(setup.arm, effects=after.common, instrument=setup.instrument)
+    plainly = replace(before.fit.setup.arm, instrument=before.fit.setup.instrument)
+    rms = [float(np.sqrt((errors(one, other) ** 2).mean())) for one in (plainly, arm)]
+    assert rms[1] < 0.4 * rms[0]
+
+
+def test_values_are_those_of_generalised_least_squares(curved: tuple[State, State]) -> None:
+    """Of the last linear problem: with the families' covariance the other parameters are as the fit has them."""
+    fit = curved[1].fit
+    common = np.concatenate([fit.places(block) for block in curved[1].background.blocks])
+    rest = np.setdiff1d(np.arange(len(fit.values)), common)
+    columns = fit.regressors
+    readings = fit.residual + columns @ fit.values
+    covariance = columns[:, common] * fit.prior[common] ** 2 @ columns[:, common].T + np.eye(len(readings))
+    weighed = np.linalg.solve(covariance, columns[:, rest])
+    values = np.linalg.solve(columns[:, rest].T @ weighed + np.diag(fit.precision[rest]), weighed.T @ readings)
+    std = fit.posterior.std[rest]
+    known = np.isfinite(std)
+    assert np.abs((values - fit.values[rest])[known] / std[known]).max() < 0.2  # a fit stops that near
+
+
+@pytest.mark.parametrize("kind", ["none", "none_noisier"])
+def test_where_nothing_is_hidden_no_family_is_fitted(tmp_path, kind: str) -> None:
+    files = draw(kind, 7001, "six").write(tmp_path)
+    arm = load_arm(files.arm)
+    state = begin(calibrate(arm, read_measurements(files.train, arm), as_stated=True))
+    assert with_families(state) is state
+
+
+def test_a_walk_moves_the_rows_of_its_session(curved: tuple[State, State]) -> None:
+    state = curved[0]
+    rng, every = np.random.default_rng(0), len(state.measurements)
+    waves = rng.normal(size=(every, 3)) * (np.arange(every) < 100)[:, None]
+    sites: Sequence[tuple[str, str]] = (("base", "dy"), (state.context.joints[2], "ry"))
+    for site, axis in sites:
+        walk = Walk(site, axis, np.ones(3), waves)
+        values = 1e-5 * rng.normal(size=3)
+        moved = [
+            look(walk.apply(state.fit.setup, side * values), state.measurements, state.rows).residual
+            for side in (1.0, -1.0)
+        ]
+        done = -0.5 * (moved[0] - moved[1])
+        np.testing.assert_allclose(walk.columns(state.fit.view) @ values, done, atol=1e-4 * np.abs(done).max())
+        assert not np.abs(done[state.rows >= 100]).max() and np.abs(done).max() > 1e-6
