@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from armflex.arm import Arm
 from armflex.cli import options
@@ -31,11 +32,12 @@ from armflex.plan.drive import write_plan
 from armflex.progress import MOST_MINUTES
 from armflex.result import plain, record, scaled
 from armflex.show.report import write_report
-from armflex.show.report.summary import further, headline
+from armflex.show.report.summary import HALVES_HEAD, HALVES_TITLE, further, headline
 from armflex.storage.whole_file import together
 from armflex.trace import trace
 from armflex.trace.families import Families, FamilyFound
-from armflex.trace.findings import HELD_OUT_IS_OF, Found, Trace
+from armflex.trace.findings import HELD_OUT_IS_OF, Found, Replicated, Trace
+from armflex.trace.halves import counted
 
 MOST_LINES = 8
 """Values of one effect that are shown on the terminal; the file holds all."""
@@ -88,6 +90,13 @@ MOST_ADVICE = 3
     show_default=True,
     help="CPU time that the search may take; then it ends with what it has, and says so.",
 )
+@click.option(
+    "--halves",
+    type=click.IntRange(1),
+    metavar="5",
+    help="Trace so many random halves of the campaign, too, and as many by parts of joint space: how often the other "
+    "half gives the same names.",
+)
 @click.option("--report", "report_path", type=options.OutputPath(), help="HTML page of what was found to write.")
 @options.campaign
 def command(
@@ -97,6 +106,7 @@ def command(
     ask: int | None,
     covariates: dict[str, list[float]],
     minutes: float,
+    halves: int | None,
     keep: bool,
     anyway: bool,
     measured: Callable[[Arm], Measurements],
@@ -118,7 +128,9 @@ def command(
     arm = options.declared_arm(arm_path, "trace", keep, lax)
     measurements = measured(arm)
     with enough_memory(f"{len(measurements)} rows"), _interruptible():
-        found = trace(arm, measurements, None, show_stage, keep, doing, anyway, ask or 0, covariates, minutes)
+        found = trace(
+            arm, measurements, None, show_stage, keep, doing, anyway, ask or 0, covariates, minutes, halves or 0
+        )
         show_stage("writing")
         try:
             outputs.write(found)
@@ -201,6 +213,8 @@ def print_trace(found: Trace) -> None:
     for title, some in (("Effects identified", found.named), ("In the arm, but not settled", unsettled)):
         if some:
             print_table(title, columns, [row for one in some for row in _lines(one, factor)])
+    if found.halves is not None:
+        print_table(HALVES_TITLE, HALVES_HEAD, [one.cells for one in counted(found.halves)])
     say(*_remarks(found))
 
 
@@ -288,10 +302,27 @@ def as_json(found: Trace) -> dict[str, Any]:
         "families": [] if kinds is None else [_family_json(family, kinds) for family in kinds.found],
         "undecided": undecided
         and record(undecided, "poses likeliest") | {"rms_mm": undecided.rms * 1e3, "stated_mm": undecided.stated * 1e3},
+        "nuisances": [] if kinds is None else list(_nuisances_json(kinds)),
         "suspects": _credible_json(found.suspects),
+        **({} if found.halves is None else {"halves": [_half_json(one) for one in found.halves]}),
         "resampled": found.resampled and record(found.resampled, "by mismatch"),
     }
     return plain(said)
+
+
+def _nuisances_json(kinds: Families) -> Iterator[dict[str, Any]]:
+    """Yield what wanders in time: it has a size and no cause, and nobody can predict it."""
+    for family in kinds.found:
+        if family.name.startswith("wandering"):
+            chance = 1.0 / (1.0 + np.exp(-family.evidence))
+            for place in family.places:
+                said = record(place, "site axis", rms_m="rms") | {"session": None, "probability": chance}
+                yield {"kind": "drift", "size": {"value": place.rms, "std": None, "unit": "m"}} | said
+
+
+def _half_json(one: Replicated) -> dict[str, Any]:
+    said = record(one, "split half probability probability_there in_other_half numbers_agree")
+    return place_json(one.effect.law, one.effect.location) | said
 
 
 def _family_json(family: FamilyFound, kinds: Families) -> dict[str, Any]:
@@ -313,7 +344,7 @@ def _effect_json(found: Found) -> dict[str, Any]:
         "equivalent": [place_json(one.law, one.location) for one, _ in found.equivalent],
         "held_out_sessions_rms_mm": scaled(record(proof, before="sessions_before", after="sessions_after"), 1e3),
         "credible": _credible_json(credible),
-        **record(found, "probability evidence", named="is_named"),
+        **record(found, "probability evidence determined", named="is_named"),
     }
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,6 +36,7 @@ def trace(
     ask: int = 0,
     covariates: Mapping[str, Sequence[float]] | None = None,
     minutes: float = MOST_MINUTES,
+    halves: int = 0,
 ) -> Trace:
     """Return the arm with the effects that a campaign shows it lacks, and an account of them.
 
@@ -56,22 +59,27 @@ def trace(
         ask: How many rows are wanted that decide what is in question, in `asked` of what is returned; see
             `armflex.plan.drive.write_plan`.
         covariates: For those rows, values that can be set of recorded columns by name; others stay as they were last.
-        minutes: CPU time that the search may take once the arm is calibrated [min].
+        minutes: CPU time that the search may take once the arm is calibrated [min]; as much for each half.
+        halves: Trace so many random halves of the campaign, and as many by parts of joint space, each beside the
+            other half: how often what one names is in the other is in `halves` of what is returned.
 
     Raises:
         ConventionError: The campaign is implausible for this arm, and plausible in another convention; or readings
             scatter a hundred times as far as they state, whatever was found.
-        InputError: Too few rows were measured.
-        ConvergenceError: The calibration did not settle.
+        InputError: Too few rows were measured, of halves too few poses.
+        ConvergenceError: The calibration did not settle, or that of a half.
     """
     from armflex.estimate.calibrate import calibrate
     from armflex.estimate.misread import check_scatter
     from armflex.progress import OutOfTimeError, Reporter
     from armflex.trace.account import conclude, so_far
     from armflex.trace.families import families_of
+    from armflex.trace.halves import in_halves
     from armflex.trace.search import is_bounded, led, linear, search, standing
     from armflex.trace.state import begin
 
+    if halves < 0:
+        raise InputError(f"halves is {halves}, expected 0 or more")
     if not 0 <= ask <= MOST_ASKED:
         raise InputError(f"ask is {ask}, expected 0 to {MOST_ASKED}")
     if not minutes > 0.0:
@@ -114,6 +122,14 @@ def trace(
     else:
         if not anyway:
             check_scatter(traced.state.fit)
+        if halves:
+            reporter.limit(float("inf"))
+
+            def half(arm: Arm, campaign: Measurements, rows: np.ndarray) -> Trace:
+                return trace(arm, campaign, rows, keep=keep, anyway=True, minutes=minutes)
+
+            with suppress(KeyboardInterrupt):  # what was traced stands
+                traced = replace(traced, halves=in_halves(arm, campaign, begun.asked, halves, half, reporter.stage))
         return traced
     reporter.limit(float("inf"))
     reporter.stage("ending with what was accepted so far")

@@ -7,6 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from armflex.errors import ArmflexError, ConvergenceError
 from armflex.estimate.fit import THOROUGH
@@ -16,7 +17,7 @@ from armflex.estimate.posterior import certainty_of
 from armflex.estimate.robust import robust_limit
 from armflex.estimate.view import look
 from armflex.laws.effects.effect import Effect
-from armflex.parameters import ArmParameter, Certainty
+from armflex.parameters import DOUBT, ArmParameter, Certainty
 from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
 from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement, warming
@@ -197,6 +198,18 @@ def _found(known: Weighed, number: int) -> Found:
         number=state.effects[number].number,
         probability=credible.probability,
         credible=_others(credible),
+        determined=_is_determined(state, number),
+    )
+
+
+def _is_determined(state: State, number: int) -> bool:
+    """Return whether the amplitudes of an effect differ from zero beyond chance, whatever all other values are."""
+    block, fit = state.effects[number], state.fit
+    some = fit.places(block)[: len(block.effect.location.terms)]
+    some = some[np.isfinite(fit.posterior.std[some])]  # what nothing determines shows nothing
+    known = fit.posterior.covariance[np.ix_(some, some)]
+    return bool(
+        fit.values[some] @ np.linalg.pinv(known, hermitian=True) @ fit.values[some] > chdtri(len(some) or 1, DOUBT)
     )
 
 

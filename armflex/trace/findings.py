@@ -64,6 +64,7 @@ class Found:
         number: Which of its name it is in the arm, see `numbers_of`.
         probability: Of it, law and place.
         credible: Single effects that with it make up the 95 % credible set, with the probability of each.
+        determined: Whether its amplitudes differ from zero beyond chance, whatever all other fitted values are.
     """
 
     effect: Effect
@@ -75,6 +76,7 @@ class Found:
     number: int
     probability: float
     credible: tuple[tuple[Effect, float], ...] = ()
+    determined: bool = True
 
     @property
     def title(self) -> str:
@@ -89,8 +91,32 @@ class Found:
 
     @property
     def is_named(self) -> bool:
-        """Whether it is likelier than all else that it may be, and nothing, together."""
-        return self.probability > 0.5
+        """Whether it is likelier than all else and nothing together, and has numbers that rows determine."""
+        return self.probability > 0.5 and self.determined
+
+
+@dataclass(frozen=True, eq=False)
+class Replicated:
+    """A name that one half of a campaign gives, and what the other half says of it; see `armflex.trace.halves`.
+
+    Attributes:
+        split: Which split it is of, such as 'random 1' or 'parts 1'.
+        half: 1 or 2.
+        effect: With the values that the half has.
+        probability: That the half states.
+        probability_there: That the other half gives the same law at the same place.
+        in_other_half: Whether it is in a 95 % credible set there.
+        numbers_agree: Whether all its values are within three combined standard uncertainties there; None where it is
+            not found there, or has no values with an uncertainty.
+    """
+
+    split: str
+    half: int
+    effect: Effect
+    probability: float
+    probability_there: float
+    in_other_half: bool
+    numbers_agree: bool | None
 
 
 @dataclass(frozen=True)
@@ -198,6 +224,7 @@ class Trace(Result):
         nothing: Probability that no effect is missing at all; None where it is unfinished.
         suspects: Every single effect that competes with its probability, named or not, from 1 % on.
         resampled: The resamples of the campaign over which probabilities are averages; None where it is unfinished.
+        halves: What halves of the campaign name; None where that was not asked.
         ended: What ended the search before nothing more was to be tried, in words, '' where nothing did.
     """
 
@@ -226,6 +253,7 @@ class Trace(Result):
     nothing: float | None = None
     suspects: tuple[tuple[Effect, float], ...] = ()
     resampled: Resampled | None = None
+    halves: tuple[Replicated, ...] | None = None
     ended: str = ""
 
     def __repr__(self) -> str:

@@ -16,6 +16,11 @@ MOST_NAMED = 2
 """Effects that it has room for with their values; of more, the first two are named."""
 
 
+HALVES_TITLE = "What one half of the campaign names, and the other half"
+HALVES_HEAD = ["stated", "names", "mean", "other half", "in its sets", "numbers agree"]
+"""Columns of the table of halves: of the names of a probability, what the other half gives them."""
+
+
 def headline(trace: Trace) -> str:
     """Return what was found, in one sentence."""
     if trace.unfinished:
@@ -121,7 +126,8 @@ def unsettled(found: Found) -> str:
     )
     said = [f"{name} ({chance:.0%})" for chance, name in causes]
     shown = [*said[:3], f"{len(said) - 3} more"] if len(said) > 3 else said
-    return f"Not settled: {joined(shown)}. The arm has {own}."
+    values = "" if found.determined else ", of which these rows determine no value by itself"
+    return f"Not settled: {joined(shown)}. The arm has {own}{values}."
 
 
 def sure(found: Found) -> str:

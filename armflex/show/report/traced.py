@@ -17,6 +17,7 @@ from armflex.show.report.accuracy import Accuracy, accuracy, scatter_rms
 from armflex.show.report.swing import swing
 from armflex.show.report.words import called, labelled, measure, millimetres, short, site_words, units_of, words
 from armflex.trace.findings import HELD_OUT_IS_OF, Trace
+from armflex.trace.halves import counted
 from armflex.trace.projection import project
 from armflex.trace.unrecorded import localise
 from armflex.version import __version__
@@ -50,7 +51,9 @@ def account(trace: Trace) -> SimpleNamespace:
         at_target=view.at_target(accurate.after.rms),
         errors=_errors(trace, accurate),
         error_title=cover.error_title(view.readings),
-        found=tuple(row for index in range(len(trace.found)) for row in _values(trace, index))[: cover.ON_COVER],
+        found=tuple(row for index, one in enumerate(trace.found) if one.is_named for row in _values(trace, index))[
+            : cover.ON_COVER
+        ],
         found_title="Effects identified",
         points=cover.points(trace.state.measurements, trace.rows, accurate.after, accurate.before, left_over)
         if placed
@@ -61,6 +64,8 @@ def account(trace: Trace) -> SimpleNamespace:
         campaign=cover.facts(trace.arm, trace.state.measurements, used),
         families=_families(trace),
         numbers=_numbers(trace, accurate),
+        halves=[one.cells for one in counted(trace.halves or ())],
+        halves_head=summary.HALVES_HEAD,
         size=_errors_of(trace)[1],
         workspace=figures.workspace(trace) if trace.state.measurements.positioned.any() else "",
         instruments=figures.by_instrument(trace),

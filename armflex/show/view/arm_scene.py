@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from datetime import date
 from html import escape
 from pathlib import Path
-from typing import TypedDict, Unpack, cast, overload
+from typing import Any, TypedDict, Unpack, cast, overload
 
 import numpy as np
 import pinocchio as pin
@@ -33,12 +33,9 @@ from armflex.show.view.scene_3d import (
     Marker,
     Node,
     Polyline,
-    Posable,
     Scene,
     Shape,
     ShapeKind,
-    Slider,
-    Swing,
     read_mesh,
     scene_points,
 )
@@ -68,6 +65,9 @@ SLIDERS = 2.0 * np.pi
 
 SWINGS, SWUNG, SMALL = 6, 0.05, 1e-5
 """Modes that a page can show, how far the tip then swings as a share of the reach, and the step that shapes are of."""
+
+DIGITS = 7
+"""Decimals of magnified shifts and turns on a page."""
 
 TINY = 1e-6
 """Length [mm] and turn [mrad] that a page shows as 0: nobody looks at less than a nanometre."""
@@ -259,7 +259,8 @@ def arm_scene(
         times=times if len(times) > 1 else None,
         speed=float(max(1.0, round((times[-1] - times[0]) / PLAY_SECONDS))),
         # A slider moves what its joint carries; with loops other joints move as well.
-        posable=replace(posable(arm, shown, factor), frame=motion.worst, when=_when(motion)) if tree else None,
+        posable=posable(arm, shown, factor, _when(motion)) if tree else None,
+        shown=motion.worst,
     )
     scene = _standing(scene, arm.robot.mount)
     return replace(scene, floor_z=float(scene_points(scene)[:, 2].min()) - 0.02 * arm.robot.reach)
@@ -274,20 +275,22 @@ def _standing(scene: Scene, mount: Array) -> Scene:
     nodes = tuple(replace(node, poses=turned @ node.poses) for node in scene.nodes)
     lines = tuple(replace(line, points=line.points @ mount.T) for line in scene.polylines)
     markers = tuple(replace(marker, position=mount @ marker.position) for marker in scene.markers)
-    moved = scene.posable
-    if moved is not None:
-        sliders = tuple(replace(one, point=mount @ one.point, axis=mount @ one.axis) for one in moved.sliders)
-        moved = replace(moved, sliders=sliders, rigid=turned @ moved.rigid)
-    return replace(scene, nodes=nodes, polylines=lines, markers=markers, posable=moved)
+    return replace(scene, nodes=nodes, polylines=lines, markers=markers)
 
 
-def posable(arm: Arm, shown: Deflection, factor: float) -> Posable:
+def posable(arm: Arm, shown: Deflection, factor: float, when: str = "") -> dict[str, Any]:
     """Return what a page needs to move the arm's joints: screws of the rigid arm, and a table of how it flexes.
 
     Along each joint the arm is asked with all others as shown; where it has no answer it is taken to flex as shown.
     What joints do together adds up, which is exact of none of them and first order of several.
+
+    It is as JSON has it, in the level world [m, rad]. `sliders` has each joint with `low`, `high` and `here`, a `point`
+    of its axis and the `axis` here, and `flexed` at its `samples`: shift and rotation vector of every link, magnified,
+    from the rigid one, in that one's axes. `rigid` has the (4, 4) poses of `links` by columns, `behind` which joints
+    move each, `flexed` as that of a slider, here, `tip` the number of the link whose shift is shown; `swings` has
+    frequency `hz` and largest change of `flexed` of the slowest modes, the drives holding.
     """
-    robot, rigid = arm.robot, shown.link_poses(0.0)
+    robot, rigid, mount = arm.robot, shown.link_poses(0.0), arm.robot.mount
     links = tuple(rigid)
     parent = {joint.child: (joint, link) for link, joints in robot.urdf.children.items() for joint in joints}
 
@@ -319,22 +322,38 @@ def posable(arm: Arm, shown: Deflection, factor: float) -> Posable:
                 table.append(now)
         pose = rigid[joint.child]
         sliders.append(
-            Slider(
-                joint.name, joint.kind == "prismatic", float(samples[0]), float(samples[-1]), float(shown.q[i]),
-                pose[:3, 3], pose[:3, :3] @ joint.axis, samples, np.array(table),
-            )
-        )  # fmt: skip
-    swings: tuple[Swing, ...] = ()
+            {
+                "name": joint.name,
+                "slides": joint.kind == "prismatic",
+                "low": float(samples[0]),
+                "high": float(samples[-1]),
+                "here": float(shown.q[i]),
+                "point": (mount @ pose[:3, 3]).tolist(),
+                "axis": (mount @ pose[:3, :3] @ joint.axis).tolist(),
+                "samples": samples.tolist(),
+                "flexed": np.round(table, DIGITS).tolist(),
+            }
+        )
+    swings: list[dict[str, Any]] = []
     with contextlib.suppress(ArmflexError):  # nothing that moves has a mass, or nothing gives
         modes = modes_of(shown.solved, SWINGS, arm.damping_ratio)
         size = SWUNG * max(robot.reach, 0.1)
-        swings = tuple(
-            Swing(float(frequency), (flexed(shown, SMALL * twists) - now) * (size / SMALL))
-            for frequency, twists in zip(modes.frequencies, modes.twists, strict=True)
-        )
-    moves = np.array([[joint.name in set(behind(link)) for joint in robot.moving] for link in links])
-    poses = np.array([rigid[link] for link in links])
-    return Posable(tuple(sliders), links, poses, moves, now, links.index(robot.tip), factor, swings=swings)
+        for frequency, twists in zip(modes.frequencies.tolist(), modes.twists, strict=True):
+            change = (flexed(shown, SMALL * twists) - now) * (size / SMALL)
+            swings.append({"hz": frequency, "flexed": np.round(change, DIGITS).tolist()})
+    level = np.eye(4)
+    level[:3, :3] = mount
+    return {
+        "sliders": sliders,
+        "links": links,
+        "rigid": [(level @ rigid[link]).T.ravel().tolist() for link in links],
+        "behind": [[i for i, joint in enumerate(robot.moving) if joint.name in {*behind(link)}] for link in links],
+        "flexed": np.round(now, DIGITS).tolist(),
+        "tip": links.index(robot.tip),
+        "magnification": factor,
+        "when": when,
+        "swings": swings,
+    }
 
 
 def _triads(arm: Arm, flexed: Poses) -> Iterator[Node]:

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from armflex.export.quoting import html_data, html_script, html_text
-from armflex.show.view.scene_3d import Camera, Posable, Scene, Shape, frame_camera, scene_points
+from armflex.show.view.scene_3d import Camera, Scene, Shape, frame_camera, scene_points
 
 Json = dict[str, Any]
 
@@ -48,12 +48,12 @@ def render_page(scene: Scene) -> str:
         "viewDeg": list(camera.view_deg),
         "labels": [[*one.position.tolist(), one.label, one.radius] for one in scene.markers if one.label],
         "groups": list(dict.fromkeys(node.name.split("/")[0] for node in scene.nodes)),
-        "posable": None if scene.posable is None else _posable(scene.posable),
+        "posable": scene.posable,
         "carried": [
             [_path("Nodes", node.name).split("/")[1:], node.link, node.flexed, node.turns, pose.T.ravel().tolist()]
             for node in scene.nodes
             if node.link and scene.posable
-            for pose in (node.poses[min(scene.posable.frame, len(node.poses) - 1)],)
+            for pose in (node.poses[min(scene.shown, len(node.poses) - 1)],)
         ],
         "floor": floor,
         "start": 0.0 if scene.times is None else float(scene.times[0]),
@@ -84,29 +84,6 @@ def render_page(scene: Scene) -> str:
         facts=html_data(facts),
         commands=html_data(list(commands(scene, camera))),
     )
-
-
-def _posable(arm: Posable) -> dict[str, object]:
-    """Return an arm that can be moved as JSON has it, matrices by columns as the viewer takes them."""
-    sliders = [
-        {
-            **{name: getattr(one, name) for name in ("name", "slides", "low", "high", "here")},
-            **{name: getattr(one, name).tolist() for name in ("point", "axis", "samples")},
-            "flexed": np.round(one.flexed, 7).tolist(),
-        }
-        for one in arm.sliders
-    ]
-    return {
-        "sliders": sliders,
-        "links": arm.links,
-        "rigid": [pose.T.ravel().tolist() for pose in arm.rigid],
-        "behind": [np.flatnonzero(joints).tolist() for joints in arm.behind],
-        "flexed": np.round(arm.flexed, 7).tolist(),
-        "tip": arm.tip,
-        "magnification": arm.magnification,
-        "when": arm.when,
-        "swings": [{"hz": one.frequency, "flexed": np.round(one.flexed, 7).tolist()} for one in arm.swings],
-    }
 
 
 def tube_mesh(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -82,73 +82,6 @@ class Marker:
     label: str = ""
 
 
-@dataclass(frozen=True, eq=False)
-class Slider:
-    """A joint that a reader of the page moves, and how the arm flexes along it with all others as they are.
-
-    Attributes:
-        name: The joint.
-        slides: Whether it is prismatic.
-        low, high, here: Limits and present position [rad or m].
-        point, axis: (3,) a point of its axis [m] and its direction, in the world, at the present position.
-        samples: (S,) positions along it [rad or m].
-        flexed: (S, L, 6) of every link at each, magnified: shift [m] and rotation vector [rad] from the rigid link, in
-            the rigid link's axes.
-    """
-
-    name: str
-    slides: bool
-    low: float
-    high: float
-    here: float
-    point: Array
-    axis: Array
-    samples: Array
-    flexed: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Swing:
-    """A mode of vibration that the page shows at the click of a button.
-
-    Attributes:
-        frequency: [Hz].
-        flexed: (L, 6) change of `Posable.flexed` at its largest.
-    """
-
-    frequency: float
-    flexed: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Posable:
-    """An arm whose joints can be moved on the page, without asking it again.
-
-    Attributes:
-        sliders: Its joints, from the base on.
-        links: Name of each link.
-        rigid: (L, 4, 4) their rigid poses now, in the world.
-        behind: (L, J) which joints move each.
-        flexed: (L, 6) as `Slider.flexed`, now.
-        tip: Number of the link whose shift is shown.
-        magnification: Factor in all of them.
-        frame: Which of the scene's times this is.
-        when: Said of it, '' where there is but one.
-        swings: Its slowest modes, the drives holding.
-    """
-
-    sliders: tuple[Slider, ...]
-    links: tuple[str, ...]
-    rigid: Array
-    behind: np.ndarray
-    flexed: Array
-    tip: int
-    magnification: float
-    frame: int = 0
-    when: str = ""
-    swings: tuple[Swing, ...] = ()
-
-
 @dataclass(frozen=True)
 class LegendRow:
     """One line of the legend: a swatch (none if `color` is None), a text, and a value with its unit."""
@@ -177,8 +110,9 @@ class Scene:
     """All that one picture shows.
 
     `times` (T,) seconds, strictly increasing, date the poses of the nodes that move, which are played `speed` times
-    faster; None where nothing moves. `table` has a row of cells for each via-point, its head first. `floor_z` is the
-    height of the floor grid, None for no floor. Without a `camera` everything is framed in a three-quarter view.
+    faster; None where nothing moves. `posable` is the arm of the frame `shown` as the page moves its joints, see
+    `arm_scene.posable`; None where they stay. `table` has a row of cells for each via-point, its head first. `floor_z`
+    is the height of the floor grid, None for no floor. Without a `camera` everything is framed in a three-quarter view.
     """
 
     title: str
@@ -195,7 +129,8 @@ class Scene:
     times: Array | None = None
     speed: float = 1.0
     floor_z: float | None = 0.0
-    posable: Posable | None = None
+    posable: dict[str, Any] | None = None
+    shown: int = 0
 
 
 def frame_camera(points: Array, fov_deg: float = 26.0, aspect: float = 1.6) -> Camera:

@@ -122,6 +122,24 @@ def test_what_is_no_likelier_than_all_else_that_it_may_be_has_no_name(ran, capsy
     assert headline(found).startswith("Identified: ") and "Not settled" not in " ".join(further(found))
 
 
+def test_what_no_row_determines_by_itself_has_no_name(ran) -> None:
+    found = ran[2]
+    (one,) = found.found
+    assert one.determined and one.is_named
+    open_ = dataclasses.replace(found, found=(dataclasses.replace(one, determined=False),))
+    assert "of which these rows determine no value by itself." in " ".join(further(open_))
+    assert "Identified" not in headline(open_) and as_json(open_)["effects"][0]["named"] is False
+
+
+def test_suspects_are_all_that_compete(ran) -> None:
+    told = strict_json(ran[0] / "t.json")
+    (one,) = told["effects"]
+    assert told["suspects"][0] == {key: one[key] for key in told["suspects"][0]}
+    chances = [each["probability"] for each in told["suspects"]]
+    assert chances == sorted(chances, reverse=True) and min(chances) >= 0.01
+    assert told["nuisances"] == [] and told["resampled"]["mismatch"] >= 1.0
+
+
 def test_held_out_errors_are_of_what_was_chosen_without_the_poses(ran) -> None:
     found, said = ran[2], strict_json(ran[0] / "t.json")
     assert said["held_out_rms_mm"]["after"] == pytest.approx(1e3 * max(found.compared.after, found.held_out_after))
