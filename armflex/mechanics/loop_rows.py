@@ -19,7 +19,7 @@ from armflex.errors import ClosureError
 from armflex.laws import Row
 from armflex.mechanics.chain import chain_of
 from armflex.mechanics.engine.binding import Engine
-from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES, ROD, Tree
+from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES, ROD, Laws, Tree
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
 from armflex.mechanics.many_rows import NOT_PUSHED, ManyRows, Pushes, State, displaced_from
@@ -123,6 +123,7 @@ class LoopSolver:
         self._tree, self._nominal = trees(loaded)[:2]
         m, self._differs = len(self._tree.rows), loaded.arm.stack.rows_differ
         self._idle, flex = np.zeros((m, m)), mechanics.flex
+        self._same: Laws | None = None
         self._engine, self._rigid = Engine(self._tree), self._nominal and Engine(self._nominal)
         nq, flexures = len(flex.neutral), flex.flexure_v
         self._driven, self._ends = len(flex.q_index), (nq, nq + flex.size)
@@ -150,7 +151,9 @@ class LoopSolver:
             laws.know(row)
         plain = not (laws.curved or laws.bent or pushes.posed)
         loads = pushes.wrenches(q) if plain else NOT_PUSHED[1]
-        return (laws.numbers, pushes.links, loads, q), plain
+        numbers = laws.numbers if self._differs or self._same is None else self._same
+        self._same = numbers
+        return (numbers, pushes.links, loads, q), plain
 
     def _ask(self, engine: Engine, known: tuple, settled: bool, first: int, free: Array, into: Rested) -> int:
         laws, links, wrenches, q = known

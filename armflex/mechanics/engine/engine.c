@@ -259,7 +259,7 @@ typedef struct {
     whole *order, total, wide, side, most; /* coordinates; widths of rows: unit and stiff, matrix, small and inverse */
 } work;
 
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(__SANITIZE_ADDRESS__) && !defined(CONTROLLER)
 #include <sanitizer/asan_interface.h>
 enum { GAP = 8 }; /* between arrays in the same memory, so that one that is overrun is found */
 #else
@@ -269,7 +269,7 @@ enum { GAP = 0 };
 /* The caller's memory as it was lent, without gaps. */
 static void whole_again(const arm *a, double *room)
 {
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(__SANITIZE_ADDRESS__) && !defined(CONTROLLER)
     ASAN_UNPOISON_MEMORY_REGION(room, (size_t)engine_room(a) * sizeof *room);
 #endif
     (void)a;
@@ -280,7 +280,7 @@ static double *take(double **room, whole count)
 {
     double *own = *room;
     *room += count + GAP;
-#if defined(__SANITIZE_ADDRESS__)
+#if defined(__SANITIZE_ADDRESS__) && !defined(CONTROLLER)
     ASAN_UNPOISON_MEMORY_REGION(own, (size_t)count * sizeof *own);
     ASAN_POISON_MEMORY_REGION(own + count, GAP * sizeof *own);
 #endif

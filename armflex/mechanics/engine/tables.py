@@ -86,6 +86,8 @@ def checked(array: np.ndarray, name: str, kind: np.dtype, *shape: int | tuple[in
         kind: Of its numbers.
         shape: Its lengths; several of which any will do as a tuple.
     """
+    if array.shape == shape and array.dtype == kind and array.flags.c_contiguous:  # as nearly always
+        return array
     fits = array.ndim == len(shape) and all(
         size in allowed if isinstance(allowed, tuple) else size == allowed
         for size, allowed in zip(array.shape, shape, strict=True)
@@ -293,9 +295,12 @@ class Tables:
 
     def __init__(self, tree: Tree) -> None:
         self.tree, self.struct, self._kept = tree, ArmStruct.from_buffer_copy(tree.struct), {}
+        self._laws: Laws | None = None
 
     def set_laws(self, laws: Laws, rows: int) -> None:
         """Point to the laws of so many rows."""
+        if laws is self._laws and self.struct.law_rows == self.struct.weight_rows == 1:
+            return
         n, struct, allowed = len(self.tree.flexures), self.struct, (1, rows)
         neurons, terms, features = len(laws.neurons), len(laws.bent), len(laws.shapes)
         if laws.neurons is not self._kept.get("neurons") or laws.bent is not self._kept.get("bent"):
@@ -317,6 +322,7 @@ class Tables:
         if len(laws.offset) != len(laws.compliance):
             raise ShapeError(f"offset: expected {len(laws.compliance)} rows, got {len(laws.offset)}")
         struct.terms, struct.law_rows, struct.weight_rows = terms, len(laws.compliance), len(laws.weights)
+        self._laws = laws
 
     def set_loads(self, links: np.ndarray, wrenches: Array, changes: Array, rows: int) -> None:
         """Point to the loads on links in so many rows; see `rest.Pushes`."""
