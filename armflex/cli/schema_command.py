@@ -6,7 +6,7 @@ import json
 
 import click
 
-from armflex.cli.terminal import say
+from armflex.cli.terminal import say, say_file
 from armflex.errors import UnknownNameError
 from armflex.schemas import read_schema, schema_names
 
@@ -25,4 +25,4 @@ def command(name: str | None) -> None:
     full = name if name in names else f"armflex-{name}-1"
     if full not in names:
         raise UnknownNameError("schema", name, [known.removeprefix("armflex-").removesuffix("-1") for known in names])
-    click.echo(json.dumps(read_schema(full), indent=1))
+    say_file(json.dumps(read_schema(full), indent=1))

@@ -90,6 +90,12 @@ def say(*lines: str) -> None:
             out.print(printable(line))
 
 
+def say_file(text: str) -> None:
+    """Print the text of a file on stdout, lines of any length as they are."""
+    with _alone():
+        click.echo(text)
+
+
 def say_written(*paths: Path | None) -> None:
     """Print where the result is, in those files that were asked for."""
     if there := [str(path) for path in paths if path is not None]:

@@ -205,13 +205,17 @@ def writes(node: ast.Call, name: str, owner: str, memory: set[str]) -> bool:
     return name in WRITERS or owner.split(".")[0] in MODULES or (owner == "os" and name in OS)
 
 
+BUILD = PACKAGE / "mechanics" / "engine" / "build.py"
+"""Runs while the package is built, when nothing of it can be imported."""
+
+
 @pytest.mark.slow
 def test_every_writer_goes_through_one_function() -> None:
     found = {
         f"{path.relative_to(PACKAGE)}:{node.lineno} {owner}.{name}"
         for path in PACKAGE.rglob("*.py")
         for node, name, owner, memory in calls(path)
-        if path.name not in ("whole_file.py", "read_file.py") and writes(node, name, owner, memory)
+        if path.name not in ("whole_file.py", "read_file.py") and path != BUILD and writes(node, name, owner, memory)
     }
     assert not found
     assert "os.O_RDONLY" in (PACKAGE / "storage" / "read_file.py").read_text()
@@ -227,7 +231,7 @@ def test_every_figure_and_every_line_takes_text_as_it_is() -> None:
         "echo": {"cli/terminal.py"},
     }
     allowed |= {
-        "print": set(),
+        "print": {"mechanics/engine/build.py"},
         "secho": set(),
         "Template": {"show/view/meshcat_page.py"},
         "Environment": {"show/report/__init__.py"},
