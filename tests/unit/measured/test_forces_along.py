@@ -254,6 +254,7 @@ def test_help_says_what_the_files_are_and_where_forces_go(armflex: Run, command:
         "demo",
         "prior",
         "history",
+        "schema",
     )
     assert loaded == ("--force" in text) and command in " ".join(fine(armflex("--help")).stdout.split())
 

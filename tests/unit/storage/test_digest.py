@@ -15,6 +15,7 @@ from support.small_arms import ROBOTS
 
 from armflex import Arm, load_arm
 from armflex.errors import DigestError, Flag, InputError
+from armflex.laws.joint.perceptron import Layer, PerceptronLaw
 from armflex.storage.digest import digest
 
 
@@ -102,22 +103,17 @@ def test_a_class_may_say_what_it_is() -> None:
     assert digest(Known(1)) == digest(Known(1)) != digest(Known(2))
 
 
-def test_a_network_of_ones_own_is_told_by_weights_and_settings() -> None:
-    torch = pytest.importorskip("torch")
-    from armflex.laws.joint.torch_law import TorchLaw
+def test_a_network_of_layers_is_told_by_weights_activations_and_scales() -> None:
+    def law(weight: float = 1.0, activation: str = "Tanh", scale: float = 1.0) -> PerceptronLaw:
+        layers = (
+            Layer(weight * np.ones((4, 3)), np.zeros(4), activation),
+            Layer(np.ones((3, 4)), np.zeros(3), "Identity"),
+        )
+        return PerceptronLaw(layers, np.zeros(3), scale * np.ones(3), np.ones(3))
 
-    class Own(torch.nn.Module):
-        def __init__(self, factor: float, seed: int = 0) -> None:
-            super().__init__()
-            torch.manual_seed(seed)
-            self.linear, self.factor = torch.nn.Linear(3, 3), factor
-
-        def forward(self, x):
-            return self.factor * self.linear(x)
-
-    laws = [TorchLaw(Own(1.0)), TorchLaw(Own(2.0)), TorchLaw(Own(1.0, 1)), TorchLaw(Own(1.0), load_scale=2.0)]
-    assert len({digest(law) for law in laws}) == len(laws)
-    assert digest(TorchLaw(Own(1.0))) == digest(laws[0])
+    laws = [law(), law(weight=2.0), law(activation="Sigmoid"), law(scale=2.0)]
+    assert len({digest(one) for one in laws}) == len(laws)
+    assert digest(law()) == digest(laws[0])
 
 
 @pytest.mark.slow
