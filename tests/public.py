@@ -1,6 +1,7 @@
 """The public scoreboard: campaigns that were published, each calibrated, traced and predicted by parts it has not seen.
 
     python tests/public.py DIR [--parts 3] [--only NAME] [--cut among|rest] [--rows N] [--calibrated] [--json FILE]
+    python tests/public.py DIR --halves 10 [--only NAME] [--rows N]
     python tests/public.py DIR --write OUT
 
 Every campaign in DIR and below is found by its arm.toml, each `.csv` with joint positions beside it is one; published
@@ -21,7 +22,9 @@ campaign, their error by the arm traced on all of it is listed as well. Rows tha
 `sigma` of `predict` and the noise of the reading together; that is as stated, or as the readings scatter about the fit
 where it is less. *chi2* is the mean square of that ratio. 95 % and 1 are what a true statement gives. `--calibrated`
 leaves `trace` out, which takes seconds instead of minutes; `--rows N` takes N readings spread evenly over a longer
-campaign, and with `--cut rest` predicts all others from these.
+campaign, and with `--cut rest` predicts all others from these. `--halves N` traces the halves of N random splits and of
+N by parts of joint space, and counts how often a name of one half is in the other: by the probability that is stated,
+how many, the mean of it, what the other half gives, the share in its 95 % sets, and in how many numbers agree.
 """
 
 from __future__ import annotations
@@ -48,6 +51,7 @@ from armflex.estimate.held_out import apart_folds
 from armflex.measured.measurements import Measurements, read_measurements
 from armflex.tasks.predict import predict
 from armflex.trace.findings import Trace
+from armflex.trace.halves import counted
 
 ARMS = Path(__file__).parent / "public_arms"
 PUBLISHED = {
@@ -247,6 +251,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="campaigns whose name holds this")
     parser.add_argument("--cut", choices=("among", "apart", "rest"), help="one way of cutting (among and apart)")
     parser.add_argument("--calibrated", action="store_true", help="without tracing")
+    parser.add_argument("--halves", type=int, metavar="10", help="names of so many splits alone: do halves agree?")
     parser.add_argument("--rows", type=int, default=10**6, help="readings of a longer campaign that are used (all)")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     given = parser.parse_args()
@@ -257,6 +262,9 @@ def main() -> None:
             parser.error(f"{given.folder}: no campaign beside an arm.toml, and no repository that is converted")
         if given.write:
             print("\n".join(f"{name}: {arm} {table}" for name, (arm, table) in there.items()))
+            return
+        if given.halves:
+            print_halves({name: pair for name, pair in there.items() if given.only in name}, given.halves, given.rows)
             return
         found: dict[str, dict] = {}
         cuts = (given.cut,) if given.cut else ("among", "apart")
@@ -282,6 +290,26 @@ def main() -> None:
                 print(f"    published: {about}", flush=True)
     if given.json:
         given.json.write_text(json.dumps(found, indent=1))
+
+
+def print_halves(there: dict[str, tuple[Path, Path]], count: int, most: int) -> None:
+    """Print for every campaign, and for all, how often a name of one half is what the other half gives."""
+    names = []
+    for name, (file, table) in there.items():
+        arm = armflex.load_arm(file)
+        whole = read_measurements(table, arm)
+        rows = np.flatnonzero(whole.measured)
+        rows = rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int)]
+        try:
+            found = armflex.trace(arm, whole, rows, anyway=True, halves=count)
+        except ArmflexError as error:
+            print(f"{name:28s} {error}", flush=True)
+            continue
+        names += found.halves or ()
+        for one in counted(found.halves or ()):
+            print(f"{name:28s} " + " ".join(f"{cell:>14s}" for cell in one.cells), flush=True)
+    for one in counted(names):
+        print(f"{'all':28s} " + " ".join(f"{cell:>14s}" for cell in one.cells))
 
 
 def said(told: dict) -> str:

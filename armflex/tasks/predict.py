@@ -384,7 +384,7 @@ class _Flags:
             about["outside_limits"] = replace(first, text=f"{first.text} (the first of {self._beyond} rows)")
         worst = []
         for rows, number, flag in self._worst.values():
-            more = f" (the worst of {rows} rows)" if rows > 1 else ""
+            more = f" (the worst of {rows} rows, {rows / self.rows:.0%} of all)" if rows > 1 else ""
             worst.append(replace(flag, text=f"row {number}: {flag.text}{more}"))
         return (*derived, *(self._first | about).values(), *worst, *self._fitted, *self._timed.values())
 

@@ -356,7 +356,7 @@ def test_a_campaign_is_within_the_loads_that_it_taught_and_others_are_told_once(
     narrow = {name: replace(law, seen=replace(law.seen, loads=0.2 * law.seen.loads)) for name, law in laws.items()}
     flags = predict(with_laws(found.arm, narrow), read_measurements(folder / "train.csv", found.arm)).flags
     told = [flag.text for flag in flags if flag.code == "extrapolating"]
-    assert len(told) == len(boom.joints) and all("the worst of" in text for text in told)
+    assert len(told) == len(boom.joints) and all("the worst of" in text and "% of all)" in text for text in told)
     for (name, law), text in zip(narrow.items(), told, strict=True):  # rows in the order of the flexures
         loads, (low, high) = line.flexure_wrenches[:, names.index(name)], law.seen.loads
         excess = (np.maximum(low - loads, loads - high) / (high - low)).max(axis=1)
