@@ -82,7 +82,7 @@ def _replicated(split: str, half: int, own: Found, other: Trace) -> Replicated:
 
 
 def _of(effect: Effect) -> Hypothesis:
-    return Hypothesis((Candidate(effect.law, effect.location, effect.inner),), 0.0)
+    return Hypothesis(Candidate(effect.law, effect.location, effect.inner), 0.0)
 
 
 def _agree(one: Found, other: Found) -> bool | None:
@@ -127,9 +127,8 @@ def counted(names: Sequence[Replicated]) -> list[Counted]:
         some = [one for one in names if least <= one.probability < most]
         agree = [one.numbers_agree for one in some if one.numbers_agree is not None]
         if some:
-            means = (
-                float(np.mean([getattr(one, name) for one in some]))
-                for name in ("probability", "probability_there", "in_other_half")
-            )
-            table.append(Counted(least, len(some), *means, float(np.mean(agree)) if agree else None))
+            stated = float(np.mean([one.probability for one in some]))
+            there = float(np.mean([one.probability_there for one in some]))
+            inside = float(np.mean([one.in_other_half for one in some]))
+            table.append(Counted(least, len(some), stated, there, inside, float(np.mean(agree)) if agree else None))
     return table
