@@ -52,7 +52,7 @@ HELD_OUT_IS_OF = (
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """An effect that was added; or a family, one law at every drive, few of which show alone.
+    """An effect that was added.
 
     Attributes:
         effect: With its fitted values.

@@ -142,7 +142,7 @@ def test_a_wave_has_amplitude_and_phase(found: Trace) -> None:
     location = replace(one.effect.location, axis="rz", terms=(0, 1))
     effect = replace(one.effect, law=GEAR_HARMONIC, location=location, values=(3e-3, 4e-3, 2.0))
     assert tuple(effect.named) == names
-    several = replace(found, found=(replace(one, members=((effect, std),)),))
+    several = replace(found, found=(replace(one, effect=effect, std=std),))
     said = dict(text.split(" = ") for text in wave(several, 0))
     assert said["amplitude"].startswith("5") and "mrad of C sin(kq + phase)" in said["amplitude"]
     assert said["phase"].startswith("+53") and said["phase"].endswith("°") and said["k"].startswith("2")
