@@ -185,7 +185,7 @@ def write_json(content: dict[str, Any], path: Path | None = None) -> None:
     dataclasses their fields, and what is not finite null; see `plain`.
     """
     if path := path or json_path():
-        named = {"armflex": __version__, **content} if "format" in content else content
+        named = {**content, "armflex": __version__} if "format" in content else content
         write_whole(path, (json.dumps(plain(named), indent=1, allow_nan=False) + "\n").encode())
 
 
