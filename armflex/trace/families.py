@@ -266,11 +266,7 @@ class Kinds:
         moved = np.array([view.rms(twist) for twist in twists.transpose(2, 0, 1)]) / view.per_metre
         twists, moved = twists[:, :, moved > 0.0], moved[moved > 0.0]
         columns = (twists * self.fit.scale[:, :, None]).reshape(view.residual.size, -1)
-        return replace(
-            projection,
-            regressors=np.hstack([projection.regressors, columns]),
-            precision=np.concatenate([projection.precision, (moved / view.largest_motion) ** 2]),
-        )
+        return projection.with_columns(columns, (moved / view.largest_motion) ** 2)
 
 
 def kinds_of(fit: Fit, context: Context, poses: np.ndarray) -> Kinds:

@@ -55,6 +55,12 @@ class Projection:
         alone = self.fitted.alone
         return csr_array((self.regressors[:, alone] * self.fitted.scale[alone]).T)
 
+    def with_columns(self, columns: Array, precision: Array) -> Projection:
+        """Return the projection of what is fitted and (n, k) further columns with (k,) prior precisions."""
+        random = None if self.random is None else np.append(self.random, np.zeros(len(precision), dtype=bool))
+        regressors = np.hstack([self.regressors, columns])
+        return replace(self, regressors=regressors, precision=np.append(self.precision, precision), random=random)
+
     @cached_property
     def bare(self) -> Projection:
         """The same without families."""

@@ -82,9 +82,8 @@ class Standing:
         By what was stated, as the fit has it.
         """
         screen, beside, left = self.screen, self.screen.beside(self.model), self.screen.projection
-        columns = np.hstack([left.regressors, screen.columns(beside.places)])
-        precision = np.concatenate([left.precision, beside.held])
-        left = replace(left, regressors=columns, precision=precision, data=left.data * screen.quiet)
+        left = left.with_columns(screen.columns(beside.places), beside.held)
+        left = replace(left, data=left.data * screen.quiet)
         return localise(screen.fit, screen.context, left, groups)
 
     @cached_property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,8 @@ from armflex.laws.effects.effect import Effect, full
 from armflex.laws.effects.location import Location
 from armflex.measured.measurements import Measurements
 from armflex.trace.projection import Projection
-from armflex.trace.search import linear, with_families
+from armflex.trace.search import linear, standing, with_families
+from armflex.trace.selection import Chosen
 from armflex.trace.state import State, begin
 
 
@@ -42,6 +44,17 @@ def test_families_cost_what_components_of_a_covariance_do(seed: int) -> None:
     bare = fitted / projection.precision[:3] @ fitted.T + np.eye(50)
     assert projection.volume == pytest.approx(np.linalg.slogdet(covariance)[1] - np.linalg.slogdet(bare)[1])
     assert projection.freedom == pytest.approx(50 - np.trace(np.eye(50) - np.linalg.inv(bare)))
+
+
+def test_what_is_fitted_beside_families_takes_degrees_of_freedom() -> None:
+    projection, covariance = drawn(0)
+    more = np.random.default_rng(1).normal(size=(50, 2))
+    beside = projection.with_columns(more, np.array([0.5, 2.0]))
+    whole = covariance + more / np.array([0.5, 2.0]) @ more.T
+    assert beside.objective == pytest.approx(beside.data @ np.linalg.solve(whole, beside.data))
+    fitted, precision = np.hstack([projection.regressors[:, :3], more]), np.append(projection.precision[:3], [0.5, 2.0])
+    bare = fitted / precision @ fitted.T + np.eye(50)
+    assert beside.freedom == pytest.approx(50 - np.trace(np.eye(50) - np.linalg.inv(bare)))
 
 
 def curves() -> list[Effect]:
@@ -77,8 +90,6 @@ def test_what_all_drives_have_is_in_the_fit_and_in_the_arm(curved: tuple[State, 
     assert len(after.background.effects) == 6 and not after.effects
     assert linear(after).value > linear(before).value + 100.0
     _, other = six_axes.campaign(200, seed=1, effects=curves())
-    from dataclasses import replace
-
     setup = after.fit.setup
     arm = replace(setup.arm, effects=after.common, instrument=setup.instrument)
     plainly = replace(before.fit.setup.arm, instrument=before.fit.setup.instrument)
@@ -99,6 +110,13 @@ def test_values_are_those_of_generalised_least_squares(curved: tuple[State, Stat
     std = fit.posterior.std[rest]
     known = np.isfinite(std)
     assert np.abs((values - fit.values[rest])[known] / std[known]).max() < 0.2  # a fit stops that near
+
+
+def test_a_random_twist_is_localised_beside_families_and_names(curved: tuple[State, State]) -> None:
+    here = standing(curved[1])
+    number = next(i for i, one in enumerate(here.screen.groups) if one.hypothesis.one.law.name == "compliance")
+    there = replace(here, model=(Chosen(number, 2),))
+    assert all(np.isfinite(place.ratio) for place in there.scattered)
 
 
 @pytest.mark.parametrize("kind", ["none", "none_noisier"])
