@@ -56,7 +56,7 @@ class Registry(MutableMapping[str, T]):
     @cached_property
     def _objects(self) -> dict[str, T]:
         objects, owners = dict(self._bundled), dict.fromkeys(self._bundled, HERE)
-        for point in self._points():
+        for point in self._points:
             owner = _owner(point).name
             if point.name in owners:
                 text = f"{self.group}: both {owners[point.name]} and {owner} have {point.name!r}: uninstall one of them"
@@ -106,14 +106,16 @@ class Registry(MutableMapping[str, T]):
 
     def names(self) -> tuple[str, ...]:
         """Return all names, without importing what they are of."""
-        return tuple(dict.fromkeys((*self._bundled, *(point.name for point in self._points()))))
+        return tuple(dict.fromkeys((*self._bundled, *(point.name for point in self._points))))
 
     def distribution(self, name: str) -> Distribution | None:
         """Return which distribution a name is of, None of armflex's own and of unknown ones."""
-        return next((_owner(point) for point in self._points() if point.name == name), None)
+        return next((_owner(point) for point in self._points if point.name == name), None)
 
-    def _points(self) -> Iterator[EntryPoint]:
-        return iter(sorted(entry_points(group=self.group), key=lambda point: (_owner(point).name, point.name)))
+    @cached_property
+    def _points(self) -> list[EntryPoint]:
+        """Entry points by distribution; metadata are read once."""
+        return sorted(entry_points(group=self.group), key=lambda point: (_owner(point).name, point.name))
 
 
 def _owner(point: EntryPoint) -> Distribution:

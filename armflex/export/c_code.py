@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm, Flexure
-from armflex.conventions import LARGEST_POSITION, Array
+from armflex.conventions import Array
 from armflex.errors import ArmflexError, UnsupportedError
 from armflex.export import Exported
-from armflex.export.c_text import SMALLEST_CHANGE, c_names, c_number, c_table, check_name
+from armflex.export.c_text import SMALLEST_CHANGE, c_head, c_limits, c_names, c_number, c_table, check_name
 from armflex.export.mechanism_c import export_mechanism
 from armflex.export.quoting import c_comment
 from armflex.export.rigid import measured_points, said_points
@@ -31,7 +31,6 @@ from armflex.laws.terms import Factor, Of, Term
 from armflex.mechanics.chain import link_frame
 from armflex.mechanics.engine.tables import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree
 from armflex.rows.rows import HOLD, TIME
-from armflex.version import __version__
 
 TEMPLATE = Path(__file__).with_name("arm.c")
 
@@ -366,36 +365,22 @@ def _chosen(text: str, counts: dict[str, int]) -> str:
 
 
 def _head(arm: Arm, tables: _Tables, stack: dict[str, int], name: str) -> str:
-    robot = arm.robot
-    lines = [
-        f"The tip of the manipulator {robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
-        "",
-        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h, string.h (link with -lm).",
-        f"Base frame {robot.base!r}, tip {robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
-        "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
-        "threads may ask at once. The covariates, where there are any, are read alone.",
+    newton = (
+        "Where no bound proves that the arm cannot buckle, Newton's method may take the place of MOST_STEPS:",
+        "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
+    )
+    bounds = (
         f"Every loop is bounded: {name}_tip weighs the arm MOST_STEPS + PROBES times at most, and {name}_compensate",
         "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
-        *(
-            [
-                "Where no bound proves that the arm cannot buckle, Newton's method may take the place of MOST_STEPS:",
-                "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
-            ]
-            if tables.unproven
-            else []
-        ),
+        *(newton if tables.unproven else ()),
         f"Stack: {name}_tip takes up to {stack['tip']} bytes, {name}_compensate up to {stack['compensate']}.",
-    ]
-    return "\n".join(
-        [f"/* {name}_tip and {name}_compensate.", " *", *(f" * {c_comment(line)}".rstrip() for line in lines), " */"]
     )
+    return c_head(arm, f"{name}_tip and {name}_compensate", "", bounds)
 
 
 def _constants(arm: Arm, tables: _Tables, name: str) -> str:
     counts = [f"    {name} = {count}, /* {what} */" for name, (count, what) in tables.counts.items() if what]
     bodies = [arm.payload(name) for name in tables.payloads]
-    ends = (np.clip(end, -LARGEST_POSITION, LARGEST_POSITION) for end in (arm.robot.lower, arm.robot.upper))
-    limits = zip(arm.joint_names, *ends, strict=True)
     unset = ", ".join(["NAN"] * len(tables.covariates)) or "0.0"
     text = [
         "enum {\n" + "\n".join(counts) + "\n};",
@@ -404,8 +389,7 @@ def _constants(arm: Arm, tables: _Tables, name: str) -> str:
         c_names(f"{name}_payloads", tables.payloads),
         c_names(f"{name}_covariate_names", tables.covariates),
         f"double {name}_covariates[{max(1, len(tables.covariates))}] = {{{unset}}};",
-        c_table("double limits[JOINTS][2]", "lowest and highest position of every joint [rad or m]",
-               [f"{c_number(pair)}, /* {c_comment(name)} */" for name, *pair in limits]),
+        c_limits(arm, "joint"),
         c_table("payload_body payloads[PAYLOADS]", "",
                [f"{{{c_number(body.mass)}, {c_number(body.com)}, {int(proven)}}}, /* {c_comment(name)} */"
                 for name, body, proven in zip(tables.payloads, bodies, tables.proven, strict=True)]),

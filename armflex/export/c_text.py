@@ -9,8 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from armflex.arm import Arm
+from armflex.conventions import LARGEST_POSITION
 from armflex.errors import InputError
-from armflex.export.quoting import c_string
+from armflex.export.quoting import c_comment, c_string
+from armflex.version import __version__
 
 KEYWORDS = (
     "auto break case char const continue default do double else enum extern float for goto if inline int long register "
@@ -25,6 +28,35 @@ def check_name(name: str) -> None:
     """Raise `InputError` where a name is no identifier of C."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():
         raise InputError(f"--name {name!r} is no name in C: expected letters, digits and _, no keyword")
+
+
+def c_head(arm: Arm, functions: str, threads: str, bounds: Iterable[str]) -> str:
+    """Return the comment that a file for a controller begins with.
+
+    Args:
+        arm: Whose tip it computes.
+        functions: Their names, in words.
+        threads: How many may ask at once.
+        bounds: Lines that say how long a call takes at most, and how much stack.
+    """
+    lines = [
+        f"The tip of the manipulator {arm.robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
+        "",
+        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h, string.h (link with -lm).",
+        f"Base frame {arm.robot.base!r}, tip {arm.robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
+        "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
+        f"threads may ask at once{threads}. The covariates, where there are any, are read alone.",
+        *bounds,
+    ]
+    return "\n".join([f"/* {functions}.", " *", *(f" * {c_comment(line)}".rstrip() for line in lines), " */"])
+
+
+def c_limits(arm: Arm, moved: str) -> str:
+    """Return the table of the lowest and highest position of every one of what is `moved`, in words."""
+    ends = (np.clip(end, -LARGEST_POSITION, LARGEST_POSITION) for end in (arm.robot.lower, arm.robot.upper))
+    limits = zip(arm.joint_names, *ends, strict=True)
+    rows = [f"{c_number(pair)}, /* {c_comment(joint)} */" for joint, *pair in limits]
+    return c_table("double limits[JOINTS][2]", f"lowest and highest position of every {moved} [rad or m]", rows)
 
 
 def c_table(declared: str, what: str, rows: Sequence[str]) -> str:

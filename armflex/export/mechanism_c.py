@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import LARGEST_POSITION, Array
+from armflex.conventions import Array
 from armflex.errors import UnsupportedError
 from armflex.export import Exported
-from armflex.export.c_text import SMALLEST_CHANGE, c_names, c_number
-from armflex.export.quoting import c_comment
+from armflex.export.c_text import SMALLEST_CHANGE, c_head, c_limits, c_names, c_number
 from armflex.export.rigid import measured_points, said_points
 from armflex.laws.effects.context import MASS
 from armflex.laws.effects.effect import Act
@@ -22,7 +21,6 @@ from armflex.mechanics.engine.binding import Engine
 from armflex.mechanics.engine.tables import Factors, Tree
 from armflex.mechanics.loop_rows import closings, trees
 from armflex.rows.rows import HOLD, TIME
-from armflex.version import __version__
 
 CONTROLLER = Path(__file__).with_name("controller.c")
 
@@ -74,7 +72,7 @@ def export_mechanism(arm: Arm, name: str) -> Exported:
         c_names(f"{name}_covariate_names", factors.names),
         f"double {name}_covariates[{max(1, len(factors.names))}] = "
         f"{{{', '.join(['NAN'] * len(factors.names)) or '0.0'}}};",
-        _limits(arm),
+        c_limits(arm, "drive"),
         _real("masses", "of the payloads [kg]", np.array([one.payload.mass for one in loaded])),
         _real("home", "drives at home [rad or m]", home),
         _real("home_passive", "joints without a drive there", start if settled is None else settled),
@@ -187,32 +185,14 @@ def _engine() -> str:
 
 
 def _head(arm: Arm, stack: int, name: str) -> str:
-    robot, beside = arm.robot, 8 * (26 * len(arm.joint_names) + 60)
-    lines = [
-        f"The tip of the manipulator {robot.urdf.name!r} as it flexes, and joint positions that make up for it.",
-        "",
-        f"Written by armflex {__version__}: do not edit, export it again. C99; needs math.h, string.h (link with -lm).",
-        f"Base frame {robot.base!r}, tip {robot.tip!r}. Units are m, rad, kg, N, s. Numbers are IEEE doubles.",
-        "It allocates nothing, calls itself nowhere, and changes no variable outside its functions: any number of",
-        "threads may ask at once, each with a state of its own. The covariates, where there are any, are read alone.",
+    beside = 8 * (26 * len(arm.joint_names) + 60)
+    bounds = (
         f"Every loop is bounded: {name}_follow closes the loops MOST_PARTS MOST times and weighs the arm STEPS times",
         f"at most, some 3 and 5 times usually; {name}_compensate MOST_JUMPS + 1 times as often, some 4 times usually.",
         f"Stack: {name}_tip and {name}_follow take up to {stack} bytes, {name}_compensate up to {stack + beside}.",
-    ]
-    return "\n".join(
-        [f"/* {name}_tip, {name}_follow and {name}_compensate.", " *"]
-        + [f" * {c_comment(line)}".rstrip() for line in lines]
-        + [" */"]
     )
-
-
-def _limits(arm: Arm) -> str:
-    ends = (np.clip(end, -LARGEST_POSITION, LARGEST_POSITION) for end in (arm.robot.lower, arm.robot.upper))
-    rows = [
-        f"    {c_number(pair)}, /* {c_comment(joint)} */" for joint, *pair in zip(arm.joint_names, *ends, strict=True)
-    ]
-    declared = "static const double limits[JOINTS][2] = { /* lowest and highest position of every drive [rad or m] */"
-    return "\n".join([declared, *rows, "};"])
+    functions = f"{name}_tip, {name}_follow and {name}_compensate"
+    return c_head(arm, functions, ", each with a state of its own", bounds)
 
 
 def _tree(prefix: str, tree: Tree, elements: list[Array]) -> list[str]:

@@ -73,7 +73,6 @@ def trace(
     from armflex.estimate.misread import check_scatter
     from armflex.progress import OutOfTimeError, Reporter
     from armflex.trace.account import conclude, so_far
-    from armflex.trace.families import families_of
     from armflex.trace.halves import in_halves
     from armflex.trace.search import is_bounded, led, linear, search, standing
     from armflex.trace.state import begin
@@ -102,7 +101,7 @@ def trace(
     try:
         reporter.limit(60.0 * minutes)
         reporter.stage("weighing which kinds of effect are missing")
-        families = families_of(begun.fit, begun.context, begun.groups)
+        families = begun.sized.families
         try:
             here = led(begun, passing)
             passing(here)

@@ -38,7 +38,7 @@ from armflex.trace.resampling import Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
-from armflex.trace.state import State, beside_effects, lost_of, refit, sorted_out
+from armflex.trace.state import State, lost_of, refit, sorted_out
 from armflex.trace.unrecorded import RandomTwist
 from armflex.trace.validate import Folds, Validated, sessions_held_out, validated
 
@@ -142,7 +142,7 @@ def conclude(
     return Trace(
         **errors,
         found=found,
-        families=beside_effects(state) if state.background.names else families,
+        families=state.sized.families if state.background.names else families,
         unexplained=left,
         places=places,
         undecided=None if state.effects or left is not None else _undecided(known),

@@ -44,7 +44,7 @@ from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
-from armflex.trace.projection import Projection, project
+from armflex.trace.projection import Projection
 from armflex.trace.selection import MOST_TRIED, SCALES
 
 LEAST_INFORMED = 1e-3
@@ -287,15 +287,6 @@ def kinds_of(fit: Fit, context: Context, poses: np.ndarray) -> Kinds:
             parts.append(part)
             columns.append(own)
     return Kinds(fit, context, tuple(parts), np.hstack(columns), pose_folds(poses))
-
-
-def families_of(fit: Fit, context: Context, poses: np.ndarray) -> Families:
-    """Return the kinds of effect that a calibrated arm lacks; arguments as of `kinds_of`.
-
-    Raises:
-        ConvergenceError: What families do is not finite.
-    """
-    return kinds_of(fit, context, poses).beside(project(fit)).families
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 A machine is expected to lack `EFFECTS` effects. Each law of the catalogue is as likely as another but for `PLAINER`;
 its places share its probability, at a place the choices of acting terms share that, and values inside the law that are
 not linear share what is left: to have chosen among many costs what it should. Unnamed shapes have `NAMELESS` of all,
-one law at every drive `FAMILIAL`.
+families `FAMILIAL`.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from armflex.mechanics.response import respond
 from armflex.parameters import numbers_of
 from armflex.progress import SILENT, Reporter
 from armflex.rows.rows import POSE, ROW
-from armflex.trace.families import NO_FAMILIES, Background, Families, Sized, kinds_of
+from armflex.trace.families import NO_FAMILIES, Background, Sized, kinds_of
 from armflex.trace.hypotheses import Hypothesis
 from armflex.trace.projection import Projection
 
@@ -202,6 +202,15 @@ class State:
         data = fitted.residual + fitted.regressors @ fitted.values
         return Projection(fitted.regressors[:, kept], fitted.precision[kept], data, fitted.view.count)
 
+    @cached_property
+    def sized(self) -> Sized:
+        """Families with the sizes that the evidence gives them beside the added effects.
+
+        Raises:
+            ConvergenceError: What families do is not finite.
+        """
+        return kinds_of(self.fit, self.context, self.groups).beside(self.named)
+
 
 def begin(calibration: Calibration, reporter: Reporter = SILENT) -> State:
     """Return the state after a calibration `as_stated`: nothing added, lost beams left out."""
@@ -297,17 +306,8 @@ def resized(state: State, effort: Effort = ROUGH) -> State:
     Raises:
         ArmflexError: The arm does not come to rest with them, or no fit is found.
     """
-    background = _sized(state).background
+    background = state.sized.background
     return state if background.close_to(state.background) else with_background(state, background, effort)
-
-
-def beside_effects(state: State) -> Families:
-    """Return which kinds of effect the readings have beside a state's effects."""
-    return _sized(state).families
-
-
-def _sized(state: State) -> Sized:
-    return kinds_of(state.fit, state.context, state.groups).beside(state.named)
 
 
 def with_background(state: State, background: Background, effort: Effort = ROUGH) -> State:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from unittest.mock import patch
@@ -57,63 +57,63 @@ def header(declaration: Declaration) -> str:
     )
 
 
+Note = Callable[[Declaration, str, str, tuple, Mapping], None]
+"""(table, accessor, key, arguments, named arguments) of what a reader asks for."""
+
+
 @contextmanager
-def listening(asked: Asked) -> Iterator[None]:
-    """Note every key that a reader asks for, how, and with which default."""
+def listening(note: Note) -> Iterator[None]:
+    """Call `note` with every key that a reader asks for; what an accessor asks another for is not the reader's."""
+    inside: list[str] = []
+
+    def noting(name: str, method):
+        @functools.wraps(method)
+        def ask(self: Declaration, key: str, *given, **named):
+            if not inside:
+                note(self, name, key, given, named)
+            inside.append(name)
+            try:
+                return method(self, key, *given, **named)
+            finally:
+                inside.pop()
+
+        return ask
+
     with ExitStack() as stack:
         for name in TYPES:
-            stack.enter_context(patch.object(Declaration, name, _noting(name, getattr(Declaration, name), asked)))
+            stack.enter_context(patch.object(Declaration, name, noting(name, getattr(Declaration, name))))
         yield
 
 
-_inside: list[str] = []
-"""The accessors that are running: those that one calls itself are not the reader's."""
-
-
-def _noting(name: str, method, asked: Asked):
-    def noted(self: Declaration, key: str, *given, **named):
-        _inside.append(name)
-        try:
-            return method(self, key, *given, **named)
-        finally:
-            _inside.pop()
-
-    @functools.wraps(method)
-    def noting(self: Declaration, key: str, *given, **named):
-        if not _inside:
-            note(self, key, *given, **named)
-        return noted(self, key, *given, **named)
-
-    def note(self: Declaration, key: str, *given, **named):
-        free = f"{header(self)}.NAME" in KEYS or set(KEYS.get(header(self), ())) == {"NAME"}
-        if free and key not in KEYS.get(header(self), ()):  # a name of the user's, not a key
-            if set(KEYS.get(header(self), ())) != {"NAME"}:
-                return
-            key_noted = "NAME"
-        else:
-            key_noted = key
-        entry = asked.setdefault(header(self), {}).setdefault(key_noted, {})
-        if name not in ("has", "raw"):
-            kind = TYPES[name]
-            if name == "choice":
-                kind = "one of " + ", ".join(f"`{option}`" for option in given[0])
-            if name == "numbers":
-                kind = " or ".join(" x ".join(map(str, shape)) or "a number" for shape in given) + " numbers"
-            entry.setdefault("type", kind)
-            default = {"choice": given[1:], "text": given, "number": given, "std": given}.get(name, ())
-            default = (*default, *([named["default"]] if "default" in named else []))
-            if default and default[0] is not None:
-                entry.setdefault("default", f"{default[0]:g}" if isinstance(default[0], float) else str(default[0]))
-        if name in ("has", *OPTIONAL):
-            entry["optional"] = "yes"
-
-    return noting
+def _note(asked: Asked, self: Declaration, name: str, key: str, given: tuple, named: Mapping) -> None:
+    """Note how a key is asked for, and with which default."""
+    free = f"{header(self)}.NAME" in KEYS or set(KEYS.get(header(self), ())) == {"NAME"}
+    if free and key not in KEYS.get(header(self), ()):  # a name of the user's, not a key
+        if set(KEYS.get(header(self), ())) != {"NAME"}:
+            return
+        key_noted = "NAME"
+    else:
+        key_noted = key
+    entry = asked.setdefault(header(self), {}).setdefault(key_noted, {})
+    if name not in ("has", "raw"):
+        kind = TYPES[name]
+        if name == "choice":
+            kind = "one of " + ", ".join(f"`{option}`" for option in given[0])
+        if name == "numbers":
+            kind = " or ".join(" x ".join(map(str, shape)) or "a number" for shape in given) + " numbers"
+        entry.setdefault("type", kind)
+        default = {"choice": given[1:], "text": given, "number": given, "std": given}.get(name, ())
+        default = (*default, *([named["default"]] if "default" in named else []))
+        if default and default[0] is not None:
+            entry.setdefault("default", f"{default[0]:g}" if isinstance(default[0], float) else str(default[0]))
+    if name in ("has", *OPTIONAL):
+        entry["optional"] = "yes"
 
 
 def arm_keys() -> Asked:
     """Return every key of an arm.toml that a reader asks for while the examples are read."""
     asked: Asked = {}
-    with warnings.catch_warnings(), listening(asked):
+    with warnings.catch_warnings(), listening(functools.partial(_note, asked)):
         warnings.simplefilter("ignore")
         for file in sorted((HERE / "formats").glob("*.toml")):
             load_arm(file)

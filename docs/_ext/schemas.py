@@ -9,14 +9,13 @@ import json
 import re
 import tomllib
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
-from formats import HERE, TYPES, header
+from formats import HERE, header, listening
 from keys import KEYS
 
 from armflex import load_arm
@@ -59,42 +58,30 @@ OPTIONAL = ("has", "subs", "part", "array_of", "flag", "quantity")
 Tables = dict[str, dict[str, Asked]]
 """Table -> key -> how it was asked for."""
 
+Read = dict[str, dict[int, Any]]
+"""Table -> those of that name that were read, by identity."""
 
-@contextmanager
-def _listening(tables: Tables, read: dict[str, dict[int, Any]]) -> Iterator[None]:
-    """Note how readers ask for keys, and which tables they read, by identity."""
-    inside: list[str] = []
 
-    def noting(name: str, method):
-        def ask(self: Declaration, key: str, *given, **named):
-            if not inside:
-                asked = tables.setdefault(header(self), {}).setdefault(key, Asked())
-                asked.accessors.add(name)
-                asked.shapes |= set(given) if name == "numbers" else set()
-                asked.choices |= {tuple(given[0])} if name == "choice" else set()
-                asked.kind = given[0] if name == "quantity" else asked.kind
-                read.setdefault(header(self), {})[id(self.table)] = self.table
-                defaults = {"choice": given[1:2], "text": given, "number": given, "std": given}.get(name, ())
-                if name not in OPTIONAL and not any(
-                    default is not None for default in (*defaults, named.get("default"))
-                ):
-                    asked.needed.add(id(self.table))
-            inside.append(name)
-            try:
-                return method(self, key, *given, **named)
-            finally:
-                inside.pop()
-
-        return ask
-
-    patches = [patch.object(Declaration, name, noting(name, getattr(Declaration, name))) for name in TYPES]
-    for each in patches:
-        each.start()
-    try:
-        yield
-    finally:
-        for each in patches:
-            each.stop()
+def _note(
+    tables: Tables,
+    read: dict[str, dict[int, Any]],
+    table: Declaration,
+    name: str,
+    key: str,
+    given: tuple,
+    named: Mapping,
+) -> None:
+    """Note how a key is asked for, and of which table, by identity."""
+    asked = tables.setdefault(header(table), {}).setdefault(key, Asked())
+    asked.accessors.add(name)
+    asked.shapes |= set(given) if name == "numbers" else set()
+    asked.choices |= {tuple(given[0])} if name == "choice" else set()
+    asked.kind = given[0] if name == "quantity" else asked.kind
+    read.setdefault(header(table), {})[id(table.table)] = table.table
+    defaults = {"choice": given[1:2], "text": given, "number": given, "std": given}.get(name, ())
+    has_default = any(default is not None for default in (*defaults, named.get("default")))
+    if name not in OPTIONAL and not has_default:
+        asked.needed.add(id(table.table))
 
 
 def examples() -> list[Path]:
@@ -110,8 +97,8 @@ def presets(path: Path) -> list[str | None]:
 def arm_schema() -> Schema:
     """Return the schema of an arm.toml: what its readers ask for while they read the examples."""
     tables: Tables = {}
-    read: dict[str, dict[int, Any]] = {}
-    with warnings.catch_warnings(), _listening(tables, read):
+    read: Read = {}
+    with warnings.catch_warnings(), listening(partial(_note, tables, read)):
         warnings.simplefilter("ignore")
         for path in examples():
             for preset in presets(path):

@@ -136,7 +136,7 @@ def test_absorbed_is_what_the_other_parameters_take_over(before, backlash):
 def test_some_of_the_rows_are_a_problem_of_their_own(restationed):
     """Also where a parameter that is eliminated first is of rows in either part."""
     whole = restationed.bare
-    part = whole.of_rows(np.repeat(np.arange(len(restationed.rows)) % 2 == 0, 3))
+    part = whole.resampled(np.repeat(np.arange(len(restationed.rows)) % 2 == 0, 3).astype(float))
     assert min(whole.each.shape[0], part.each.shape[0]) > 64
     with np.errstate(divide="ignore"):
         _, objective = least_squares(part.regressors, 1.0 / np.sqrt(part.precision), part.data)

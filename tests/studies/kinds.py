@@ -20,7 +20,7 @@ from support.campaigns import KINDS, NULLS, draw
 
 from armflex import calibrate, load_arm, read_measurements
 from armflex.errors import ArmflexError
-from armflex.trace.families import Families, families_of
+from armflex.trace.families import Families
 from armflex.trace.state import begin
 
 STRONG = 10.0
@@ -51,7 +51,7 @@ def stated(kind: str, seed: int, arm: str) -> Families:
         files = draw(kind, seed, arm).write(Path(folder))
         declared = load_arm(files.arm)
         state = begin(calibrate(declared, read_measurements(files.train, declared), as_stated=True))
-    return families_of(state.fit, state.context, state.groups)
+    return state.sized.families
 
 
 def main() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,8 @@ TEMPLATE = Path(__file__).parents[2] / "examples" / "plugin"
 
 LAGGING = """
 import sys
+from dataclasses import replace
+
 import numpy as np
 import armflex
 from armflex.laws.effects import CATALOGUE, Effect, Location
@@ -31,7 +34,6 @@ q = rng.uniform(-0.8, 0.8, (count, 6))
 speed = rng.uniform(-0.5, 0.5, (count, 6))
 law = CATALOGUE["following_error"]
 lag = Effect(law, Location("J3", "ry", ("speed_J3",)), (1e-3,))
-from dataclasses import replace
 lagging = replace(arm, effects=(lag,))
 points = [lagging.deflection(q[i], "p100", covariates={"speed_J3": speed[i, 2]}).pose.translation for i in range(count)]
 points += rng.normal(0.0, 2e-5, (count, 3))
@@ -178,8 +180,6 @@ def test_a_kind_of_reading_conforms_and_one_with_a_wrong_sign_does_not() -> None
 
 
 def test_a_law_whose_tangent_is_another_does_not_conform() -> None:
-    from dataclasses import replace
-
     linear = LAWS["linear"]
 
     def read(table, joint, ranges):

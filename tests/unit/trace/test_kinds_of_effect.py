@@ -9,7 +9,7 @@ import pytest
 from support.campaigns import draw
 
 from armflex import calibrate, load_arm, read_measurements
-from armflex.trace.families import Families, families_of
+from armflex.trace.families import Families
 from armflex.trace.state import State, begin
 
 STRONG = 10.0
@@ -25,7 +25,7 @@ def calibrated(tmp_path, kind: str, seed: int, arm: str) -> tuple[State, str]:
 
 
 def kinds(state: State) -> Families:
-    return families_of(state.fit, state.context, state.groups)
+    return state.sized.families
 
 
 @pytest.mark.parametrize(
@@ -59,5 +59,5 @@ def test_a_campaign_whose_joints_hardly_move_has_kinds_as_well(tmp_path) -> None
     state, _ = calibrated(tmp_path, "none", 7001, "six")
     columns = {name: np.zeros_like(values) for name, values in state.context.row.covariates.items()}
     still = replace(state.context.row, q=np.zeros_like(state.context.row.q), covariates=columns)
-    families = families_of(state.fit, replace(state.context, row=still, recorded=()), state.groups)
+    families = kinds(replace(state, context=replace(state.context, row=still, recorded=())))
     assert np.isfinite(families.held_out).all() and np.isfinite(families.noise)
