@@ -142,7 +142,8 @@ def print_calibration(calibration: Calibration, show_all: bool = False) -> None:
             )
     if calibration.left_out:
         say(
-            f"Excluded as outliers by the robust fit: readings of {calibration.left_out} rows, which no figure includes."
+            f"Excluded as outliers by the robust fit: readings of {calibration.left_out} rows, "
+            "which no figure includes."
         )
     for outlier in calibration.outliers[:5]:
         unit, factor = outlier.shown_in

@@ -55,8 +55,7 @@ def command(
     for name, several in (("vAP", performance.directions), ("dAP", performance.drifts)):
         for characteristic in several:
             again = "" if characteristic.repeatability is None else f", dRP {millimetres(characteristic.repeatability)}"
-            say(
-                f"{characteristic.pose}: {name} {millimetres(characteristic.accuracy)}{again} ({characteristic.number} {characteristic.of})."
-            )
+            accuracy, count = millimetres(characteristic.accuracy), f"{characteristic.number} {characteristic.of}"
+            say(f"{characteristic.pose}: {name} {accuracy}{again} ({count}).")
     say("", *performance.remarks)
     say_written(output)

@@ -173,8 +173,9 @@ def meanings(
         ]
     )
     if axes != {"x", "y", "z"}:  # an X of something else
-        meant = [Meaning(meaning.column, "covariate", meaning.column, "", "a number") if meaning.kind == "coordinate" else meaning
-                 for meaning in meant]  # fmt: skip
+        for i, meaning in enumerate(meant):
+            if meaning.kind == "coordinate":
+                meant[i] = Meaning(meaning.column, "covariate", meaning.column, "", "a number")
     for i, one in enumerate(meant):  # where a joint is, beside where it was to be
         twin = [other for other in meant if (other.kind, other.name) == ("joint", one.name) and other is not one]
         if one.kind == "joint" and COMMANDED.search(one.column) and any(not COMMANDED.search(o.column) for o in twin):

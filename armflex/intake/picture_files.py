@@ -95,7 +95,8 @@ def camera(source: Source, board: str, on_arm: bool, name: str, beside: Path) ->
         return "", [], [str(error)]
     read = [0 if corners_of is None else int(np.isfinite(corners_of[::2]).sum()) for corners_of in found]
     seen = np.count_nonzero(read)
-    note = f"{seen} of {len(read)} pictures show the board, {np.median([count for count in read if count] or [0]):g} corners"
+    usual = np.median([count for count in read if count] or [0])
+    note = f"{seen} of {len(read)} pictures show the board, {usual:g} corners"
     if not seen:
         text = "no picture shows this board: are columns and rows (squares of a charuco board, else inner corners) as"
         return "", [], [f"{source.path}: {text} printed, and is the dictionary of its markers?"]

@@ -377,9 +377,9 @@ def stream_inputs(path: str | Path, arm: Arm, most: int, unnamed: Unnamed = UNLO
         columns = {name: table.numbers(name) for name, column in seen.items() if column.numeric}
         for name, column in seen.items():
             if not column.numeric:
-                known |= level_columns(name, table.texts(name), column.levels)
+                columns |= level_columns(name, table.texts(name), column.levels)
         first, before = first + len(table), (measurements.q[-1], last_motion(measurements.q, before)[-1])
-        yield replace(measurements, covariates=known, sha256=sha256)
+        yield replace(measurements, covariates=columns, sha256=sha256)
 
 
 class _Covariate:

@@ -73,7 +73,8 @@ def map_page(
     ]
     scene = replace(
         scene,
-        subtitle=f"{workspace.rows:,} configurations, payload {', '.join(workspace.payloads)}, voxels of {workspace.voxel:g} m",
+        subtitle=f"{workspace.rows:,} configurations, payload {', '.join(workspace.payloads)}, "
+        f"voxels of {workspace.voxel:g} m",
         nodes=(*scene.nodes, *nodes),
         legend_title="Largest displacement of the tip, voxels",
         legend=tuple(LegendRow(color, text, str(mask.sum())) for color, text, mask in groups),

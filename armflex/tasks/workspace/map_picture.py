@@ -71,7 +71,8 @@ def draw_map(arm: Arm, workspace: WorkspaceMap, path: str | Path, tolerance: flo
         if tolerance is not None:
             bar.ax.axhline(tolerance * 1e3, color="0.1", lw=2)
         carried = ", ".join(workspace.payloads)
-        title = f"{workspace.rows:,} configurations, payload {carried}, voxels of {workspace.voxel:g} m, base {workspace.base}"
+        title = f"{workspace.rows:,} configurations, payload {carried}, voxels of {workspace.voxel:g} m"
+        title += f", base {workspace.base}"
         title += f", {workspace.draws} draws" if workspace.draws else ""
         figure.suptitle(title if tolerance is None else f"{title}, tolerance {tolerance * 1e3:g} mm")
     return path
