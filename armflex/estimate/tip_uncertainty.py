@@ -31,7 +31,7 @@ REMEMBERED = (
 
 
 @checked_kinds
-def total_covariance(deflection: Deflection | DeflectionBatch, relative: bool = False) -> Array | None:
+def total_covariance(found: Deflection | DeflectionBatch, relative: bool = False) -> Array | None:
     """Return the covariance of the tip's displacement, of the laws and of what the arm was fitted to.
 
     `Deflection.covariance` is of the laws alone. On an arm that was calibrated or traced the fitted parameters have a
@@ -39,7 +39,7 @@ def total_covariance(deflection: Deflection | DeflectionBatch, relative: bool = 
     counted twice. On other arms this is `Deflection.covariance`.
 
     Args:
-        deflection: What `Arm.deflection` returned.
+        found: What `Arm.deflection` returned.
         relative: Whether the displacement is that of the campaign's target before its instrument, in which what only
             says where base and target stand cancels; in base axes all the same.
 
@@ -47,7 +47,7 @@ def total_covariance(deflection: Deflection | DeflectionBatch, relative: bool = 
         (6, 6), or (N, 6, 6) of a batch, base axes [m, rad], None where nobody states an uncertainty. Flags about it are
         Python warnings.
     """
-    covariance, flags = flagged_covariance(deflection, relative)
+    covariance, flags = flagged_covariance(found, relative)
     warn(flags)
     return covariance
 

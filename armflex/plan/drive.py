@@ -134,7 +134,7 @@ def _sign(change: Array) -> Array:
 
 
 @checked_kinds
-def write_plan(planned: Plan | Asked, path: str | Path) -> Path:
+def write_plan(found: Plan | Asked, path: str | Path) -> Path:
     """Write the rows as a measurements.csv whose positions are still empty; whole or not at all.
 
     It holds pose, session, payload, q_*, what effects depend on, x y z to be filled in, and sigma, in the units of the
@@ -142,11 +142,11 @@ def write_plan(planned: Plan | Asked, path: str | Path) -> Path:
     with `to ` stay empty. What a row is worth is not a column: in the campaign that the file becomes, `trace`
     would look at it as a cause.
     """
-    rows, reach = planned.rows, planned.reach
+    rows, reach = found.rows, found.reach
     columns: dict[str, list] = {name: list(getattr(rows, name)) for name in ("pose", "session", "payload")}
     for i, joint in enumerate(reach.arm.robot.moving):
         name, values = f"q_{joint.name}", rows.q[:, i]
-        unit, factor = _unit(planned, name, "length" if joint.kind == "prismatic" else "angle")
+        unit, factor = _unit(found, name, "length" if joint.kind == "prismatic" else "angle")
         digits = int(np.floor(1e-9 - np.log10(FINEST / factor)))
         # Rounded towards the middle at its limits.
         inside = np.round(0.1**digits, digits) * np.ceil(np.array([joint.lower, -joint.upper]) / factor * 10.0**digits)
@@ -164,13 +164,13 @@ def write_plan(planned: Plan | Asked, path: str | Path) -> Path:
         columns |= {column: [""] * len(rows) for column in sensor.kind.columns(name) if name in reach.read}
     if "" not in reach.read:
         return write_table(path, columns)
-    columns |= {axis + _unit(planned, axis, "length")[0]: [""] * len(rows) for axis in "xyz"}
+    columns |= {axis + _unit(found, axis, "length")[0]: [""] * len(rows) for axis in "xyz"}
     same = (reach.sigma == reach.sigma[0]).all()
     sigma = (
         {"sigma": reach.sigma[0]} if same else dict(zip(("sigma_x", "sigma_y", "sigma_z"), reach.sigma, strict=True))
     )
     for name, value in sigma.items():
-        unit, factor = _unit(planned, name if name in planned.units else "sigma", "length")
+        unit, factor = _unit(found, name if name in found.units else "sigma", "length")
         columns[name + unit] = [float(f"{value / factor:.3g}")] * len(rows)
     return write_table(path, columns)
 
