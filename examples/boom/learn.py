@@ -3,8 +3,8 @@
     python learn.py FOLDER
 
 reads the tables in FOLDER, and writes beside them NAME.safetensors (what learned.toml names), M1.toml (its flexure of
-M1) and errors.csv: training, held-out and new-load errors of the parametric model, the network, the Bayesian network and of
-what `auto` chooses. Held out are a fifth of the rows after another; `auto` chooses anew without each.
+M1) and errors.csv: training, held-out and new-load errors of the parametric model, the network, the Bayesian network
+and of what `auto` chooses. Held out are a fifth of the rows after another; `auto` chooses anew without each.
 """
 
 from __future__ import annotations
