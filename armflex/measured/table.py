@@ -341,12 +341,12 @@ def text_lines(path: Path) -> Iterator[str]:
                         block.decode(encoding)
                         warn([Flag("encoding", f"{path} is not UTF-8: its letters are taken as those of Windows-1252")])
                     wide = wide or not letters.isascii()
-                    texts = [raw.decode(encoding) for raw in lines]
+                    lines = [raw.decode(encoding) for raw in lines]
                     encoding = "utf-8" if encoding == "utf-8-sig" else encoding
-                if bad := unprintable(text := "".join(texts)):
+                if bad := unprintable(text := "".join(lines)):
                     raise TableError(Place(path, line + text.count("\n", 0, bad[0])), bad[1])
-                line += len(texts)
-                yield from texts
+                line += len(lines)
+                yield from lines
     except OSError as error:
         raise TableError(Place(path), f"cannot be read: {error.strerror}") from None
     except UnicodeError:
