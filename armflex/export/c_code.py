@@ -248,7 +248,6 @@ def _room(tree: Tree, compliance: Array, varies: np.ndarray) -> int:
     return Engine(tree).room(sum(ranks))
 
 
-
 # Chains.
 
 
@@ -307,9 +306,7 @@ def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
         "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
         *(newton if unproven else ()),
     )
-    notes = [
-        f"payload {one!r}: no bound proves that the arm cannot buckle; every answer is probed" for one in unproven
-    ]
+    notes = [f"payload {one!r}: no bound proves that the arm cannot buckle; every answer is probed" for one in unproven]
     known = 0 if nominal is None else len(nominal.parents)
     return _Parts("chain", counts, tables, known, factors, taken, said, notes)
 

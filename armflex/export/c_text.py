@@ -20,6 +20,7 @@ KEYWORDS = (
     "_Complex _Imaginary"
 )
 
+
 def check_name(name: str) -> None:
     """Raise `InputError` where a name is no identifier of C."""
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or name in KEYWORDS.split():

@@ -146,7 +146,7 @@ class LoopSolver:
         return single if single.fine[0] else None
 
     def _knows_one(self, row: Row) -> bool:
-        """Return whether the engine knows laws and loads in a row, which it is told where they are others."""
+        """Return whether the engine knows laws and loads in a row, which are given to it where they are others."""
         if self._differs or self._plain is None:
             known, self._plain = self._known(row.q[None], row)
             if self._plain:

@@ -291,7 +291,8 @@ def test_nothing_in_it_changes_but_the_covariates(tmp_path: Path) -> None:
     symbols = [line.split()[-2:] for line in listed]
     assert {name for kind, name in symbols if kind in "bBdDC"} == {"six_covariates"}
     wanted = {name for kind, name in symbols if kind == "U"} - {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
-    assert wanted <= {"sin", "cos", "tanh", "sqrt", "exp", "log1p", "pow", "floor", "rint", "fmin", "fmax", "memcpy", "memset"}
+    mathematics = "sin cos tanh sqrt exp log1p pow floor rint fmin fmax"
+    assert wanted <= {*mathematics.split(), "memcpy", "memset"}
 
 
 @pytest.mark.parametrize("name", ["tarm", "traced", "networks"])
