@@ -314,7 +314,8 @@ def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
 class _InTerms(Law):
     """What C knows of the laws of a flexure: their terms, windows among them."""
 
-    values, parameters, constant = np.zeros(0), (), None
+    values = np.zeros(0)
+    parameters = property(lambda _: ())
 
     def __init__(self, terms: Sequence[Term | Neurons]) -> None:
         self.known_terms = terms  # pyright: ignore[reportAttributeAccessIssue] - here all of them count
