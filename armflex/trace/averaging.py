@@ -12,8 +12,8 @@ Where effects were measured the models agree: what one lacks another has. Elsewh
 smaller, nearer to what the calibrated arm predicts, for it, and sigma has in it how far they are apart.
 
 That is right where one of the models is. Poses that are held out, with everything chosen anew without them, say whether
-the average foresees them better than the calibrated arm: where it does not, the calibrated arm is one more of those
-over which is averaged, with the weight by which both together foresee them best (Yao, Vehtari, Simpson and Gelman 2018,
+the average predicts them better than the calibrated arm: where it does not, the calibrated arm is one more of those
+over which is averaged, with the weight by which both together predict them best (Yao, Vehtari, Simpson and Gelman 2018,
 "Using stacking to average Bayesian predictive distributions", Bayesian Analysis 13).
 """
 
@@ -39,9 +39,6 @@ from armflex.trace.screen import Dense
 from armflex.trace.selection import Model
 from armflex.trace.state import State
 from armflex.trace.validate import Folds
-
-PER_FOLD = 4
-"""Tolerance: resamples over which what is predicted of a fold is an average; fewer leave it a little worse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +158,7 @@ def averaged(state: State, evidence: Dense, own: Model, drawn: Sequence[Drawn]) 
 
 
 def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> Averaged:
-    """Return an average with the calibrated arm in it as far as poses held out are foreseen better so.
+    """Return an average with the calibrated arm in it as far as held-out poses are predicted better so.
 
     Args:
         average: Over models.
@@ -169,7 +166,7 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
         resamples: Of the campaign, over which it is an average.
     """
     state = average.state
-    errors = errors_of(state.fit, state.quiet * _foreseen(folds, resamples.times))
+    errors = errors_of(state.fit, state.quiet * _predicted(folds, resamples.times))
     plain = held_out(state.calibrated, pose_folds(state.groups), judged=state.judged).errors
     share = _share(state, plain, errors)
     if share == 1.0:
@@ -191,10 +188,13 @@ def beside_calibrated(average: Averaged, folds: Folds, resamples: Resampled) -> 
     )
 
 
-def _foreseen(folds: Folds, times: Array) -> Array:
-    """Return the (n,) whitened errors of readings predicted from the other folds by the average over models there."""
-    whole = folds.evidence.projection
-    left, each = np.empty(len(whole.data)), np.array_split(times[: len(folds.parts) * PER_FOLD], len(folds.parts))
+def _predicted(folds: Folds, times: Array) -> Array:
+    """Return the (n,) whitened errors of readings predicted from the other folds by the average over models there.
+
+    Those of as many resamples in each fold as there are folds: fewer leave it a little worse than it is.
+    """
+    whole, count = folds.evidence.projection, len(folds.parts)
+    left, each = np.empty(len(whole.data)), np.array_split(times[: count**2], count)
     for part, learned, model, some in zip(folds.parts, folds.learned, folds.anew, each, strict=True):
         drawn = bagged(part, model, some[:, learned]).drawn
         data = whole.data[~learned]
@@ -210,7 +210,7 @@ def _foreseen(folds: Folds, times: Array) -> Array:
 def _share(state: State, plain: Array, errors: Array) -> float:
     """Return the weight of one prediction of poses held out beside a plain one, from their (M, n) errors.
 
-    1 where no weight foresees them better than by chance.
+    1 where no weight predicts them better than by chance.
     """
     where = state.fit.view.foremost
     weight = np.where(state.judged[:, where], 1.0 / state.fit.view.sigma[:, where], 0.0)
