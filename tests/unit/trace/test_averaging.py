@@ -37,7 +37,7 @@ def fitted() -> State:
 
 
 def problem(state: State, prior: float) -> tuple[Dense, Model]:
-    """Return what is in the arm and some of what else may be, of any size, all of one log prior; and the arm's model."""
+    """Return what is in the arm and some of what else may be, of any size, all of one log prior; the arm's model."""
     every = hypotheses(state.context)
     some: list[Hypothesis] = every[:: len(every) // SOME]
     here = linear(state, some)
