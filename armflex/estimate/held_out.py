@@ -56,10 +56,12 @@ class HeldOut:
     Attributes:
         squares: (M,) squared error of every row [m^2, rad^2]; see `Readings.row_squares`.
         believed: (M,) False for rows that say nothing about a model, or that have no foremost reading.
+        errors: (M, n) of the foremost numbers [m]; zero where not read.
     """
 
     squares: Array
     believed: np.ndarray
+    errors: Array
 
     @property
     def rms(self) -> float:
@@ -94,7 +96,8 @@ def held_out(
         left[places] = error
     readings = fit.view.readings if judged is None else fit.view.readings.where(judged)
     rows_judged = (readings.foremost_count > 0) & (True if judged is not None else near(fit.view).any(axis=1))
-    return HeldOut(readings.row_squares(errors_of(fit, left)), rows_judged)
+    errors = errors_of(fit, left)
+    return HeldOut(readings.row_squares(errors), rows_judged, errors)
 
 
 def frames_of(fit: Fit, name: str) -> np.ndarray:

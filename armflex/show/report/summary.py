@@ -88,6 +88,9 @@ def further(trace: Trace) -> list[str]:
             f"Held-out {drawn.by} differ {short(drawn.mismatch)} times as much as noise and chance allow: something is "
             f"left that nothing here describes. Probabilities are averages over {len(drawn.times)} resamples of them."
         )
+    if rivals := trace.predicted.rivals:
+        titles = joined(list(dict.fromkeys(one.effect.title for one in rivals)))
+        said.append(f"Predictions are averages over models, some of which have instead, or beside: {titles}.")
     if trace.undecided is not None:
         said.append(trace.undecided.text)
     readings = trace.state.fit.view.readings
