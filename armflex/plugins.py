@@ -94,15 +94,16 @@ class Registry(MutableMapping[str, T]):
 
     @contextmanager
     def entered(self, name: str, value: T) -> Iterator[None]:
-        """Have an object under a name for a while, unless it is there."""
-        taken = name in self
-        if not taken:
-            self[name] = value
+        """Have an object under a name for a while, in place of what is called so otherwise."""
+        before = self.get(name)
+        self[name] = value
         try:
             yield
         finally:
-            if not taken:
+            if before is None:
                 del self[name]
+            else:
+                self[name] = before
 
     def names(self) -> tuple[str, ...]:
         """Return all names, without importing what they are of."""

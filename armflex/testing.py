@@ -30,7 +30,7 @@ from armflex.export import Exported
 from armflex.files.arm_file import load_arm
 from armflex.files.effect_file import effect_table, read_effect
 from armflex.files.sensor_table import read_sensors
-from armflex.laws.declared import LawModel
+from armflex.laws.declared import LawModel, columns_beyond_joints
 from armflex.laws.effects import CATALOGUE, Effect, EffectLaw
 from armflex.laws.effects.candidate import Candidate, grid
 from armflex.laws.effects.context import Context, survey
@@ -82,6 +82,8 @@ def check_law(model: LawModel, joint: str = "J2") -> None:
     ranges = {moving.name: (moving.lower, moving.upper) for moving in heavy.robot.moving}
     law = model.read(table, joint, ranges)
     table.finish()
+    beyond = columns_beyond_joints(law, ranges)
+    assert not beyond, f"its terms depend on the column {beyond[0]!r}: what depends on a recorded column is an effect"
     names = [parameter.name for parameter in law.parameters]
     assert len(names) == len(set(names)) == len(law.values), f"{names}: a name for every value, each once"
     rng = np.random.default_rng(2)
@@ -136,19 +138,22 @@ def check_effect(law: EffectLaw, columns: Mapping[str, tuple[float, float]] | No
         bare = _campaign(heavy, {name: values for name, values in drawn.items() if name not in columns}, SESSIONS)
         places = list(law.places(_context(heavy, bare).records))
         assert not places, f"it has a place, {places[0]}, where none of {list(columns)} is recorded"
-    checked = 0
+    candidates, moved = list[Candidate](), list[Array]()
     for place in rng.permutation(len(locations)):
-        inner = next(iter(grid(law, locations[place], context)), None)
-        if inner is None:
-            continue
-        candidate = Candidate(law, locations[place], inner)
-        sizes = np.sqrt((view.jacobian(law, candidate.location, inner, context) ** 2).sum(axis=1).mean(axis=0))
-        if not (sizes > 1e-3 * sizes.max()).all() or sizes.max() == 0.0:
-            continue  # a load that this arm does not have
+        if (inner := next(iter(grid(law, locations[place], context)), None)) is not None:
+            candidates.append(Candidate(law, locations[place], inner))
+            jacobian = view.jacobian(law, locations[place], inner, context)
+            moved.append(np.sqrt((jacobian**2).sum(axis=1).mean(axis=0)))
+    most = max((sizes.max(initial=0.0) for sizes in moved), default=0.0)
+    checked = 0
+    for candidate, sizes in zip(candidates, moved, strict=True):
+        if not (sizes > 1e-3 * sizes.max()).all() or sizes.max() <= 1e-6 * most:
+            continue  # a load that this arm does not have, but for rounding
         effect = candidate.effect(SHIFT / sizes)
         if (
             law.size(
-                np.einsum("mkn,k->mn", law.features(candidate.location, inner, view, context), effect.acting), heavy
+                np.einsum("mkn,k->mn", law.features(candidate.location, candidate.inner, view, context), effect.acting),
+                heavy,
             )
             > 1.0
         ):
@@ -229,8 +234,9 @@ def check_reading(kind: type[Kind], example: str) -> None:
         cases |= {f"jacobian by {link or 'the tip'}": (seen.get(link, none), by_link(link), 6) for link in links}
     rounding = max(1.0, 1e-2 * float(np.abs(readings.values).max()))
     for what, (stated, change, size) in cases.items():
-        scale = np.abs(stated).max(initial=rounding)
-        np.testing.assert_allclose(stated, slope(change, size), rtol=0, atol=1e-7 * scale, err_msg=what)
+        scale, quotient = np.abs(stated).max(initial=rounding), slope(change, size)
+        message = f"{what} of the kind (first) is not the change of what it reads (second)"
+        np.testing.assert_allclose(stated, quotient, rtol=0, atol=1e-7 * scale, err_msg=message)
 
 
 def check_exporter(export: Callable[..., Exported], **options: Any) -> None:

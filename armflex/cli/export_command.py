@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,7 @@ import click
 from armflex.arm import Arm
 from armflex.cli import options
 from armflex.cli.terminal import complain, doing, say, say_written, show_flags
-from armflex.errors import InputError, listing
+from armflex.errors import ArmflexError, InputError, PluginError, listing
 from armflex.export import Exported
 from armflex.export.programs import is_name
 from armflex.measured.forces import UNLOADED, Unnamed
@@ -126,7 +127,15 @@ def command(arm: Arm, unnamed: Unnamed, target: str, output: Path | None, **give
     doing("exporting")
     if "axes" in wanted.options and output is not None and is_name(output.stem):
         asked.setdefault("name", output.stem)  # controllers want a file to be named as its program
-    exported = export(arm, **asked)
+    try:
+        exported = export(arm, **asked)
+    except Exception as error:
+        distribution = FORMATS.distribution(target)
+        if distribution is None or isinstance(error, ArmflexError):
+            raise
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{last.filename}:{last.lineno}: the exporter {target!r} of {distribution.name} failed"
+        raise PluginError(f"{text}: {type(error).__name__}: {error}") from error
     with together():
         if output is not None:
             write_whole(output, exported.text.encode())

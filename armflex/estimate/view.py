@@ -32,7 +32,7 @@ MODES_MATCHED = 12
 """Tolerance: modes that a frequency is matched among."""
 
 QUOTIENT_STEP = 1e-4
-"""Tolerance: step of a difference quotient by what is usual: a prior standard deviation, or what a value is."""
+"""Tolerance: step of a difference quotient, relative to the prior standard deviation, else to the value."""
 
 LARGEST_MOTION = 0.03
 """Prior: RMS of the tip's motion that is expected of a missing effect at most, by how far the arm reaches: one standard

@@ -16,7 +16,7 @@ DENSE = 0.25
 """Median step [s] up to which rows are samples of a recording, and not one row for each pose."""
 
 SLOWEST = 2.0
-"""The same [s] where they are seen to be samples: something stands and moves over several of them."""
+"""Median step [s] up to which rows still are samples, where standing and moving are both seen over several rows."""
 
 FEWEST = 20
 """Fewer rows are no recording."""
@@ -35,7 +35,7 @@ STEP = 0.02
 
 STILL = {"rad": 3e-3, "m": 1e-3}
 """What changes by no more within `STANDS` stands: twice the step of a 12-bit encoder, thrice the noise of a motion
-capture, and half of what an arm does in that time that moves at one degree, or 2 mm, a second."""
+capture, half of the way of an arm that moves at one degree, or 2 mm, a second."""
 
 STANDS = 0.5
 """An arm that stands does so for this long [s]."""

@@ -99,6 +99,9 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
         law = trained.law
     elif model in LAWS:
         law = LAWS[model].read(table, joint, ranges)
+        if beyond := columns_beyond_joints(law, ranges):
+            text = f"a {model} law depends on the column {beyond[0]!r}, and a joint law may depend on the load and on"
+            raise table.fail("model", f"{text} joint positions alone: what depends on a recorded column is an effect")
     elif table.flag("learn") and model not in TRAINED_ALONE:
         law = read_linear(table, joint, ranges)  # what the correction is learned about
     else:
@@ -107,6 +110,12 @@ def read_law(table: Declaration, joint: str, ranges: Ranges) -> Law:
     if table.has("node"):
         return AtNode(law, table.numbers("node", (3,)))
     return law
+
+
+def columns_beyond_joints(law: Law, ranges: Ranges) -> list[str]:
+    """Return the columns that a law's terms depend on beside the positions of joints; it must have none."""
+    columns = (factor.column for term in law.known_terms or () for factor in term.factors)
+    return [column for column in dict.fromkeys(columns) if column.removeprefix("q_") not in ranges]
 
 
 def read_meshed(table: Declaration) -> tuple[Part, Array]:

@@ -2,9 +2,10 @@
 
     twist = sum over terms of (matrix @ w + along) * product of features(w) * product of factors(row)
 
-A feature is a number made of the load w, a factor one made of a column of the row. What is scaled, or carried to
-another place, stays of this form. A small network is one term of many neurons, `gains.T @ tanh(units @ w + bias)`.
-A law that says its terms needs nothing else: its twist and its tangent follow, and the engine knows it.
+A feature is a number made of the load w, a factor one made of a column of the row: of a joint law only `q_JOINT`, of an
+effect any column. Scaling a law, or moving it to another frame, gives a sum of terms again. A small network is one term
+of many neurons, `gains.T @ tanh(units @ w + bias)`. A law that says its terms needs nothing else: its twist and its
+tangent follow, and the engine knows it. `Kind` and `Of` stand in engine.c as well: change both or none.
 """
 
 from __future__ import annotations

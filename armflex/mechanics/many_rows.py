@@ -1,9 +1,9 @@
-"""Where a loaded arm comes to rest in many rows: the engine, and rounds about it for what is no plain number.
+"""Where a loaded arm comes to rest in many rows: the engine, and an outer iteration for what the engine does not know.
 
 The engine settles arms exactly whose laws are affine in the load, harden or are networks, under wrenches that are dead
-or follow their links. A law that is curved in another way is put to it as its affine expansion about the loads so far,
-a load that depends on its link's pose otherwise as the wrench that it is there; both are renewed until they are what
-was assumed, which takes two to four rounds. Every law and every load is asked once a round for all rows.
+or follow their links. Any other curved law is replaced by its tangent at the present load, and any other load that
+depends on its link's pose by its present wrench. Both are renewed until they stop changing, in two to four rounds.
+Every law and every load is asked once a round for all rows.
 """
 
 from __future__ import annotations

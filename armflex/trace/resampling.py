@@ -1,6 +1,6 @@
-"""Resamples of a campaign by the parts of it that a model foresees worst.
+"""Bootstrap resamples of a campaign in parts (poses, regions, times), so that no probability is overconfident.
 
-A posterior is what it says where a hypothesis is true and readings scatter independently. Where something is missing
+A posterior is calibrated only if some hypothesis is true and readings scatter independently. Where something is missing
 that no hypothesis describes, neighbours share it: the log evidence of one model over another differs between parts of
 a campaign by more than readings scatter, and every further row makes the least wrong name more certain. The average of
 the posterior over bootstrap resamples, the bagged posterior, is certain of what resamples agree on (Huggins and Miller
@@ -42,7 +42,7 @@ class Resampled:
 
     Attributes:
         by: What is drawn: 'poses', 'parts of joint space', 'parts of time' or 'sessions'.
-        mismatch: v / s of it over the largest that chance gives but in 5 % of campaigns; see the head of this module.
+        mismatch: v / s of it, divided by its 95 % quantile under chance; see the head of this module.
         times: (R, n) how often every reading counts, 1 on average.
     """
 

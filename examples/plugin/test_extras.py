@@ -3,8 +3,9 @@
 from contact import CONTACT
 from following_error import FOLLOWING_ERROR
 from stiffness_csv import export
+from wall_distance import WallDistance
 
-from armflex.testing import check_effect, check_exporter, check_law
+from armflex.testing import check_effect, check_exporter, check_law, check_reading
 
 
 def test_following_error() -> None:
@@ -13,6 +14,10 @@ def test_following_error() -> None:
 
 def test_contact() -> None:
     check_law(CONTACT)
+
+
+def test_wall_distance() -> None:
+    check_reading(WallDistance, 'link = "tool"\nsigma = 2e-5')
 
 
 def test_stiffness_csv() -> None:

@@ -5,16 +5,22 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from dataclasses import replace
+import tomllib
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 from support.small_arms import ROBOTS
 
-from armflex.errors import PluginError
+from armflex.declaration import Declaration, Source
+from armflex.errors import ArmFileError, PluginError
 from armflex.laws import LAWS
+from armflex.laws.declared import LawModel, read_law
 from armflex.laws.effects import CATALOGUE, EffectLaw
 from armflex.laws.effects.catalogue import GROUP, _fault
+from armflex.laws.joint.linear import read_linear
+from armflex.laws.law import Law, Ranges
+from armflex.laws.terms import Terms, powers
 from armflex.plugins import Registry, missing
 from armflex.readings import SENSOR_KINDS
 from armflex.testing import check_effect, check_law, check_reading
@@ -101,6 +107,38 @@ def test_a_law_and_an_exporter_of_a_plugin_are_used_by_name(installed: Path, tmp
     assert ran.returncode == 2 and "--name has no meaning for --to stiffness_csv" in ran.stderr
     alone = run(tmp_path, None, "-m", "armflex", "export", "arm.toml", "--to", "stiffness_csv", "-o", "k.csv")
     assert alone.returncode == 2 and "'stiffness_csv' is not known" in alone.stderr
+
+
+@pytest.mark.slow
+def test_an_exporter_that_fails_is_named(tmp_path: Path) -> None:
+    module = "def export(arm, traj):\n    return traj.via\n"
+    offer(tmp_path, "stray", "[armflex.exporters]\nbroken = stray:export\n", module)
+    (tmp_path / "path.csv").write_text("q_J1\n0\n")
+    arm = ROBOTS / "heavy_six" / "arm.toml"
+    ran = run(tmp_path, tmp_path, "-m", "armflex", "export", arm, "--to", "broken", "--traj", "path.csv", "-o", "k.txt")
+    said = " ".join(ran.stderr.split())
+    assert ran.returncode == 2 and "stray.py:2: the exporter 'broken' of stray failed: AttributeError" in said
+    assert not (tmp_path / "k.txt").exists()
+
+
+def warm(table: Declaration, joint: str, ranges: Ranges) -> Law:
+    """Read a law that gives more where a recorded column is larger, which is an effect and no law."""
+    law = read_linear(table, joint, ranges)
+
+    class Warm(type(law)):
+        def terms(self) -> Terms:
+            return [replace(term, factors=powers("temp", 1)) for term in super().terms()]
+
+    return Warm(**{field.name: getattr(law, field.name) for field in fields(law)})
+
+
+def test_a_law_over_a_recorded_column_is_refused() -> None:
+    model = LawModel(warm, 'model = "warm"\ncompliance = [0, 0, 0, 0, 0, 4e-7]\n')
+    with pytest.raises(AssertionError, match="on the column 'temp': what depends on a recorded column is an effect"):
+        check_law(model)
+    table = Declaration(tomllib.loads(model.example), ("flexure", "J1"), Source(Path("arm.toml"), model.example))
+    with LAWS.entered("warm", model), pytest.raises(ArmFileError, match=r"model: .*on the column 'temp'"):
+        read_law(table, "J1", {"J1": (-1.0, 1.0)})
 
 
 def offer(folder: Path, name: str, points: str, module: str = "") -> None:

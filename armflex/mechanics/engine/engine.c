@@ -82,6 +82,14 @@ static double factor_at(const double *f, const double *knots, double x)
 #if !defined(LOOPS)
 static const double NEXT = 4e-30, LEAST = 1e-300, NEAREST = 1e-9;
 static const double TURN = 6.283185307179586, TURN_REST = 2.4492935982947064e-16, TURNS_PER_RADIAN = 0.15915494309189535;
+
+#if defined(CONTROLLER)
+/* tanh to 2e-16: a controller has exp, and its compiler need not make packs of this. */
+static inline double bounded_one(double x)
+{
+    return 1.0 - 2.0 / (exp(2.0 * x) + 1.0);
+}
+#else
 static const double HALVINGS = 1.4426950408889634, LOG_2_ROUND = 0.6931471803691238, LOG_2_REST = 1.9082149292705877e-10;
 static const double LARGE = 1.5 * 4503599627370496.0;
 
@@ -111,6 +119,7 @@ static inline double power_one(double halvings)
     return power;
 }
 BOUNDED(bounded_one, double, whole, rint, least_one, copysign, power_one)
+#endif /* CONTROLLER */
 
 /* Fill the force [N] of a pull at a point in base axes: a spring, slack where it is shorter than it wants to be, or a
  * magnet, whose pull falls with the square of the distance but for a reach. */
