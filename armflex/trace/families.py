@@ -44,11 +44,8 @@ from armflex.robot.urdf import Joint
 from armflex.rows.rows import APPROACH
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
-from armflex.trace.projection import Projection
+from armflex.trace.projection import LEAST_INFORMED, Projection
 from armflex.trace.selection import MOST_TRIED, SCALES
-
-LEAST_INFORMED = 1e-3
-"""Tolerance: information of the readings on an amplitude, by that of its prior, below which a fit leaves it out."""
 
 
 @dataclass(frozen=True, eq=False)

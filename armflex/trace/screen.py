@@ -299,7 +299,7 @@ class Dense(Evidence):
     ) -> None:
         self.groups, self.columns, self.projection, self.numbers = groups, columns, projection, numbers
         self.objective, self.freedom = projection.objective, projection.freedom
-        whole = self._gram = columns.T @ projection.left_of(columns)
+        whole = self._gram = projection.inside(columns)
         batches = batches_of(groups, lambda places: whole[places[:, :, None], places[:, None, :]])
         scores = self._scores = columns.T @ projection.residual
         self.blocks = [Block(batches, scores, priors, lambda places: whole[:, places])]

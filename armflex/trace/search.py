@@ -167,7 +167,7 @@ def with_families(state: State) -> State:
 def linear(state: State, known: Sequence[Hypothesis] = ()) -> Standing:
     """Return a state with the linear problem of these hypotheses and its own: without any, what a trial is worth."""
     bank = Bank(tuple(one.one for one in known), state.fit, state.context, state.reporter, state.quiet)
-    screen = Screen(known, bank, state.bare, state.background.charge)
+    screen = Screen(known, bank, state.bare.condensed, state.background.charge)
     return Standing(state, screen, own_model(screen, state.hypotheses))
 
 
@@ -373,7 +373,7 @@ def _without(here: Standing, family: str) -> Standing:
     """Return the linear problem of a state as it is without a family."""
     state, fewer = here.state, here.state.background.without(family)
     state.reporter.stage(f"screening what names explain without {family}")
-    projection = state.bare_without(family)
+    projection = state.bare_without(family).condensed
     screen = Screen(hypotheses(state.context), here.screen.bank, projection, fewer.charge)
     return Standing(replace(state, background=fewer), screen, own_model(screen, state.hypotheses))
 
@@ -403,7 +403,7 @@ def refitted(here: Standing, model: Model) -> State | None:
         promised[:count] = start[:count] - (now.pop(0) if now else 0.0)
         starts.append((start, promised))
     projection, rest = screen.projection, sum(len(block.parameters) for block in state.blocks)
-    absorbed = projection.absorbed(projection.data - screen.explained(beside))
+    absorbed = projection.values_of(projection.data - screen.explained(beside))
     beside_effects = absorbed[rest:]  # families, and a random twist
     if not known:  # of several minima that of the calibration
         absorbed = state.first.values
