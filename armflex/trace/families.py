@@ -41,7 +41,7 @@ from armflex.laws.effects.unnamed import LINE, LINE_COMPLIANCE, LINE_PLAY
 from armflex.linear_gaussian import LinearGaussian
 from armflex.parameters import DOUBT
 from armflex.robot.urdf import Joint
-from armflex.rows.rows import APPROACH
+from armflex.rows.rows import APPROACH, Rows
 from armflex.trace.bank import Bank
 from armflex.trace.hypotheses import EFFECTS, FAMILIAL
 from armflex.trace.projection import LEAST_INFORMED, Projection
@@ -68,8 +68,10 @@ class Part:
         where = self.acts if isinstance(self.acts, Walk) else self.acts.location
         return where.site, str(where.axis)
 
-    def block(self, std: Array, context: Context, rows: np.ndarray) -> EffectBlock | Walk | None:
-        """Return it as a block of a fit to (M,) rows, with (k,) standard deviations; 0 of what is to be left out."""
+    def block(self, std: Array, context: Context, rows: Rows, fitted: np.ndarray) -> EffectBlock | Walk | None:
+        """Return it as a block of a fit to (M,) rows of a campaign, with (k,) standard deviations; 0 of what is left
+        out.
+        """
         some = np.flatnonzero(std)
         if not len(some):
             return None
@@ -77,7 +79,9 @@ class Part:
             return replace(self.acts, std=std[some], waves=self.acts.waves[:, some])
         terms = tuple(self.acts.location.terms[i] for i in some.tolist())
         acts = replace(self.acts, location=replace(self.acts.location, terms=terms))
-        return EffectBlock(acts.effect(np.zeros(len(terms))).seen_in(context, rows), (), context, 0, std[some])
+        derived = tuple(name for name in acts.location.covariates if name in rows.derived)
+        effect = replace(acts.effect(np.zeros(len(terms))), derived=derived).seen_in(context, fitted)
+        return EffectBlock(effect, (), context, 0, std[some])
 
 
 @dataclass(frozen=True)
@@ -359,7 +363,8 @@ class Sized:
         std = np.where(informed, sizes.spread, 0.0)
         effects, walks = list[tuple[str, EffectBlock, Array]](), list[tuple[str, Walk, Array]]()
         for part, place in zip(kinds.parts, kinds.slices, strict=True):
-            block, own = part.block(std[place], kinds.context, kinds.fit.view.rows), amplitudes[place][std[place] > 0.0]
+            block = part.block(std[place], kinds.context, kinds.fit.view.driven, kinds.fit.view.rows)
+            own = amplitudes[place][std[place] > 0.0]
             if isinstance(block, Walk):
                 walks.append((part.family, block, own))
             elif block is not None:

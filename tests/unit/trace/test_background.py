@@ -12,12 +12,17 @@ from support.campaigns import draw
 
 from armflex import Arm, calibrate, load_arm, predict, read_measurements
 from armflex.conventions import Array
+from armflex.estimate.learn import with_posteriors
 from armflex.estimate.pose_block import Walk
+from armflex.estimate.posterior import certainty_of
 from armflex.estimate.view import look
+from armflex.laws.effects.backlash import BACKLASH
+from armflex.laws.effects.candidate import Candidate
 from armflex.laws.effects.drive_curve import DRIVE_CURVE, MOST_SINES
 from armflex.laws.effects.effect import Effect, full
 from armflex.laws.effects.location import Location
 from armflex.measured.measurements import Measurements
+from armflex.readings import Readings
 from armflex.trace.projection import Projection
 from armflex.trace.search import linear, standing, with_families
 from armflex.trace.selection import Chosen
@@ -135,6 +140,26 @@ def test_a_random_twist_is_localised_beside_families_and_names(curved: tuple[Sta
     number = next(i for i, one in enumerate(here.screen.groups) if one.hypothesis.one.law.name == "compliance")
     there = replace(here, model=(Chosen(number, 2),))
     assert all(np.isfinite(place.ratio) for place in there.scattered)
+
+
+def test_a_first_row_that_no_row_leads_to_is_predicted_halfway() -> None:
+    """Of play by approach, where no column says from which side a drive came: it is as uncertain as both are apart."""
+    sizes, effects = (2e-3, 1e-3, 2e-3, 3e-3, 2e-3, 3e-3), []
+    for joint, axis, size in zip(six_axes.declared().joint_names, DRIVE_AXES, sizes, strict=True):
+        place = Location(joint, axis, (f"approach_{joint}",))
+        effects.append(replace(Candidate(BACKLASH, place, ()).effect(np.array([size])), derived=place.covariates))
+    arm, rows = six_axes.campaign(120)
+    true = six_axes.true_arm()
+    moved = predict(replace(true, effects=tuple(effects)), rows).position - predict(true, rows).position
+    position = rows.readings.kinds[0]
+    rows = replace(rows, readings=Readings(len(rows), (replace(position, values=position.values + moved),)))
+    state = with_families(begin(calibrate(arm, rows, as_stated=True)))
+    assert state.background.names == ("play by approach",)
+    arm = with_posteriors(state.fit.setup.arm, state.fit, certainty_of(state.fit))
+    predicted = predict(replace(arm, effects=state.common, instrument=state.fit.setup.instrument), rows)
+    assert predicted.sigma is not None
+    assert predicted.sigma[0].max() > 2.0 * predicted.sigma[1:].max()
+    assert np.linalg.norm(predicted.position[1:] - rows.position[1:], axis=1).mean() < 3.0 * six_axes.SIGMA
 
 
 @pytest.mark.parametrize("kind", ["none", "none_noisier"])
