@@ -21,7 +21,6 @@ from armflex.parameters import DOUBT, ArmParameter, Certainty
 from armflex.plan.asking import Cause
 from armflex.plan.design_model import Before, Measured, noises_of
 from armflex.plan.next_measurement import Place, lacking, misplaced_centres, next_measurement, warming
-from armflex.trace.families import Families
 from armflex.trace.findings import (
     VARIANCE_RATIO,
     Found,
@@ -111,15 +110,15 @@ def settled_exactly(here: Standing) -> Standing:
 def conclude(
     here: Standing,
     places: tuple[RandomTwist, ...],
+    begun: State,
     ask: int = 0,
     settable: Mapping[str, Sequence[float]] | None = None,
     ended: str = "",
-    families: Families | None = None,
 ) -> Trace:
     """Return the account of a search that has come to its end; `ask` and `settable` as in `armflex.trace`.
 
-    `places` are where a random twist would have explained what was left at first; `ended` and `families` are as in
-    `Trace`.
+    `places` are where a random twist would have explained what was left at first, of the state that it had `begun`
+    with; `ended` is as in `Trace`.
     """
     here.state.reporter.stage("fitting to the end")
     known = weighed(settled_exactly(here))
@@ -131,6 +130,8 @@ def conclude(
         view = look(state.fit.setup, state.measurements, together)
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
+    state.reporter.stage("weighing which kinds of effect are missing")
+    families = (state if state.background.names else begun).sized.families
     state.reporter.stage("looking what would decide what is in question")
     errors, seen = _errors(state, known.validated), known.validated
     open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
@@ -142,7 +143,7 @@ def conclude(
     return Trace(
         **errors,
         found=found,
-        families=state.sized.families if state.background.names else families,
+        families=families,
         unexplained=left,
         places=places,
         undecided=None if state.effects or left is not None else _undecided(known),
@@ -158,10 +159,10 @@ def conclude(
     )
 
 
-def so_far(state: State, places: tuple[RandomTwist, ...], ended: str, families: Families | None) -> Trace:
+def so_far(state: State, places: tuple[RandomTwist, ...], begun: State, ended: str) -> Trace:
     """Return the account of a search that was ended at a state: what was accepted, without comparing it."""
     left = unexplained(state, linear(state).scattered)
-    errors = _errors(state)
+    errors, families = _errors(state), begun.sized.families
     return Trace(**errors, found=(), unexplained=left, places=places, families=families, unfinished=True, ended=ended)
 
 

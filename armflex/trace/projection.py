@@ -17,7 +17,6 @@ from armflex.conventions import Array
 from armflex.estimate.fit import Fit
 from armflex.linear_gaussian import ROUNDING, LinearGaussian
 
-
 LEAST_INFORMED = 1e-3
 """Tolerance: information of the readings on an amplitude, by that of its prior, below which it is left out."""
 

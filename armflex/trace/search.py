@@ -218,7 +218,7 @@ def _random_first(here: Standing) -> Standing | None:
     That is a product of columns, or else a random twist from pose to pose, set aside.
     """
     place = here.scattered[0]
-    if _odds(place, here.scattered) <= 0.0 or here.state.random is not None:
+    if _odds(place, here.scattered) <= 0.0 or not here.state.may_scatter:
         return None
     few = climbed(here.screen, here.model, refine, most=int(EFFECTS))  # more may imitate a random twist
     if here.screen.log_posterior(few) > here.value + _odds(place, here.scattered):
@@ -435,7 +435,7 @@ def _with_products(here: Standing) -> Standing | None:
 def _set_aside(here: Standing) -> Standing | None:
     """Propose a random twist beside the effects."""
     place, state = here.unrecorded, here.state
-    if place is None or state.random is not None:
+    if place is None or not state.may_scatter:
         return None
     state.reporter.stage(f"setting aside a random twist at {place.site} {place.axis}")
     groups = state.context.column(POSE).astype(int)
