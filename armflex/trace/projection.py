@@ -143,12 +143,17 @@ class Projection:
 
     def left_of(self, change: Array) -> Array:
         """Return (n, ...) M x of changes x of the readings: what the fitted parameters do not take over."""
-        return change - self.half.T @ (self.half @ change) - self.each.T @ (self.each @ change)
+        left = change - self.half.T @ (self.half @ change)
+        return left - self.each.T @ (self.each @ change) if self.each.shape[0] else left
 
     def inside(self, columns: Array) -> Array:
         """Return the (k, k) products X'MX of few (n, k) columns, in half the time of `left_of`."""
-        shared, apart = self.half @ columns, self.each @ columns
-        return columns.T @ columns - shared.T @ shared - apart.T @ apart
+        shared = self.half @ columns
+        left = columns.T @ columns - shared.T @ shared
+        if not self.each.shape[0]:
+            return left
+        apart = self.each @ columns
+        return left - apart.T @ apart
 
     def absorbed(self, change: Array) -> Array:
         """Return the values by which all fitted parameters take over a (n,) change of the readings."""

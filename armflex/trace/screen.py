@@ -76,7 +76,7 @@ class Screen(Evidence):
         products = bank.products(np.column_stack([projection.half.T, projection.residual, marks]))
         seen, scores, marked = np.split(products, [-1 - MARKS, -MARKS], axis=1)
         scale, some = np.empty(len(products)), list[tuple[np.ndarray, np.ndarray, Array]]()
-        for groups, whole, through in bank.squares(projection.each):
+        for groups, whole, through in bank.squares(projection.each if projection.each.shape[0] else None):
             places = bank.starts[groups][:, None] + np.arange(whole.shape[1])
             own = scale[places] = self._scaled(np.einsum("gkk->gk", whole))
             inside = whole - seen[places] @ seen[places].transpose(0, 2, 1) - through
