@@ -111,7 +111,7 @@ def trace(
             reporter.limit(60.0 * minutes)
             here = standing(latest)  # it was in the midst of something
         reporter.limit(60.0 * minutes)
-        traced = conclude(here, places, begun, ask, covariates, ended)
+        traced = conclude(here, places, ask, covariates, ended, begun)
     except OutOfTimeError:
         ended = ended or f"after {minutes:g} min of CPU time in which what was found was weighed, see `minutes`"
     except KeyboardInterrupt:
@@ -130,4 +130,4 @@ def trace(
         return traced
     reporter.limit(float("inf"))
     reporter.stage("ending with what was accepted so far")
-    return so_far(latest, places, begun, ended)
+    return so_far(latest, places, ended, begun)

@@ -110,15 +110,15 @@ def settled_exactly(here: Standing) -> Standing:
 def conclude(
     here: Standing,
     places: tuple[RandomTwist, ...],
-    begun: State,
     ask: int = 0,
     settable: Mapping[str, Sequence[float]] | None = None,
     ended: str = "",
+    begun: State | None = None,
 ) -> Trace:
     """Return the account of a search that has come to its end; `ask` and `settable` as in `armflex.trace`.
 
-    `places` are where a random twist would have explained what was left at first, of the state that it had `begun`
-    with; `ended` is as in `Trace`.
+    `places` are where a random twist would have explained what was left at first; `ended` is as in `Trace`. Where no
+    family stays those of the state are said that it had `begun` with, if any.
     """
     here.state.reporter.stage("fitting to the end")
     known = weighed(settled_exactly(here))
@@ -131,7 +131,7 @@ def conclude(
         squares = view.readings.row_squares(view.residual)
         left = Unexplained(None, None, None, None, float(np.sqrt(squares.sum() / len(state.asked))))
     state.reporter.stage("weighing which kinds of effect are missing")
-    families = (state if state.background.names else begun).sized.families
+    families = (state if state.background.names else begun or state).sized.families
     state.reporter.stage("looking what would decide what is in question")
     errors, seen = _errors(state, known.validated), known.validated
     open_places, texts, asked = [one for one in _places(known, found) if one.pairs], tuple[str, ...](), None
@@ -159,10 +159,10 @@ def conclude(
     )
 
 
-def so_far(state: State, places: tuple[RandomTwist, ...], begun: State, ended: str) -> Trace:
+def so_far(state: State, places: tuple[RandomTwist, ...], ended: str, begun: State | None = None) -> Trace:
     """Return the account of a search that was ended at a state: what was accepted, without comparing it."""
     left = unexplained(state, linear(state).scattered)
-    errors, families = _errors(state), begun.sized.families
+    errors, families = _errors(state), None if begun is None else begun.sized.families
     return Trace(**errors, found=(), unexplained=left, places=places, families=families, unfinished=True, ended=ended)
 
 

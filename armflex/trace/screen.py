@@ -55,6 +55,7 @@ class Screen(Evidence):
     """The evidence of all hypotheses at a fit: those of the catalogue's grid in one block, further ones in another.
 
     Attributes:
+        known: The hypotheses of the catalogue's grid, as they were given.
         bank: Makes columns, which are whitened by the scatter of the readings, `quiet` times that stated.
         fit, context: Where they are made.
         projection: Of what is fitted anyway.
@@ -65,7 +66,7 @@ class Screen(Evidence):
     error = LINEAR_ERROR
 
     def __init__(self, known: Sequence[Hypothesis], bank: Bank, projection: Projection, charge: float = 0.0) -> None:
-        self.bank, self.projection, self.quiet = bank, projection, bank.quiet
+        self.known, self.bank, self.projection, self.quiet = known, bank, projection, bank.quiet
         self.fit, self.context = bank.fit, bank.context
         self.objective, self.freedom = projection.objective, projection.freedom
         self.constant = -projection.freedom * float(np.log(bank.quiet)) - 0.5 * projection.volume - charge

@@ -374,7 +374,7 @@ def _without(here: Standing, family: str) -> Standing:
     state, fewer = here.state, here.state.background.without(family)
     state.reporter.stage(f"screening what names explain without {family}")
     projection = state.bare_without(family).condensed
-    screen = Screen(hypotheses(state.context), here.screen.bank, projection, fewer.charge)
+    screen = Screen(here.screen.known, here.screen.bank, projection, fewer.charge)
     return Standing(replace(state, background=fewer), screen, own_model(screen, state.hypotheses))
 
 
