@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+from collections import Counter
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -822,6 +823,17 @@ def _joined(
             left: dict[Hashable, list[int]] = {}
             for i in own.tolist():
                 left.setdefault(pairing.points[i], []).append(i)
+            repeated = Counter(pairing.rows)
+            for key, places in left.items():
+                if key in repeated and len(places) != repeated[key]:
+                    of_point = [export.lines[i] for i in places]
+                    of_row = [log.lines[i] for i, name in enumerate(pairing.rows) if name == key]
+                    raise TableError(
+                        Place(export.path, export.lines[places[-1]]),
+                        f"{what} {split[places[0]][0]!r} stands in {_lines(of_point)} here and in"
+                        f" {_lines(of_row)} of {log.path.name}: which is of which row is not known;"
+                        " leave out what does not count, or give each a name of its own",
+                    )
             found[target] = np.array([left[key].pop(0) if left.get(key) else -1 for key in pairing.rows])
             spare += [export.lines[i] for some in left.values() for i in some]
         notes = []
@@ -893,3 +905,8 @@ def _joined(
     problem = f"{count} rows of {log.path.name} and {listing(map(str, per))} {what}s of {export.path.name}"
     text = f"{problem} share no name and no time: add a column 'point' to the log, or the same names to both"
     raise TableError(Place(export.path), text)
+
+
+def _lines(numbers: Sequence[int]) -> str:
+    """Return lines of a file in words."""
+    return f"line{'s' if len(numbers) > 1 else ''} {listing(map(str, numbers), 5)}"

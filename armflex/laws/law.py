@@ -228,8 +228,13 @@ class Law(ABC):
         A hinge that is drawn obliquely bends about several axes by one number: it has the factor of one of them, see
         `sole_axis`. `row` is anywhere within the joints' travel.
         """
-        axis = sole_axis(self.constant)
+        axis = self.sole_axis
         return () if self.trained else self.gives(row) if axis is None else (axis,)
+
+    @cached_property
+    def sole_axis(self) -> int | None:
+        """Axis that names the one number of a constant compliance, None where it has several; see `sole_axis`."""
+        return sole_axis(self.constant)
 
     def scaled(self, factor: Array) -> Law | None:
         """Return S f(S w), S of (6,) dimensionless factors, where that is a law of its kind; see `joint.carried`."""

@@ -34,6 +34,10 @@ _FLEXURE = {
     "compliance_q1": Key("the change per joint position", "…/rad or …/m", "0"),
     "compliance_q2": Key("per square of it", "…/rad² or …/m²", "0"),
     "compliance_q3": Key("per cube of it", "…/rad³ or …/m³", "0"),
+    **{
+        f"compliance_q{power}": Key(f"per power {power} of it", f"…/rad{digit} or …/m{digit}", "0")
+        for power, digit in zip(range(4, 9), "⁴⁵⁶⁷⁸", strict=True)
+    },
     "depends_on": Key("the joint on whose position it depends", default="the flexure's own joint"),
     "EI": Key("bending stiffness of a boom", "N m²"),
     "GJ": Key("torsional stiffness of it", "N m²", "none: it does not twist"),

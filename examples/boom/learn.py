@@ -2,9 +2,9 @@
 
     python learn.py FOLDER
 
-reads the tables in FOLDER, and writes beside them NAME.safetensors (what learned.toml names), M1.toml's numbers and
-errors.csv: training, held-out and new-load errors of the parametric model, the network, the Bayesian network and of
-what `auto` chooses. Held out are a fifth of the rows after another; `auto` chooses anew without each.
+reads the tables in FOLDER, and writes beside them NAME.safetensors (what learned.toml names), M1.toml (its flexure of
+M1) and errors.csv: training, held-out and new-load errors of the parametric model, the network, the Bayesian network
+and of what `auto` chooses. Held out are a fifth of the rows after another; `auto` chooses anew without each.
 """
 
 from __future__ import annotations
@@ -25,6 +25,12 @@ from armflex.measured.joint_data import JointData
 
 NAMES = ("M1", "A1", "A2", "A3", "A4", "A5", "A6", "A4_ring")
 NEURONS, FOLDS = 10, 5
+DEGREE = 7
+"""Of M1's polynomials in the extension."""
+
+ACTING = (*((i, i) for i in range(6)), (0, 4), (1, 3))
+"""Entries of M1's compliance: of a round mast that hangs along z no others act."""
+
 MODELS = {
     "parametric": ("linear", Options(structure="diagonal")),
     "full linear": ("linear", Options()),
@@ -38,9 +44,27 @@ def errors(law: Law, data: JointData) -> np.ndarray:
     return np.sqrt((((data.deflections - predicted(law, data.loads)) / data.factors) ** 2).mean(axis=0))
 
 
+def mast(file: Path) -> str:
+    """Return [flexure.M1]: polynomials in the extension through M1_extension.csv, least squares of relative errors."""
+    table = np.loadtxt(file, delimiter=",", skiprows=1)
+    extension, compliance = table[::6, 0], table[:, 1:].reshape(-1, 6, 6)
+    powers, coefficients = np.vander(extension, DEGREE + 1, increasing=True), np.zeros((DEGREE + 1, 6, 6))
+    for i, j in ACTING:
+        size = np.sqrt(compliance[:, i, i] * compliance[:, j, j])
+        fit = np.linalg.lstsq(powers / size[:, None], compliance[:, i, j] / size, rcond=None)[0]
+        coefficients[:, i, j] = coefficients[:, j, i] = fit
+    lines = ["[flexure.M1]", 'joint = "M1"', 'model = "position_dependent"', "relative_std = 0.02"]
+    for power, matrix in enumerate(coefficients):
+        rows = [f"    [{', '.join(f'{x:.12g}' if x else '0.0' for x in row)}]," for row in matrix]
+        lines += [f"compliance{f'_q{power}' if power else ''} = [", *rows, "]"]
+    return "\n".join(lines) + "\n"
+
+
 def main(folder: Path, names: tuple[str, ...] = NAMES) -> None:
     """Train on each table, and compare on its new loads, which no model has."""
     lines = ["joint,model,rows,error,dx_mm,dy_mm,dz_mm,rx_mrad,ry_mrad,rz_mrad"]
+    if "M1" in names:
+        (folder / "M1.toml").write_text(mast(folder / "M1_extension.csv"), encoding="utf-8")
     for name in names:
         data, new = (armflex.read_joint_data(folder / f"{name}{part}.csv") for part in ("", "_new"))
         size = np.sqrt(((new.deflections / new.factors) ** 2).mean(axis=0))

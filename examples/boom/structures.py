@@ -230,20 +230,23 @@ def fork(path: Path, part: str) -> Path:
     return model.write(path, np.eye(3))
 
 
-STAGE, STEP, TUBES = 3.5, 0.5, (0.42, 0.35, 0.28)
-"""M1: length of a stage, of its elements, and mean radii [m]."""
+STAGE, TUBES = 3.5, (0.42, 0.35, 0.28)
+"""M1: length of a stage, and mean radii [m]."""
 
 
-def mast(path: Path, extension: float) -> Path:
-    """Write M1 at an extension [m], a multiple of 1 m from 0 to 6 m: its frame is at the last stage's lower end."""
+def mast(path: Path, extension: float, step: float = 0.5) -> Path:
+    """Write M1 at an extension [m], a multiple of 2 `step` from 0 to 6 m: its frame is at the last stage's lower end.
+
+    Elements are `step` [m] long.
+    """
     model, rings, tops = Model(), [], []
-    levels = round(STAGE / STEP)
+    levels = round(STAGE / step)
     for number, radius in enumerate(TUBES):
         low = -0.5 * extension * number
-        rings.append(model.ring(radius - 0.012, radius + 0.012, low + STEP * np.arange(levels + 1)))
+        rings.append(model.ring(radius - 0.012, radius + 0.012, low + step * np.arange(levels + 1)))
         tops.append(low)
     for outer in range(len(TUBES) - 1):
-        shift = round((tops[outer] - tops[outer + 1]) / STEP)
+        shift = round((tops[outer] - tops[outer + 1]) / step)
         guides, along, ropes = [], [], []
         for level in (0, levels - shift):  # of the outer stage: the overlap's ends
             for sector in range(SECTORS):

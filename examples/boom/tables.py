@@ -32,8 +32,8 @@ from boom import structures
 
 ROBOT = armflex.bundled_robot("tarm_like")
 ROWS, NEW = 160, 60
-EXTENSIONS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-"""Of M1, at which its compliance is found [m]; its tables are at 3 m."""
+EXTENSIONS, FINE = np.arange(0.0, 6.01, 0.5), 0.25
+"""Of M1, at which its compliance is found [m], and length of its elements there; its tables are at 3 m."""
 
 RING = 7e4, 2.5e4, 1.8e4, 6e3, 7.5e3, 1.2e4
 """Largest loads on a ring of A4 [N, Nm]: those that compose.py finds there are a little smaller."""
@@ -71,10 +71,10 @@ def random_poses(arm: armflex.Arm, count: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).uniform(lower, upper, (count, len(arm.joint_names)))
 
 
-def written(name: str, file: Path, extension: float = 3.0) -> tuple[Mesh, np.ndarray]:
+def written(name: str, file: Path, extension: float = 3.0, step: float = 0.5) -> tuple[Mesh, np.ndarray]:
     """Write a structure's .inp; return its mesh, and the (6, 6) action of the pose of what it carries."""
     if name == "M1":
-        structures.mast(file, extension)
+        structures.mast(file, extension, step)
     elif name.startswith("A4"):
         structures.fork(file, name.partition("_")[2] or "whole")
     else:
@@ -100,10 +100,10 @@ class Condensed:
     (corotationally): its solids deform linearly in axes that turn with that body.
     """
 
-    def __init__(self, name: str, extension: float = 3.0) -> None:
+    def __init__(self, name: str, extension: float = 3.0, step: float = 0.5) -> None:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / f"{name}.inp"
-            mesh, self.action = written(name, file, extension)
+            mesh, self.action = written(name, file, extension, step)
             springs = read_springs(file)
         row = {number: place for place, number in enumerate(mesh.ids.tolist())}
         pairs = [(np.array([(row[a], row[b]) for a, b in own]), law) for own, law in springs]
@@ -197,9 +197,9 @@ def read_springs(file: Path) -> list[tuple[list[tuple[int, int]], tuple[np.ndarr
     return found
 
 
-def solved(name: str, loads: np.ndarray, extension: float = 3.0) -> Study:
+def solved(name: str, loads: np.ndarray, extension: float = 3.0, step: float = 0.5) -> Study:
     """Return what (N, 6) loads [N, Nm] at a joint's origin, in its axes, do there."""
-    return Study(loads, Condensed(name, extension).twists(loads), "condensed, with springs")
+    return Study(loads, Condensed(name, extension, step).twists(loads), "condensed, with springs")
 
 
 def main(folder: Path, names: list[str]) -> None:
@@ -219,7 +219,7 @@ def main(folder: Path, names: list[str]) -> None:
         rows = []
         for extension in EXTENSIONS:
             loads = np.random.default_rng(5).uniform(*box["M1"], size=(24, 6))
-            compliance = np.linalg.lstsq(loads, solved("M1", loads, extension).twists, rcond=None)[0].T
+            compliance = np.linalg.lstsq(loads, solved("M1", loads, float(extension), FINE).twists, rcond=None)[0].T
             rows += [[extension, *row] for row in 0.5 * (compliance + compliance.T)]
         np.savetxt(folder / "M1_extension.csv", rows, "%.9g", ",", header="extension_m,fx,fy,fz,mx,my,mz", comments="")
 

@@ -76,8 +76,8 @@ class Referee:
     def compliance(self, name: str, q: dict[str, float]) -> np.ndarray:
         """Return the (6, 6) that the arm.toml states, its polynomial written out."""
         flexure, total = self.toml["flexure"][name], np.zeros((6, 6))
-        for key, power in (("compliance", 0), ("compliance_q1", 1), ("compliance_q2", 2), ("compliance_q3", 3)):
-            if key in flexure:
+        for power in range(9):
+            if (key := f"compliance_q{power}" if power else "compliance") in flexure:
                 values = np.array(flexure[key])
                 total += (np.diag(values) if values.ndim == 1 else values) * q[flexure["joint"]] ** power
         return total

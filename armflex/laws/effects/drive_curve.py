@@ -17,7 +17,7 @@ from armflex.conventions import Array
 from armflex.laws.effects.context import AXES_TURN, Records
 from armflex.laws.effects.effect import Amplitude, Inner, Plausible, TwistLaw, Values, Words
 from armflex.laws.effects.location import Here, Location, drive_axis
-from armflex.laws.effects.shapes import of_column, own_column, twists
+from armflex.laws.effects.shapes import SECOND_ENCODER, of_column, own_column, twists
 from armflex.laws.terms import Factor, Term, Terms, table
 
 MOST_SINES, FINE = 256, 8
@@ -73,6 +73,7 @@ DRIVE_CURVE = TwistLaw(
     amplitudes=tuple(Amplitude(f"s{i + 1}", "{m}") for i in range(MOST_SINES)),
     terms=_terms,
     joined=_joined,
+    instead=SECOND_ENCODER,
     direction=_way,
     inner=(
         Inner("low", "as recorded", of_column(lambda x: (float(x.min()),)), positive=False, polished=False),

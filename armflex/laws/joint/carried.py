@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from armflex.conventions import TWIST_NAMES, Array
-from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, Transform, block_norms, sole_axis
+from armflex.laws.law import Composed, Law, Parameter, Ranges, Row, Transform, block_norms
 from armflex.laws.terms import Terms
 
 
@@ -134,7 +134,7 @@ class ScaledLaw(Carried):
     def by_values(self, wrench: Array, row: Row) -> Array:
         """Return half of E f + J E w for every axis, f being the scaled law and J its tangent."""
         twist, tangent = self.twist(wrench, row), self.tangent(wrench, row)
-        if sole_axis(self.law.constant) is not None:
+        if self.law.sole_axis is not None:
             return twist[..., None]
         change = 0.5 * (np.eye(6) * twist[..., None, :] + tangent * wrench[..., None, :])
         return change[..., list(self.axes)]
@@ -148,5 +148,5 @@ def scaled(law: Law, factor: Array) -> Law:
 
 def _one_factor(law: Law, factor: Array) -> Array:
     """Return (6,) factors on a law's axes: the same on all of a law that is one number."""
-    axis = sole_axis(law.constant)
+    axis = law.sole_axis
     return factor if axis is None else np.full(6, factor[axis])

@@ -1,6 +1,7 @@
-"""Linear law whose compliance depends on a joint's position: twist = (C + C1 q + C2 q^2 + C3 q^3) wrench.
+"""Linear law whose compliance depends on a joint's position: twist = (C + C1 q + C2 q^2 + ...) wrench.
 
 A mast gets softer as it extends: a cantilever's compliance is a cubic in its length, so this form holds it exactly.
+Nested stages give the faster the less they overlap, which takes higher powers.
 """
 
 from __future__ import annotations
@@ -20,14 +21,15 @@ from armflex.laws.terms import Terms, powers, straight
 EXAMPLE = """
 model = "position_dependent"
 compliance = [1e-8, 2e-8, 1e-8, 1e-6, 2e-6, 1e-6]
-compliance_q1 = [1e-10, 0.0, 0.0, 1e-7, 1e-7, 0.0]  # per rad or m of the joint's position; _q2, _q3 of its powers
+compliance_q1 = [1e-10, 0.0, 0.0, 1e-7, 1e-7, 0.0]  # per rad or m of the joint's position; _q2 to _q8 of its powers
 relative_std = 0.05
 """
 
 DEGREE = 2
 """Of the polynomial in the position that the law is learned as."""
 
-COEFFICIENTS = ("compliance", "compliance_q1", "compliance_q2", "compliance_q3")
+COEFFICIENTS = ("compliance", *(f"compliance_q{power}" for power in range(1, 9)))
+"""Keys of the coefficients, lowest power first."""
 
 
 @dataclass(frozen=True)
@@ -110,11 +112,12 @@ class PositionDependentLaw(Compliance):
 
 
 def read_position_dependent(table: Declaration, joint: str, ranges: Ranges) -> PositionDependentLaw:
-    """Return the law that an arm.toml declares: `compliance` at zero, `compliance_q1` to `_q3`, `depends_on`."""
+    """Return the law that an arm.toml declares: `compliance` at zero, `compliance_q1` to `_q8`, `depends_on`."""
     given = [key for key in COEFFICIENTS if table.has(key) or (key == "compliance" and "stiffness" in table.table)]
-    coefficients = np.zeros((4, 6, 6))
-    for key in given or ["compliance"]:
-        coefficients[COEFFICIENTS.index(key)] = declared_matrix(table, key)
+    powers_of = [COEFFICIENTS.index(key) for key in given or ["compliance"]]
+    coefficients = np.zeros((max(3, *powers_of) + 1, 6, 6))
+    for power in powers_of:
+        coefficients[power] = declared_matrix(table, COEFFICIENTS[power])
     law = PositionDependentLaw(table.text("depends_on", joint), coefficients, declared_std(table))
     if law.joint not in ranges:
         raise table.fail(

@@ -74,6 +74,25 @@ def test_names_that_do_not_match_are_no_order(tmp_path: Path, of_rows: list[str]
     assert intake(paths, 5e-5, {"Pose": "unused"}).columns["x"] == pytest.approx(1e-3 * np.arange(1, 7))
 
 
+@pytest.mark.parametrize("twice", ["export", "log"])
+def test_a_name_that_one_file_repeats_is_of_no_certain_row(tmp_path: Path, twice: str) -> None:
+    """The point was measured again, or the pose was driven to again: nothing says which counts."""
+    once, again = ["P1", "P2", "P3", "P4"], ["P1", "P2", "P3", "P2", "P4"]
+    of_row, of_point = (again, once) if twice == "log" else (once, again)
+    rows = log(tmp_path / "log.csv", of_row)
+    points = export(tmp_path / "export.csv", of_point, range(1, len(of_point) + 1))
+    with pytest.raises(TableError, match=r"export.csv:\d: point 'P2' stands in .*lines.* of which row is not known"):
+        intake([rows, points], 5e-5)
+
+
+def test_a_name_that_both_files_repeat_is_taken_in_order(tmp_path: Path) -> None:
+    names = ["P1", "P2", "P3", "P2", "P4"]
+    points = export(tmp_path / "export.csv", names, range(1, 6))
+    assert intake([log(tmp_path / "log.csv", names), points], 5e-5).columns["x"] == pytest.approx(
+        1e-3 * np.arange(1, 6)
+    )
+
+
 def test_points_that_a_program_sorted_are_no_order(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("J1 [deg],J2 [deg]\n" + "".join(f"{i * i},-90\n" for i in range(1, COUNT + 1)))
     points = export(tmp_path / "export.csv", [f"P{i}" for i in TEXTS], TEXTS)

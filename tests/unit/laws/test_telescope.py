@@ -157,3 +157,16 @@ def test_a_mast_of_which_a_constant_was_declared_is_traced_to_what_bends(tmp_pat
     assert [one.effect.law.name for one in found.found] == ["unnamed_telescope"]
     values = found.found[0].effect.named
     assert values["bending"] == pytest.approx(1.0 / EI, rel=0.02) and values["length0"] == pytest.approx(CLAMPED, 0.1)
+
+
+def test_nested_stages_are_as_their_finite_elements_over_the_whole_travel() -> None:
+    """The least overlap is at 6 m, where a cubic was 33 % off."""
+    law = load_arm(ROBOTS / "tarm_like" / "learned.toml").flexures[0].law
+    table = np.loadtxt(ROBOTS.parent / "examples/boom/tables/M1_extension.csv", delimiter=",", skiprows=1)
+    extensions, compliance = table[::6, 0], table[:, 1:].reshape(-1, 6, 6)
+    assert (extensions.min(), extensions.max()) == (0.0, 6.0)
+    for extension, matrix in zip(extensions, compliance, strict=True):
+        size = np.sqrt(np.outer(np.diag(matrix), np.diag(matrix)))
+        error = (law.tangent(np.zeros(6), Row(np.array([extension]), {"M1": 0})) - matrix) / size
+        acting = error[[*range(6), 0, 1], [*range(6), 4, 3]]
+        assert np.abs(acting).max() < 0.01

@@ -60,7 +60,8 @@ def test_a_mechanism_is_followed_from_row_to_row(tmp_path: Path, monkeypatch: py
     ends = 'link = "base"\nat = [0.0, 0.0, -0.3]\nto = "boom"\nat_to = [0.6, 0.0, 0.0]\nlower = 0.5\nupper = 1.1\n'
     text = f'[robot]\nurdf = "r.urdf"\ntip = "tool"\n[joint.j]\npassive = true\n[cylinder.c]\n{ends}'
     (tmp_path / "arm.toml").write_text(text)
-    arm, asked, closed = load_arm(tmp_path / "arm.toml"), list[float](), Closing.closed
+    arm, closed = load_arm(tmp_path / "arm.toml"), Closing.closed
+    asked = list[float]()
 
     def followed(self: Closing, q: np.ndarray) -> np.ndarray:
         asked.append(float(q[0]))
@@ -69,7 +70,8 @@ def test_a_mechanism_is_followed_from_row_to_row(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(Closing, "closed", followed)
     found = map_workspace(arm, rows=256)
     assert found.configurations.sum() == 256 and len(asked) >= 256
-    assert np.median(np.abs(np.diff(asked))) < 0.01
+    as_drawn = np.random.default_rng(1).permutation(asked)
+    assert np.median(np.abs(np.diff(asked))) < 0.1 * np.median(np.abs(np.diff(as_drawn)))
 
 
 def configurations(arm: Arm, rows: int, seed: int) -> np.ndarray:
