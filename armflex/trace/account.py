@@ -32,8 +32,8 @@ from armflex.trace.findings import (
     unexplained,
 )
 from armflex.trace.hypotheses import Hypothesis
-from armflex.trace.probabilities import Credible, bagged, competing
-from armflex.trace.resampling import Resampled, parted_by, resampled
+from armflex.trace.probabilities import CREDIBLE, Credible, bagged, competing
+from armflex.trace.resampling import RESAMPLES, Resampled, parted_by, resampled
 from armflex.trace.screen import ALMOST, UNIT_MOTION
 from armflex.trace.search import Standing, exchanged, is_full, linear, refitted, spots, standing
 from armflex.trace.selection import BETTER, SCALES, climbed, without
@@ -71,7 +71,9 @@ def weighed(here: Standing) -> Weighed:
         evidence = competing(here.screen, here.model)
         model, folds = evidence.here(here.model), Folds(evidence, pose_folds(state.groups))
         resamples = resampled(evidence, model, parted_by(state), folds)
-        found, visited = bagged(evidence, model, resamples.times)
+        found, visited = bagged(evidence, model, resamples.times[: RESAMPLES // 5])  # enough for what is surely nothing
+        if not any(one.nothing > CREDIBLE for one in found[:-1]):
+            found, visited = bagged(evidence, model, resamples.times)
         doubted = [one for one, seen in zip(here.model, found, strict=False) if seen.is_doubtful]
         if doubted:  # each fit takes seconds where more is missing than can be named: there the likeliest is tried
             models, tried = map(evidence.there, {climbed(evidence, model)} if full else visited), len(here.rejected)
@@ -84,9 +86,10 @@ def weighed(here: Standing) -> Weighed:
         if not gone:
             here.screen.forget()
             return Weighed(here, found, resamples, validated(here, folds) if model else None)
-        least = min(gone, key=lambda i: found[i].probability)
-        state.reporter.stage(f"withdrawing {here.screen.groups[here.model[least].number].hypothesis.title}")
-        after = refitted(here, without(here.model, least))
+        least = [i for i in gone if found[i].nothing > CREDIBLE] or [min(gone, key=lambda i: found[i].probability)]
+        titles = (here.screen.groups[here.model[i].number].hypothesis.title for i in least)
+        state.reporter.stage(f"withdrawing {', '.join(titles)}")
+        after = refitted(here, without(here.model, *least))
         if after is None:  # an arm that does not come to rest without it is left with nothing of what was found
             after = refitted(here, ())
         if after is None:

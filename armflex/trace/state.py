@@ -246,7 +246,7 @@ def with_all_of(state: State, found: State) -> State:
     """
     effects = [replace(one, effect=one.effect.seen_in(state.context, state.rows)) for one in found.effects]
     after, start = replace(state, known=found.known, background=found.background), found.fit.values
-    return sorted_out(refit(after, tuple(effects), found.random, start, THOROUGH), THOROUGH)
+    return sorted_out(refit(after, tuple(effects), found.random, start))
 
 
 def sorted_out(state: State, effort: Effort = ROUGH) -> State:
