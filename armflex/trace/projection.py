@@ -44,7 +44,7 @@ class Projection:
 
     @cached_property
     def condensed(self) -> Projection:
-        """The same with as few amplitudes of families as the readings tell apart: principal axes of what they do.
+        """The same with as few amplitudes of families as the readings distinguish: principal axes of what they do.
 
         Sines that are fine enough for every range and every length are many more.
         """
