@@ -1,14 +1,16 @@
-"""The arm as one file of C99 for a controller: `arm.c` beside this file, with the arm's numbers in its tables.
+"""The arm as one file of C99 for a controller: the engine's own text, the arm's tables, and the calls on them.
 
-The algorithm is that of the engine, for one configuration. Laws reach it as terms; see `laws.terms`.
+A chain comes to rest as `chain.c` beside this file says, an arm with loops, springs or cylinders as `loops.c` does.
+Laws reach a chain as terms; see `laws.terms`.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +18,7 @@ from armflex.arm import Arm, Flexure
 from armflex.conventions import Array
 from armflex.errors import ArmflexError, UnsupportedError
 from armflex.export import Exported
-from armflex.export.c_text import SMALLEST_CHANGE, c_head, c_limits, c_names, c_number, c_table, check_name
-from armflex.export.mechanism_c import export_mechanism
-from armflex.export.quoting import c_comment
+from armflex.export.c_text import c_head, c_limits, c_names, c_real, c_rows, c_whole, check_name
 from armflex.export.rigid import measured_points, said_points
 from armflex.laws import Law, LinearLaw
 from armflex.laws.effects.context import MASS
@@ -26,21 +26,49 @@ from armflex.laws.effects.effect import Act
 from armflex.laws.effects.in_arm import BoundTwist, Pulling, about_time, depended_on
 from armflex.laws.effects.shapes import middle_of
 from armflex.laws.effects.umbilical import hook_of
-from armflex.laws.learned.seen import Seen
-from armflex.laws.terms import Factor, Of, Term
+from armflex.laws.terms import Neurons, Of, Term
 from armflex.mechanics.chain import link_frame
-from armflex.mechanics.engine.tables import FLEXURE, RIGID, ROTATED, SLIDES, TURNS, Tree
+from armflex.mechanics.engine import build
+from armflex.mechanics.engine.binding import Engine
+from armflex.mechanics.engine.tables import Factors, Laws, Tree
+from armflex.mechanics.laws import LawStack
+from armflex.mechanics.loop_rows import closings, trees
 from armflex.rows.rows import HOLD, TIME
 
-TEMPLATE = Path(__file__).with_name("arm.c")
+HERE = Path(__file__).parent
 
-ELEMENTS = {FLEXURE: "FLEXES", TURNS: "TURNS", SLIDES: "SLIDES", RIGID: "RIGID"}
+BESIDE = {"loops": 16384, "chain": 4096}
+"""Bytes that functions hold beside what they are counted for; the tests compare them with the compiler's."""
 
 TRAVEL = 1e-6
 """By how much of its travel a joint may go beyond that of a polynomial in its position."""
 
 TRIED = 16
 """Configurations over which what cannot be said in C is measured."""
+
+
+class _Parts(NamedTuple):
+    """What is of one kind of arm alone.
+
+    Attributes:
+        mechanics: Name of the C beside this file.
+        counts: How many of each there are, and what they are.
+        tables: Its tables.
+        nominal: Where the rigid arm is another to the controller: its count of elements, and whether it has ties.
+        factors: What changes with columns.
+        stack: Bytes that the calls take.
+        bounds: Lines that say how long they take.
+        notes: About the payloads.
+    """
+
+    mechanics: str
+    counts: dict[str, tuple[int, str]]
+    tables: list[str]
+    nominal: int
+    factors: Factors
+    stack: dict[str, int]
+    bounds: tuple[str, ...]
+    notes: list[str]
 
 
 def export(arm: Arm, name: str = "arm") -> Exported:
@@ -56,142 +84,286 @@ def export(arm: Arm, name: str = "arm") -> Exported:
         PayloadError: A payload's centre of mass is beyond the arm's reach.
     """
     check_name(name)
-    if not arm.chain:
-        return export_mechanism(arm, name)
-    tables = _tables(arm)
-    text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", TEMPLATE.read_text(encoding="utf-8"))
-    text = text.replace("/*@smallest_change*/\n", SMALLEST_CHANGE.read_text(encoding="utf-8"))
-    arm, counts = tables.arm, {count: value for count, (value, _) in tables.counts.items()}
-    text = _chosen(text, counts)
-    flexures, joints = counts["FLEXURES"], counts["JOINTS"]
-    state = 8 * (joints + 12 + 79 * flexures + counts["FACTORS"] + 3 * counts["PULLS"])
-    matrix = 8 * (36 * flexures + 216) * flexures if counts["UNPROVEN"] else 0
-    # What functions hold beside states: changes of the twists per joint, some sets of twists, and tangents.
-    stack = {
-        "tip": matrix + state + 48 * 6 * flexures + 1024,
-        "compensate": matrix + 2 * state + 48 * (joints + 6) * flexures + 336 * counts["STRAIGHTENED"] + 2048,
+    if arm.chain and not arm.modelled:  # C has no arrays without length: a rigid arm has a flexure that does not give
+        arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
+    payloads = ("none", *(one for one in arm.payloads if one != "none"))
+    for one in payloads:
+        _ = arm.loaded(one).flags  # raises where a payload is impossible
+    parts = (_chain if arm.chain else _loops)(arm, payloads, name)
+    factors, linkage = parts.factors, arm.robot.linkage
+    counts = {
+        "JOINTS": (len(arm.joint_names), "drives, cylinders among them"),
+        "PAYLOADS": (len(payloads), "payloads"),
+        "COVARIATES": (len(factors.names), "covariates"),
+        "FACTORS": (len(factors.factor), "functions of a column, the first is 1"),
+        "CHANGING": (len(factors.change), "parts of laws that depend on a column"),
+        **parts.counts,
     }
-    text = text.replace("/*@head*/", _head(arm, tables, stack, name))
-    text = text.replace("/*@constants*/", _constants(arm, tables, name))
-    notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(tables.payloads)}"]
-    if tables.covariates:
-        notes.append(f"set {name}_covariates before you ask: {', '.join(tables.covariates)}")
-    for payload in tables.unproven:
-        notes.append(f"payload {payload!r}: no bound proves that the arm cannot buckle; every answer is probed")
+    state = counts["STATE"][0]
+    tables = [
+        "enum {\n" + "\n".join(f"    {key} = {value}, /* {what} */" for key, (value, what) in counts.items()) + "\n};",
+        f"const int {name}_nq = JOINTS;",
+        f"const int {name}_nstate = STATE;",
+        c_names(f"{name}_joints", arm.joint_names),
+        c_names(f"{name}_passive", linkage.free if linkage else ()),
+        c_names(f"{name}_payloads", payloads),
+        c_names(f"{name}_covariate_names", factors.names),
+        f"double {name}_covariates[{max(1, len(factors.names))}] = "
+        f"{{{', '.join(['NAN'] * len(factors.names)) or '0.0'}}};",
+        c_limits(arm, "drive"),
+        c_real("masses", "of the payloads [kg]", np.array([arm.payload(one).mass for one in payloads])),
+        c_rows("factors", "kind, column, numbers; see factor_at", factors.factor),
+        c_real("knots", "values of tables", factors.knots),
+        c_rows("changing", "flexure, two factors, offset, compliance", factors.change),
+        *parts.tables,
+    ]
+    beside = f"Stack: {name}_tip and {name}_follow take up to {parts.stack['tip']} bytes, "
+    bounds = *parts.bounds, f"{beside}{name}_compensate up to {parts.stack['compensate']}."
+    functions = f"{name}_tip, {name}_follow and {name}_compensate"
+    threads = ", each with a state of its own" if state else ""
+    text = (HERE / "controller.c").read_text(encoding="utf-8")
+    known = f"{NOMINAL.replace('COUNT', str(parts.nominal))}{'' if arm.chain else NOMINAL_TIES}}}\n"
+    mechanics = (HERE / f"{parts.mechanics}.c").read_text(encoding="utf-8")
+    for mark, part in (
+        ("/*@mechanics*/", mechanics.replace("/*@known*/\n", known + "\n" if parts.nominal else "")),
+        ("/*@head*/", c_head(arm, functions, threads, bounds)),
+        ("/*@engine*/\n", _engine("CHAIN" if arm.chain else "LOOPS")),
+        ("/*@constants*/", "\n".join(tables)),
+        ("/*@nominal*/\n", "    use_known(&m.table, payload);\n" if parts.nominal else ""),
+    ):
+        text = text.replace(mark, part)
+    text = re.sub(r"\bNAME_(?=[a-z])", f"{name}_", text)
+    notes = [f"{arm.robot.urdf.name} as C, payloads {', '.join(payloads)}"]
+    notes += [f"{name}_follow carries {state} numbers from call to call"] if state else []
+    notes += [f"set {name}_covariates before you ask: {', '.join(factors.names)}"] if factors.names else []
+    notes += parts.notes
     outside = [effect.name for effect in arm.effects if effect.law.act in (Act.FRAME, Act.SCALE, Act.SIGHT)]
-    if outside:
-        notes.append(f"of the instrument, and so not in it: {', '.join(outside)}")
+    notes += [f"of the instrument, and so not in it: {', '.join(outside)}"] if outside else []
     notes += said_points(measured_points(arm), carried=False)
-    numbers = {
+    said = {
         "name": name,
         "joint_names": list(arm.joint_names),
-        "payloads": list(tables.payloads),
-        "covariates": list(tables.covariates),
-        "stack_bytes": stack,
+        "payloads": list(payloads),
+        "covariates": list(factors.names),
+        "stack_bytes": parts.stack,
     }
-    return Exported(text, tuple(notes), numbers, about_time(arm, (TIME, HOLD)))
+    return Exported(text, tuple(notes), said, about_time(arm, (TIME, HOLD)))
 
 
-@dataclass
-class _Tables:
-    """What becomes the tables of the file; rows of text are finished C with a comment.
+NOMINAL = """/* Fill the tables of the rigid arm as the controller knows it. */
+static void use_known(arm *a, int payload)
+{
+    a->count = COUNT;
+    a->flexures = a->pushes = 0;
+    a->elements = nominal_elements[payload];
+    a->kinds = nominal_kinds;
+"""
 
-    `steady` is whether what is nonlinear in the load depends on no joint's position.
-    """
-
-    arm: Arm
-    payloads: tuple[str, ...]
-    proven: tuple[bool, ...]
-    covariates: tuple[str, ...] = ()
-    chain: list[str] = field(default_factory=list)
-    nominal: list[str] = field(default_factory=list)
-    pulls: list[str] = field(default_factory=list)
-    factors: list[Factor] = field(default_factory=list)
-    changing: list[str] = field(default_factory=list)
-    features: list[str] = field(default_factory=list)
-    terms: list[str] = field(default_factory=list)
-    curved: list[str] = field(default_factory=list)
-    forms: list[Array] = field(default_factory=list)
-    windows: list[Seen] = field(default_factory=list)
-    offset: Array = field(default_factory=lambda: np.zeros((0, 6)))
-    compliance: Array = field(default_factory=lambda: np.zeros((0, 6, 6)))
-    outboard: Array = field(default_factory=lambda: np.zeros(0))
-    gravity: Array = field(default_factory=lambda: np.zeros(3))
-    columns: tuple[str, ...] = ()
-    steady: bool = True
-
-    @property
-    def unproven(self) -> list[str]:
-        """Payloads with which the arm may be too soft, for all that is known beforehand."""
-        return [name for name, proven in zip(self.payloads, self.proven, strict=True) if not proven]
-
-    @property
-    def counts(self) -> dict[str, tuple[int, str]]:
-        """How many of each there are, and what they are."""
-        return {
-            "JOINTS": (sum(one.startswith("q_") for one in self.columns), "moving joints"),
-            "ELEMENTS": (len(self.chain), "elements of the chain, the tip last"),
-            "PAYLOADS": (len(self.payloads), "payloads"),
-            "FLEXURES": (len(self.offset), "flexures, from base to tip"),
-            "PULLS": (len(self.pulls), "forces from outside"),
-            "COVARIATES": (len(self.covariates), "covariates"),
-            "FACTORS": (len(self.factors), "functions of a column"),
-            "KNOTS": (sum(len(one.numbers) - 3 for one in self.factors if one.kind is Of.TABLE), "values of tables"),
-            "CHANGING": (len(self.changing), "parts of laws that depend on a column"),
-            "FEATURES": (len(self.features), "numbers that those make of the load"),
-            "TERMS": (len(self.terms), "parts of laws that are not linear in the load"),
-            "CURVED": (len(self.curved), "laws that have such parts"),
-            "STRAIGHTENED": (len(self.curved) * self.steady, "the same, where none depends on a joint's position"),
-            "LOADED": (len(self.curved) * self.steady + len(self.unproven), ""),
-            "UNPROVEN": (len(self.unproven), "payloads with which no bound proves that the arm cannot buckle"),
-            "FORMS": (len(self.forms), "matrices that those multiply the load with"),
-            "WINDOWS": (len(self.windows), "learned corrections"),
-            "NOMINAL": (len(self.nominal), "elements of the chain as the controller knows it, where that is another"),
-        }
+NOMINAL_TIES = """    a->parents = nominal_parents;
+    a->carried = nominal_carried;
+    a->tie = nominal_ties;
+    a->joins = nominal_joins;
+    a->row = nominal_rows;
+    a->way = nominal_ways;
+"""
 
 
-def _tables(arm: Arm) -> _Tables:
-    """Return everything about an arm that its C has; raise what `export` does."""
-    if not arm.modelled:  # in C, which has no arrays without length, a rigid arm has a flexure that does not give
-        arm = replace(arm, flexures=(Flexure("rigid", arm.joint_names[0], _stiff),))
-    bare = arm.loaded(None)
-    payloads = ("none", *(name for name in arm.payloads if name != "none"))
-    bounds = [arm.loaded(name).stability_bound for name in payloads]
-    for name in payloads:
-        _ = arm.loaded(name).flags  # raises where a payload is impossible
-    tables = _Tables(arm, payloads, tuple(bound is not None and bound.proven for bound in bounds))
-    chain, order = bare.chain, bare.chain.order.tolist()
-    tables.chain = _elements(arm, chain, {number: place for place, number in enumerate(order)})
-    if bare.nominal is not None:
-        tables.nominal = _elements(arm, bare.nominal, {})
-    tables.outboard, tables.gravity = chain.elements[order, 19], chain.elements[-1, 12:15]
+# Loops, springs and cylinders.
+
+
+def _loops(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
+    """Return what C has of an arm with loops or springs."""
+    loaded = [arm.loaded(one) for one in payloads]
+    factors = _factors(arm)
+    each, numbers = [trees(one)[:2] for one in loaded], arm.stack.numbers
+    true, nominal = each[0]
+    first, given = closings(loaded[0])[0], not arm.robot.linkage
+    start, home, settled = (np.zeros(0), arm.robot.home.copy(), np.zeros(0)) if given else first.beginning()
+    room = _room(true, numbers.compliance[0], factors.varies) + 1
+    p, m, n = true.passive, len(true.rows), len(true.flexures)
+    counts = {
+        "PASSIVE": (p, "joints without a drive"),
+        "ELEMENTS": (len(true.parents), "elements: joints, flexures, and what stands"),
+        "FLEXURES": (n, "flexures"),
+        "TIES": (len(true.joins), "loops, cylinders, followers and springs"),
+        "ROWS": (m, "rows that they close"),
+        "HOME": (int(settled is not None), "whether the loops close at home"),
+        "STRAIGHT": (int(given or settled is None or first.given), "whether q0 is given"),
+        "STATE": (1 + true.driven + p if p else 0, "numbers that are carried from call to call"),
+        "ROOM": (room, "numbers that are worked with"),
+    }
+    tables = [
+        c_real("home", "drives at home [rad or m]", home),
+        c_real("home_passive", "joints without a drive there", start if settled is None else settled),
+        c_real("start_passive", "their q0", start),
+        *_tree("", true, [one.elements for one, _ in each], ties=True),
+        c_whole("flexures", "element of each, or -1 - its closure", true.flexures),
+        c_real("constant_compliance", "of the flexures [m/N, rad/Nm and mixed]", numbers.compliance),
+        c_real("constant_offset", "twists without load [m, rad]", numbers.offset),
+    ]
+    if nominal is not None:
+        tables += _tree("nominal_", nominal, [one.elements for _, one in each if one is not None], ties=True)
+    stack = 8 * (room + 58 * n + 3 * p + 2 * m * m + m + 3 * true.driven + len(factors.names) + 70) + BESIDE["loops"]
+    bounds = (
+        f"Every loop is bounded: {name}_follow closes the loops MOST_PARTS MOST times and weighs the arm STEPS times",
+        f"at most, some 3 and 5 times usually; {name}_compensate MOST_JUMPS + 1 times as often, some 4 times usually.",
+    )
+    taken = {"tip": stack, "follow": stack, "compensate": stack + 8 * (30 * true.driven + 60)}
+    known = 0 if nominal is None else len(nominal.parents)
+    return _Parts("loops", counts, tables, known, factors, taken, bounds, [])
+
+
+def _factors(arm: Arm) -> Factors:
+    """Return what changes with columns; refuse laws and loads that C with loops does not know, all at once."""
+    refused = [f"the law of flexure {arm.flexure_names[i]!r} is curved in the load" for i, _, _ in arm.stack.bent]
+    refused += [
+        f"the law of flexure {arm.flexure_names[i]!r} is curved in the load, or no sum of terms"
+        for i, law in arm.stack.asked
+        if law.known_terms is None
+    ]
+    curved = np.diff(arm.stack.numbers.starts) > 0
+    refused += [f"flexure {arm.flexure_names[i]!r} has a network" for i in np.flatnonzero(curved)]
+    refused += [f"{one.law.name} pulls at {one.frame!r}" for one in arm.pulls]
+    compliance = arm.stack.numbers.compliance[0]
+    if not np.allclose(
+        compliance, np.swapaxes(compliance, 1, 2), rtol=0, atol=1e-12 * np.abs(compliance).max(initial=0)
+    ):
+        refused.append("a law is not symmetric")
+    columns = {f"q_{joint}": place for joint, place in arm.joint_index.items()}
+    found = arm.stack.factors(columns | {MASS: len(columns)})
+    if refused or found is None:
+        reasons = "; ".join(dict.fromkeys(refused))
+        raise UnsupportedError(
+            f"this arm cannot be written as C: with loops or springs it knows no such thing ({reasons})"
+        )
+    return found
+
+
+def _room(tree: Tree, compliance: Array, varies: np.ndarray) -> int:
+    """Return how many numbers the engine works with; laws that change may have any coordinates."""
+    ranks = [
+        6 if changes else int(np.count_nonzero(np.abs(one).max(axis=1)))
+        for one, changes in zip(compliance, varies, strict=True)
+    ]
+    return Engine(tree).room(sum(ranks))
+
+
+# Chains.
+
+
+def _chain(arm: Arm, payloads: tuple[str, ...], name: str) -> _Parts:
+    """Return what C has of a chain."""
+    bounds = [arm.loaded(one).stability_bound for one in payloads]
+    proven = [bound is not None and bound.proven for bound in bounds]
+    unproven = [one for one, sure in zip(payloads, proven, strict=True) if not sure]
+    trees, nominal = [arm.loaded(one).chain for one in payloads], arm.loaded(None).nominal
+    laws, factors, windowed, windows = _laws(arm)
+    pulls = [row for pulling in arm.pulls for row in _pull(arm, pulling)]
+    true, n, nq = trees[0], len(trees[0].flexures), len(arm.joint_names)
+    hidden, terms = int(np.diff(laws.starts).max(initial=0)), len(laws.bent)
+    room = 90 * n + terms + len(factors.factor) + 9 * len(pulls) + hidden + 2
+    counts = {
+        "ELEMENTS": (len(true.parents), "elements of the chain, the root among them"),
+        "FLEXURES": (n, "flexures"),
+        "PULLS": (len(pulls), "forces from outside"),
+        "TERMS": (terms, "parts of laws that are not linear in the load"),
+        "STATE": (0, "numbers that are carried from call to call"),
+        "ROOM": (room, "numbers that are worked with"),
+    }
+    links = np.array([one[0] for one in pulls], dtype=np.int64).reshape(-1, 3)
+    tables = [
+        f"#define UNPROVEN {len(unproven)} /* payloads with which no bound proves that the arm cannot buckle */",
+        c_whole("proven", "whether a payload's weight is proven to be unable to make the arm buckle", np.array(proven)),
+        *_tree("", true, [one.elements for one in trees]),
+        c_real("constant_compliance", "of the flexures [m/N, rad/Nm and mixed]", laws.compliance),
+        c_real("constant_offset", "twists without load [m, rad]", laws.offset),
+        c_real("neurons", "units, bias and gains", laws.neurons),
+        c_whole("starts", "first neuron of each flexure", laws.starts),
+        c_real("bent", "matrix, along, whether there is a matrix", laws.bent),
+        c_real("shapes", "kind, bias, exponent, u, form", laws.shapes),
+        c_whole("spans", "first term of each flexure", laws.spans),
+        c_whole("pieces", "first shape of each term", laws.pieces),
+        c_real("weights", "of terms", np.ones(terms)),
+        c_whole("weighing", "factors of terms", factors.weighing),
+        c_whole("varies", "whether a flexure has parts that change", factors.varies),
+        c_whole("windowed", "window of each term, -1 for none", windowed),
+        c_real("windows", "of learned corrections: mean, precision, energy, where they have faded", windows),
+        c_whole("links", "of what pulls: element, flexures inboard, 0", links),
+        c_real("wrenches", "point, force, moment", np.array([one[1] for one in pulls])),
+        c_real("pulls", "kind, anchor, size, reach", np.array([one[2] for one in pulls])),
+    ]
+    if nominal is not None:
+        tables += _tree("nominal_", nominal, [nominal.elements] * len(payloads))
+    tip = 8 * (room + nq + len(factors.names) + 12 * n + 120) + BESIDE["chain"]
+    tip += 8 * (36 * n * n + 400 * n + 120) if unproven else 0
+    taken = {"tip": tip, "follow": tip, "compensate": tip + 8 * ((6 * nq + 12) * n + 20 * nq + 60)}
+    newton = (
+        "Where no bound proves that the arm cannot buckle, Newton's method may take the place of MOST_STEPS:",
+        "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
+    )
+    said = (
+        f"Every loop is bounded: {name}_tip weighs the arm MOST_STEPS + PROBES times at most, and {name}_compensate",
+        "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
+        *(newton if unproven else ()),
+    )
+    notes = [f"payload {one!r}: no bound proves that the arm cannot buckle; every answer is probed" for one in unproven]
+    known = 0 if nominal is None else len(nominal.parents)
+    return _Parts("chain", counts, tables, known, factors, taken, said, notes)
+
+
+class _InTerms(Law):
+    """What C knows of the laws of a flexure: their terms, windows among them."""
+
+    values = np.zeros(0)
+    parameters = property(lambda _: ())
+
+    def __init__(self, terms: Sequence[Term | Neurons]) -> None:
+        self.known_terms = terms  # pyright: ignore[reportAttributeAccessIssue] - here all of them count
+
+    def at(self, values: Array) -> Law:
+        """Return itself: there are no values."""
+        return self
+
+
+def _laws(arm: Arm) -> tuple[Laws, Factors, np.ndarray, Array]:
+    """Return the laws of a chain in numbers: what changes with columns, the window of each term, and the windows."""
     said = _said(arm)
-    used = dict.fromkeys(factor.column for own in said for _, part in own for term in part for factor in term.factors)
+    stack = LawStack(arm.flexure_names, tuple(map(_InTerms, said)))
     known = [*(f"q_{joint}" for joint in arm.joint_names), MASS]
-    tables.covariates = tuple(column for column in used if column not in known)
-    tables.columns = (*known, *tables.covariates)
-    bent = [term for own in said for _, part in own for term in part if not term.linear]
-    tables.steady = not any(factor.column.startswith("q_") for term in bent for factor in term.factors)
-    tables.offset, tables.compliance = np.zeros((len(order), 6)), np.zeros((len(order), 6, 6))
-    for place, number in enumerate(order):
-        for label, terms in said[number]:
-            _add(tables, place, f"{arm.flexure_names[number]}: {label}", terms)
-    tables.pulls = [row for pulling in arm.pulls for row in _pull(arm, pulling)]
-    return tables
+    used = dict.fromkeys(factor.column for own in said for term in own for factor in term.factors)
+    names = tuple(column for column in used if column not in known)
+    laws, found = stack.numbers, stack.factors({column: place for place, column in enumerate([*known, *names])})
+    assert found is not None
+    same = ~found.change[:, 1:3].any(axis=1)  # no part of what changes, but of what is the same everywhere
+    for row in found.change[same]:
+        laws.offset[0, int(row[0])] += row[3:9]
+        laws.compliance[0, int(row[0])] += row[9:].reshape(6, 6)
+    change, varies = found.change[~same], np.zeros(len(said), dtype=np.int64)
+    varies[change[:, 0].astype(int)] = 1
+    windows: dict[bytes, tuple[int, Array]] = {}
+    windowed = np.full(len(laws.bent), -1, dtype=np.int64)
+    for t, (_, _, term) in enumerate(stack.bent):
+        if (seen := term.window) is not None:
+            energy = seen.precision if seen.energy is None else seen.energy
+            faded = seen.faded if np.isfinite(seen.faded) else 0.0
+            row = np.concatenate([seen.mean, seen.precision.ravel(), energy.ravel(), [faded]])
+            windowed[t] = windows.setdefault(row.tobytes(), (len(windows), row))[0]
+    found = replace(found, change=change, varies=varies, names=names)
+    return laws, found, windowed, np.array([row for _, row in windows.values()])
 
 
-def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
-    """Return for every flexure what its laws are called, with their terms; refuse all that have none at once."""
-    said: list[list[tuple[str, list[Term]]]] = [[] for _ in arm.flexure_names]
+def _said(arm: Arm) -> list[list[Term | Neurons]]:
+    """Return the terms of every flexure's laws; refuse all that have none at once."""
+    said: list[list[Term | Neurons]] = [[] for _ in arm.flexure_names]
     refused = []
     for number, law in arm.stack.parts:
         try:
-            terms = [one for term in law.terms() for one in term.single()]
+            terms = law.terms()
             for factor in {factor for term in terms for factor in term.factors if factor.kind is Of.CHEBYSHEV}:
                 joint, (middle, reach, _) = arm.joint_index[factor.column.removeprefix("q_")], factor.numbers
                 if max(arm.robot.upper[joint] - middle, middle - arm.robot.lower[joint]) > (1.0 + TRAVEL) * reach:
                     raise UnsupportedError(f"was learned over less than the travel of {arm.joint_names[joint]}")
-            said[number].append((_called(law), terms))
+            said[number].extend(terms)
         except UnsupportedError as error:
             if isinstance(law, BoundTwist):
                 other = replace(arm, effects=tuple(one for one in arm.effects if one is not law.effect))
@@ -214,12 +386,6 @@ def _said(arm: Arm) -> list[list[tuple[str, list[Term]]]]:
 _stiff = LinearLaw(np.zeros((6, 6)))
 
 
-def _called(law: Law) -> str:
-    if isinstance(law, BoundTwist):
-        return law.effect.title
-    return re.sub(r"(?<!^)(?=[A-Z])", " ", type(law).__name__.removesuffix("Law")).lower()
-
-
 def _amount(arm: Arm, other: Arm) -> str:
     """Return in words how far the tip of two arms is apart at most, over their limits and payloads."""
     lower, upper = np.array(arm.bounds)
@@ -234,113 +400,27 @@ def _amount(arm: Arm, other: Arm) -> str:
     return f"it moves the tip by up to {most * 1e3:.3g} mm{', covariates at 0' if covariates else ''}"
 
 
-def _elements(arm: Arm, chain: Tree, places: dict[int, int]) -> list[str]:
-    """Return the elements of a chain beyond its root, and the tip, as rows of C."""
-    rows = []
-    for k in range(1, len(chain.elements)):
-        numbers, tip = chain.elements[k], k == chain.kinds.shape[1]
-        kind, own = (RIGID, -1) if tip else chain.kinds[:2, k].tolist()
-        rotated = int(kind >= ROTATED or (tip and not np.array_equal(numbers[:9], np.eye(3).ravel())))
-        kind = ELEMENTS[kind % ROTATED]
-        label = "the tip" if tip else "fixed"
-        if kind == "FLEXES":
-            label, own = f"flexure {arm.flexure_names[own]}", places[own]
-        elif kind != "RIGID":
-            label = f"joint {arm.joint_names[own]}"
-        axis, body = (np.zeros(3), np.zeros(4)) if tip else (numbers[12:15], numbers[15:19])
-        parts = [
-            c_number(rotated * numbers[:9].reshape(3, 3)),
-            c_number(numbers[9:12]),
-            c_number(axis),
-            c_number(body[0]),
-            c_number(body[1:]),
-        ]
-        rows.append(f"{{{kind}, {own}, {rotated}, {', '.join(parts)}}}, /* {c_comment(label)} */")
-    return rows
-
-
-def _add(tables: _Tables, place: int, label: str, terms: Sequence[Term]) -> None:
-    """Add the terms of one law of a flexure to the tables."""
-    parts: dict[tuple[Factor, ...], tuple[Array, Array]] = {}
-    for term in terms:
-        if term.linear:
-            offset, compliance = parts.setdefault(term.factors, (np.zeros(6), np.zeros((6, 6))))
-            offset += term.along
-            compliance += 0.0 if term.matrix is None else term.matrix
-    for factors, (offset, compliance) in parts.items():
-        if not factors:
-            tables.offset[place] += offset
-            tables.compliance[place] += compliance
-        else:
-            numbers = f"{c_number(offset)}, {c_number(compliance)}"
-            tables.changing.append(f"{{{place}, {_two(tables, factors)}, {numbers}}}, /* {c_comment(label)} */")
-    # Terms under one window stand together, so that a load is drawn in once.
-    groups: dict[bytes, list[Term]] = {}
-    for term in terms:
-        if not term.linear:
-            seen = b"" if term.window is None else term.window.mean.tobytes() + term.window.precision.tobytes()
-            groups.setdefault(seen, []).append(term)
-    for own in groups.values():
-        first, number = len(tables.terms), -1
-        if isinstance(own[0].window, Seen):
-            number = len(tables.windows)
-            tables.windows.append(own[0].window)
-        for term in own:
-            begin = len(tables.features)
-            for one in term.features:
-                form, values = _form(tables, one.matrix if one.form else None), (one.u, one.bias, one.exponent)
-                tables.features.append(f"{{{one.kind.name}, {form}, {', '.join(map(c_number, values))}}},")
-            span, matrix = f"{begin}, {len(tables.features)}", _form(tables, term.matrix)
-            numbers = f"{_two(tables, term.factors)}, {span}, {matrix}, {c_number(term.along)}"
-            tables.terms.append(f"{{{numbers}}}," + (f" /* {c_comment(label)} */" if term is own[0] else ""))
-        tables.curved.append(f"{{{place}, {number}, {first}, {len(tables.terms)}}}, /* {c_comment(label)} */")
-
-
-def _form(tables: _Tables, form: Array | None) -> int:
-    """Return the number of a (6, 6) matrix in its table, -1 of none."""
-    if form is None:
-        return -1
-    known = [i for i, one in enumerate(tables.forms) if np.array_equal(one, form)]
-    tables.forms += [] if known else [form]
-    return known[0] if known else len(tables.forms) - 1
-
-
-def _two(tables: _Tables, factors: Sequence[Factor]) -> str:
-    """Return the numbers of two factors; the first of all is one."""
-    if not tables.factors:
-        tables.factors.append(Factor(Of.ONE, tables.columns[0], ()))
-    for factor in factors:
-        if factor not in tables.factors:
-            tables.factors.append(factor)
-    return ", ".join(str(number) for number in [*(tables.factors.index(one) for one in factors), 0, 0][:2])
-
-
-def _pull(arm: Arm, pulling: Pulling) -> list[str]:
-    """Return a load effect as a row of C, none where it acts on what stands."""
+def _pull(arm: Arm, pulling: Pulling) -> list[tuple[list[int], Array, Array]]:
+    """Return a load effect as link, wrench and pull for the engine, nothing where it acts on what stands."""
     bare = arm.loaded(None)
     _, element, _, placement = link_frame(bare.flex.model, bare.flex.frame(pulling.frame))
     flexures = bare.chain.flexures_inboard(element)
     if not flexures:
         return []
     kind, hook, anchor, size, reach = PULLS[pulling.law.name](pulling)
-    point = placement.act(hook)
-    numbers = f"{c_number(point)}, {c_number(anchor)}, {c_number(size)}, {c_number(reach)}"
-    label = c_comment(f"{pulling.law.name} at {pulling.frame}")
-    return [f"{{{kind}, {element - 1}, {flexures}, {numbers}}}, /* {label} */"]
+    force = anchor if kind == WRENCH else np.zeros(3)
+    wrench = np.concatenate([placement.act(hook), force, np.zeros(3)])
+    return [([element, flexures, 0], wrench, np.array([kind, *anchor, size, reach]))]
 
 
-Pull = tuple[str, Array, Sequence[float], float, float]
+WRENCH, SPRING, MAGNET = range(3)
+
+Pull = tuple[int, Array, Sequence[float], float, float]
 
 PULLS: dict[str, Callable[[Pulling], Pull]] = {
-    "tip_force": lambda one: ("CONSTANT", np.zeros(3), one.amplitudes, 1.0, 0.0),
-    "umbilical": lambda one: (
-        "SPRING",
-        hook_of(one.here, one.inner),
-        one.inner[:3],
-        one.amplitudes[0],
-        one.inner[3],
-    ),
-    "magnetic_pull": lambda one: ("MAGNET", middle_of(one.here), one.inner[:3], one.amplitudes[0], one.inner[3]),
+    "tip_force": lambda one: (WRENCH, np.zeros(3), one.amplitudes, 1.0, 0.0),
+    "umbilical": lambda one: (SPRING, hook_of(one.here, one.inner), one.inner[:3], one.amplitudes[0], one.inner[3]),
+    "magnetic_pull": lambda one: (MAGNET, middle_of(one.here), one.inner[:3], one.amplitudes[0], one.inner[3]),
 }
 """Kind, hook in its link's frame, anchor in base axes, size and reach of effects that are loads."""
 
@@ -348,87 +428,32 @@ PULLS: dict[str, Callable[[Pulling], Pull]] = {
 # The text.
 
 
-def _chosen(text: str, counts: dict[str, int]) -> str:
-    """Return the template without what an arm does not need: between `#if COUNT`, `#else` and `#endif`."""
-    lines, shown = [], [True]
-    for line in text.splitlines():
-        word, _, count = line.partition(" ")
-        if word == "#if":
-            shown.append(shown[-1] and counts[count] > 0)
-        elif word == "#else":
-            shown[-1] = shown[-2] and not shown[-1]
-        elif word == "#endif":
-            shown.pop()
-        elif shown[-1]:
-            lines.append(line)
-    return "\n".join(lines) + "\n"
+def _engine(own: str) -> str:
+    """Return the engine's text without what a package asks of it alone, and what arms of a kind do without."""
+    header, text, rest = (
+        (build.FOLDER / one).read_text(encoding="utf-8").replace("\r\n", "\n")
+        for one in ("engine.h", "engine.c", "rest.h")
+    )
+    for name in ("CONTROLLER", own):
+        block = re.compile(rf"#if !defined\({name}\)\n.*?#endif /\* {name} \*/\n", flags=re.S)
+        header, text, rest = (block.sub("", part) for part in (header, text, rest))
+    text = text.replace('#include "engine.h"\n', "").replace('#include "rest.h"\n', rest)
+    return f"#define {own} 1\n{header}\n{text}"
 
 
-def _head(arm: Arm, tables: _Tables, stack: dict[str, int], name: str) -> str:
-    newton = (
-        "Where no bound proves that the arm cannot buckle, Newton's method may take the place of MOST_STEPS:",
-        "it weighs MOST_NEWTON (6 FLEXURES + MOST_HALVINGS + 2) times at most, 4 (6 FLEXURES + 3) usually.",
-    )
-    bounds = (
-        f"Every loop is bounded: {name}_tip weighs the arm MOST_STEPS + PROBES times at most, and {name}_compensate",
-        "(MOST_JUMPS + 1) (JOINTS + 1) MOST_STEPS + PROBES times; some 5 and some 100 times are usual.",
-        *(newton if tables.unproven else ()),
-        f"Stack: {name}_tip takes up to {stack['tip']} bytes, {name}_compensate up to {stack['compensate']}.",
-    )
-    return c_head(arm, f"{name}_tip and {name}_compensate", "", bounds)
-
-
-def _constants(arm: Arm, tables: _Tables, name: str) -> str:
-    counts = [f"    {name} = {count}, /* {what} */" for name, (count, what) in tables.counts.items() if what]
-    bodies = [arm.payload(name) for name in tables.payloads]
-    unset = ", ".join(["NAN"] * len(tables.covariates)) or "0.0"
-    text = [
-        "enum {\n" + "\n".join(counts) + "\n};",
-        f"const int {name}_nq = {len(arm.joint_names)};",
-        c_names(f"{name}_joints", arm.joint_names),
-        c_names(f"{name}_payloads", tables.payloads),
-        c_names(f"{name}_covariate_names", tables.covariates),
-        f"double {name}_covariates[{max(1, len(tables.covariates))}] = {{{unset}}};",
-        c_limits(arm, "joint"),
-        c_table("payload_body payloads[PAYLOADS]", "",
-               [f"{{{c_number(body.mass)}, {c_number(body.com)}, {int(proven)}}}, /* {c_comment(name)} */"
-                for name, body, proven in zip(tables.payloads, bodies, tables.proven, strict=True)]),
-        c_table("element chain[ELEMENTS]", "from base to tip, the arm as it is", tables.chain),
-    ]  # fmt: skip
-    names = [f" /* {c_comment(arm.flexure_names[i])} */" for i in arm.loaded(None).chain.order]
-    if tables.nominal:
-        what = "the rigid arm as the controller knows it"
-        text.append(c_table("element nominal_chain[NOMINAL]", what, tables.nominal))
-    if names:
-        text.append(f"static const double gravity[3] = {c_number(tables.gravity)}; /* m/s^2, base axes */")
-    per_flexure = (
-        ("double outboard[FLEXURES]", "mass beyond every flexure, without payload [kg]", tables.outboard),
-        ("double constant_offset[FLEXURES][6]", "twist without load [m, rad], own axes", tables.offset),
-        ("double constant_compliance[FLEXURES][6][6]", "compliance [m/N, rad/Nm and mixed]", tables.compliance),
-    )
-    for declared, what, values in per_flexure:
-        rows = [f"{c_number(value)},{name}" for value, name in zip(values, names, strict=True)]
-        text.append(c_table(declared, what, rows) if rows else "")
-    columns = {column: i for i, column in enumerate(tables.columns)}
-    factors, knots = [], []
-    for one in tables.factors:
-        values = ", ".join(map(c_number, one.in_c(knots)))
-        factors.append(f"{{{one.kind.name}, {columns[one.column]}, {values}}}, /* {c_comment(one.column)} */")
-    windows = []
-    for one in tables.windows:
-        energy = one.precision if one.energy is None else one.energy
-        faded = one.faded if np.isfinite(one.faded) else 0.0
-        windows.append(f"{{{c_number(one.mean)}, {c_number(one.precision)}, {c_number(energy)}, {c_number(faded)}}},")
-    optional = (
-        ("pull pulls[PULLS]", "", tables.pulls),
-        ("double knots[KNOTS]", "values of tables", [f"{c_number(value)}," for value in knots]),
-        ("factor factors[FACTORS]", "", factors),
-        ("change changing[CHANGING]", "", tables.changing),
-        ("double forms[FORMS][6][6]", "of the load, own axes", [f"{c_number(form)}," for form in tables.forms]),
-        ("window windows[WINDOWS]", "", windows),
-        ("feature features[FEATURES]", "", tables.features),
-        ("term terms[TERMS]", "", tables.terms),
-        ("group curved[CURVED]", "", tables.curved),
-    )
-    text += [c_table(declared, what, rows) for declared, what, rows in optional if rows]
-    return "\n".join(part for part in text if part)
+def _tree(prefix: str, tree: Tree, elements: list[Array], ties: bool = False) -> list[str]:
+    """Return the tables of a tree, whose elements are others with every payload."""
+    tables = [
+        c_rows(f"{prefix}elements", "for each payload; see engine.h", np.array([one.ravel() for one in elements])),
+        c_whole(f"{prefix}kinds", "kind, number, order", tree.kinds),
+    ]
+    if ties:
+        tables += [
+            c_whole(f"{prefix}parents", "", tree.parents),
+            c_real(f"{prefix}carried", "", tree.carried),
+            c_real(f"{prefix}ties", "", tree.ties),
+            c_whole(f"{prefix}joins", "", tree.joins),
+            c_real(f"{prefix}rows", "", tree.rows),
+            c_real(f"{prefix}ways", "", tree.ways),
+        ]
+    return tables

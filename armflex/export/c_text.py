@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from armflex.arm import Arm
-from armflex.conventions import LARGEST_POSITION
+from armflex.conventions import LARGEST_POSITION, Array
 from armflex.errors import InputError
 from armflex.export.quoting import c_comment, c_string
 from armflex.version import __version__
@@ -20,8 +19,6 @@ KEYWORDS = (
     "restrict return short signed sizeof static struct switch typedef union unsigned void volatile while _Bool "
     "_Complex _Imaginary"
 )
-
-SMALLEST_CHANGE = Path(__file__).with_name("smallest_change.c")
 
 
 def check_name(name: str) -> None:
@@ -76,3 +73,33 @@ def c_number(value: Any) -> str:
         return "{" * np.ndim(value) + "0.0" + "}" * np.ndim(value)
     between = ",\n        " if np.shape(value) == (6, 6) else ", "
     return "{" + between.join(map(c_number, value)) + "}"
+
+
+def c_real(name: str, what: str, values: Array) -> str:
+    """Return an array of numbers behind one another; C has none without length."""
+    flat = values.ravel() if values.size else np.zeros(1)
+    return _array(f"double {name}[{len(flat)}]", what, [c_number(value) for value in flat])
+
+
+def c_whole(name: str, what: str, values: np.ndarray) -> str:
+    """Return an array of whole numbers; C has none without length."""
+    flat = [int(value) for value in values.ravel()] or [0]
+    return _array(f"whole {name}[{len(flat)}]", what, [str(value) for value in flat])
+
+
+def c_rows(name: str, what: str, values: Array) -> str:
+    """Return a table of rows; C has none without length."""
+    rows = values if len(values) else np.zeros((1, values.shape[1]))
+    shown = ["{" + ", ".join(c_number(value) for value in row) + "}" for row in rows]
+    return _array(f"double {name}[{len(rows)}][{rows.shape[1]}]", what, shown)
+
+
+def _array(declared: str, what: str, parts: list[str]) -> str:
+    lines, line = [], "   "
+    for part in parts:
+        if len(line) + len(part) > 110 and line.strip():
+            lines.append(line)
+            line = "   "
+        line += f" {part},"
+    comment = f" /* {what} */" if what else ""
+    return "\n".join([f"static const {declared} = {{{comment}", *lines, line, "};"])

@@ -22,7 +22,8 @@ enum {
     NOT_FINITE = 1,     /* a position, a number of the state or a covariate is no number, or beyond 1000 rad or m */
     OUTSIDE_LIMITS = 2, /* a joint is beyond its limits */
     NO_PAYLOAD = 3,     /* there is no payload of this number */
-    NO_EQUILIBRIUM = 4, /* it comes to rest nowhere near, turns by more than 0.1 rad, or is not proven to stay */
+    NO_EQUILIBRIUM = 4, /* it comes to rest nowhere near, or would not stay there; with loops also what is TOO_LARGE */
+    TOO_LARGE = 5,      /* a flexure turns by more than 0.1 rad, which no compliance describes */
     UNREACHED = 6,      /* NAME_compensate alone: no joint positions near q and within the limits bring the tip there */
     NOT_CLOSED = 7      /* the loops do not close there, or the joints without a drive could stand anywhere */
 };
@@ -31,80 +32,11 @@ enum {
 
 /*@constants*/
 static const double LARGEST = 1000.0, BEYOND = 1e-9; /* of a position; beyond its limits by rounding alone */
-static const double FINEST = 1e-4;                   /* share of the way to other positions that is one step at least */
 static const double LARGEST_CHANGE = 0.5;            /* rad or m, of a joint by NAME_compensate */
 static const double REACHED = 1e-11;                 /* m, of each coordinate of the tip */
 static const double SETTLED = 1e-8;                  /* rad or m, of the last change of the joints */
 static const double DAMPING = 1e-14;                 /* m^2, of the tip's Jacobian times its transpose */
-enum { MOST_PARTS = 4000, MOST_JUMPS = 20, MOST_AIMS = 15, WHOLE_AIMS = 5 };
-
-/* Where the mechanism is asked about: laws at the positions of its drives, and what the engine says of it there. */
-typedef struct {
-    arm table;
-    double compliance[36 * FLEXURES], offset[6 * FLEXURES], known[1 + COVARIATES], weight[1], bounds[2 * JOINTS];
-    double passive[PASSIVE + 1], tip[16], flexed[PASSIVE + 1], twists[6 * FLEXURES], loads[6 * FLEXURES];
-    double forces[ROWS + 1], displacement[6], distance, idle[ROWS * ROWS + 1], idles[ROWS * ROWS + 1];
-    double room[ROOM];
-} mechanism;
-
-/* ---- Where it rests --------------------------------------------------------------------------------------------- */
-
-/* Fill the tables of the arm with a payload. */
-static void describe(mechanism *m, int payload)
-{
-    static const whole none[FLEXURES + 1] = {0};
-    arm *a = &m->table;
-    memset(a, 0, sizeof *a);
-    a->count = ELEMENTS;
-    a->flexures = FLEXURES;
-    a->driven = JOINTS;
-    a->passive = PASSIVE;
-    a->ties = TIES;
-    a->rows = ROWS;
-    a->law_rows = a->weight_rows = a->wrench_rows = 1;
-    a->elements = elements[payload];
-    a->kinds = kinds;
-    a->parents = parents;
-    a->carried = carried;
-    a->tie = ties;
-    a->joins = joins;
-    a->row = rows;
-    a->way = ways;
-    a->flexure = flexures;
-    a->compliance = m->compliance;
-    a->offset = m->offset;
-    a->starts = a->spans = a->pieces = a->varies = none;
-    a->weights = m->weight;
-    a->wrenches = m->weight;
-    m->weight[0] = 0.0;
-    m->known[0] = masses[payload];
-    for (int i = 0; i < COVARIATES; i++) {
-        m->known[1 + i] = NAME_covariates[i];
-    }
-}
-
-/*@known*/
-/* Fill what the laws are at positions of the drives: all of them are affine in the load. */
-static void know_laws(mechanism *m, const double *q)
-{
-    double value[FACTORS + 1];
-    memcpy(m->compliance, constant_compliance, sizeof m->compliance);
-    memcpy(m->offset, constant_offset, sizeof m->offset);
-    for (int f = 0; f < FACTORS; f++) {
-        int column = (int)factors[f][1];
-        value[f] = factor_at(factors[f], knots, (column < JOINTS) ? q[column] : m->known[column - JOINTS]);
-    }
-    for (int c = 0; c < CHANGING; c++) {
-        const double *part = changing[c];
-        double times = value[(int)part[1]] * value[(int)part[2]];
-        for (int b = 0; b < 6; b++) {
-            m->offset[6 * (int)part[0] + b] += times * part[3 + b];
-        }
-        for (int b = 0; b < 36; b++) {
-            m->compliance[36 * (int)part[0] + b] += times * part[9 + b];
-        }
-    }
-}
+enum { MOST_JUMPS = 20, MOST_AIMS = 15, WHOLE_AIMS = 5 };
 
 /* Return a code for arguments that cannot be answered. */
 static int check(const double *q, int payload)
@@ -130,214 +62,95 @@ static int check(const double *q, int payload)
     return FINE;
 }
 
-/* Move joints without a drive to where the loops close; return whether they do. */
-static int close_at(mechanism *m, const double *q, int jumps, double *passive)
+/* Write the smallest change of the joints within a box that moves the linearised tip by `wanted`: joints that would
+ * leave the box are held at its side, and the others do the rest. */
+static void smallest_change(double jacobian[3][JOINTS], const double *wanted, double low[JOINTS], double high[JOINTS],
+                            double change[JOINTS])
 {
-    double *room = m->room, trial[PASSIVE + 1];
-    here h = memory(&m->table, &room);
-    work w = divided(&m->table, PASSIVE, 0, &room);
-    memcpy(trial, passive, PASSIVE * sizeof *trial);
-    if (!close_loops(&m->table, q, jumps, trial, &h, &w)) {
-        return 0;
-    }
-    memcpy(passive, trial, PASSIVE * sizeof *trial);
-    return 1;
-}
-
-/* Move them as the drives go straight from positions to others; return whether the loops close all along. */
-static int follow_to(mechanism *m, const double *from, const double *q, double *passive)
-{
-    double done = 0.0, size = 1.0, at[JOINTS];
-    for (int part = 0; (part < MOST_PARTS) && (done < 1.0); part++) {
-        size = fmin(size, 1.0 - done);
-        for (int j = 0; j < JOINTS; j++) {
-            at[j] = (done + size < 1.0) ? from[j] + (done + size) * (q[j] - from[j]) : q[j];
-        }
-        if (close_at(m, at, 0, passive)) {
-            done = fmin(done + size, 1.0);
-            size *= 2.0;
-        } else if (size < FINEST) {
-            return 0;
-        } else {
-            size *= 0.5;
-        }
-    }
-    return done >= 1.0;
-}
-
-/* Find them without knowing where they were: of what drives lead to from home, and q0 itself, the nearer to q0. */
-static int close_first(mechanism *m, const double *q, double *passive)
-{
-    double led[PASSIVE + 1], straight[PASSIVE + 1], far[2] = {HUGE_VAL, HUGE_VAL};
-    memcpy(led, home_passive, PASSIVE * sizeof *led);
-    memcpy(straight, start_passive, PASSIVE * sizeof *straight);
-    if ((HOME != 0) && follow_to(m, home, q, led)) {
-        far[0] = 0.0;
-    }
-    if ((STRAIGHT != 0) && close_at(m, q, 1, straight)) {
-        far[1] = 0.0;
-    }
-    for (int i = 0; i < PASSIVE; i++) {
-        far[0] = fmax(far[0], fabs(led[i] - start_passive[i]));
-        far[1] = fmax(far[1], fabs(straight[i] - start_passive[i]));
-    }
-    memcpy(passive, (far[1] < far[0]) ? straight : led, PASSIVE * sizeof *passive);
-    return fmin(far[0], far[1]) < HUGE_VAL;
-}
-
-/* Come to rest from where joints without a drive were at other positions of the drives, NULL where that is not known. */
-static int rest_at(mechanism *m, const double *from, const double *q)
-{
-    rested found = {m->passive, m->tip, m->flexed, m->twists, m->loads, m->forces, m->displacement, &m->distance, m->idles};
-    double start[PASSIVE + 1], own[PASSIVE + 1];
-    memcpy(own, m->passive, PASSIVE * sizeof *own);
-    if (((from == NULL) || !follow_to(m, from, q, own)) && !close_first(m, q, own)) {
-        return NOT_CLOSED;
-    }
-    memcpy(m->passive, own, PASSIVE * sizeof *own);
-    memcpy(start, own, PASSIVE * sizeof *start);
-    know_laws(m, q);
-    memset(m->idle, 0, sizeof m->idle);
-    return (engine_rest(&m->table, 1, q, 1, 0, start, m->idle, &found, m->room) == 1) ? FINE : NO_EQUILIBRIUM;
-}
-
-/* Write where the tip of the rigid arm is. */
-static void rigid_tip(mechanism *m, const double *q, double goal[3])
-{
-    double *room = m->room, turn[9];
-    here h = memory(&m->table, &room);
-    place(&m->table, q, m->passive, 0, &h);
-    frame_at(&h, m->table.elements + 20 * m->table.count, turn, goal);
-}
-
-/* Write the flexed tip's pose. */
-static void flexed_tip(const mechanism *m, double *pose)
-{
-    double twist[6] = {0.0}, frame[12];
-    memcpy(twist + 3, m->displacement + 3, 3 * sizeof *twist);
-    exponential(twist, frame);
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
-            pose[4 * i + j] = 0.0;
-            for (int k = 0; k < 3; k++) {
-                pose[4 * i + j] += frame[3 * i + k] * m->tip[4 * k + j];
+    int held[JOINTS] = {0};
+    for (int pass = 0; pass <= JOINTS; pass++) {
+        double a[3][4], most = 0.0; /* of the joints that are free, J J' and what they have to do */
+        int worst = -1;
+        for (int i = 0; i < 3; i++) {
+            for (int k = 0; k < 4; k++) {
+                a[i][k] = (k == 3) ? wanted[i] : ((i == k) ? DAMPING : 0.0);
             }
-        }
-        pose[4 * i + 3] = m->tip[4 * i + 3] + m->displacement[i];
-    }
-}
-
-/* ---- Tip -------------------------------------------------------------------------------------------------------- */
-
-/* Write where the flexed arm's tip is at positions q of the drives under a payload.
- *
- * q: NAME_nq numbers [rad or m], in the order of NAME_joints. payload: its place in NAME_payloads.
- * state: NAME_nstate numbers: whether it was asked before, the drives and the joints without one then; all 0 to begin
- * from each passive joint's q0. Written when it returns 0.
- * pose: 12 numbers, rotation and origin [m] in the base frame as a 3 x 4 matrix row by row.
- * Returns 0, or one of the codes above; state and pose are then untouched. */
-int NAME_follow(const double *q, int payload, double *state, double *pose)
-{
-    mechanism m;
-    int code = check(q, payload), warm;
-    for (int i = 0; (i < STATE) && (code == FINE); i++) {
-        code = (fabs(state[i]) <= LARGEST) ? FINE : NOT_FINITE;
-    }
-    if (code != FINE) {
-        return code;
-    }
-    warm = (STATE > 0) && (state[0] != 0.0);
-    describe(&m, payload);
-    memset(m.passive, 0, sizeof m.passive);
-    if (warm) {
-        memcpy(m.passive, state + 1 + JOINTS, PASSIVE * sizeof *state);
-    }
-    code = rest_at(&m, warm ? state + 1 : NULL, q);
-    if (code == FINE) {
-        flexed_tip(&m, pose);
-        if (STATE > 0) {
-            state[0] = 1.0;
-            memcpy(state + 1, q, JOINTS * sizeof *state);
-            memcpy(state + 1 + JOINTS, m.passive, PASSIVE * sizeof *state);
-        }
-    }
-    return code;
-}
-
-/* The same without a state: from each passive joint's q0. */
-int NAME_tip(const double *q, int payload, double *pose)
-{
-    double state[STATE + 1] = {0.0};
-    return NAME_follow(q, payload, state, pose);
-}
-
-/*@smallest_change*/
-
-/* ---- Compensation ----------------------------------------------------------------------------------------------- */
-
-/* Write the positions of the drives nearest to q whose flexed tip is where the rigid arm's is at q, as the controller
- * knows the rigid arm; the orientation follows. Arguments as of NAME_tip; out: NAME_nq positions [rad or m], untouched
- * where a code is returned. `out` may be `q`. */
-int NAME_compensate(const double *q, int payload, double *out)
-{
-    mechanism m;
-    double goal[3], pose[12], change[JOINTS] = {0.0}, at[JOINTS], before[JOINTS], length = HUGE_VAL, each[6 * JOINTS];
-    int code = check(q, payload);
-    if (code != FINE) {
-        return code;
-    }
-    describe(&m, payload);
-    memset(m.passive, 0, sizeof m.passive);
-/*@nominal*/
-    if (!close_first(&m, q, m.passive)) {
-        return NOT_CLOSED;
-    }
-    rigid_tip(&m, q, goal);
-    describe(&m, payload);
-    for (int jump = 0; jump <= MOST_JUMPS; jump++) {
-        double wanted[3], aim[JOINTS] = {0.0}, from[JOINTS], left = 0.0, last = length, jacobian[3][JOINTS];
-        double low[JOINTS], high[JOINTS];
-        asked ask = {0};
-        for (int j = 0; j < JOINTS; j++) {
-            at[j] = q[j] + change[j];
-        }
-        code = rest_at(&m, (jump > 0) ? before : NULL, at);
-        if (code != FINE) {
-            return code;
-        }
-        memcpy(before, at, sizeof before);
-        flexed_tip(&m, pose);
-        for (int i = 0; i < 3; i++) {
-            left = fmax(left, fabs(goal[i] - pose[4 * i + 3]));
-        }
-        if ((left <= REACHED) && ((last <= SETTLED) || (jump > MOST_AIMS))) {
-            memcpy(out, at, sizeof at);
-            return FINE;
-        }
-        ask.end = m.table.elements + 20 * ELEMENTS;
-        ask.joints = each;
-        ask.tangent_rows = 1;
-        ask.tangents = m.compliance;
-        engine_respond(&m.table, 1, at, m.flexed, m.twists, m.forces, m.idles, &ask, m.room);
-        memcpy(jacobian, each, sizeof jacobian);
-        /* The smallest change in all that does it to first order; or, where these go round in circles, further. */
-        for (int j = 0; j < JOINTS; j++) {
-            from[j] = (jump < WHOLE_AIMS) ? 0.0 : ((jump < MOST_AIMS) ? 0.5 * change[j] : change[j]);
-            low[j] = fmin(fmax(-LARGEST_CHANGE, limits[j][0] - q[j]), 0.0) - from[j];
-            high[j] = fmax(fmin(LARGEST_CHANGE, limits[j][1] - q[j]), 0.0) - from[j];
-        }
-        for (int i = 0; i < 3; i++) {
-            wanted[i] = goal[i] - pose[4 * i + 3];
             for (int j = 0; j < JOINTS; j++) {
-                wanted[i] += jacobian[i][j] * (change[j] - from[j]);
+                for (int k = 0; (k < 3) && (held[j] == 0); k++) {
+                    a[i][k] += jacobian[i][j] * jacobian[k][j];
+                }
+                if (held[j] != 0) {
+                    a[i][3] -= jacobian[i][j] * change[j];
+                }
             }
         }
-        smallest_change(jacobian, wanted, low, high, aim);
-        length = 0.0;
+        for (int i = 0; i < 3; i++) { /* positive: elimination needs no exchange of rows */
+            for (int k = i + 1; k < 3; k++) {
+                double times = a[k][i] / a[i][i];
+                for (int c = i; c < 4; c++) {
+                    a[k][c] -= times * a[i][c];
+                }
+            }
+        }
+        for (int i = 2; i >= 0; i--) {
+            for (int k = i + 1; k < 3; k++) {
+                a[i][3] -= a[i][k] * a[k][3];
+            }
+            a[i][3] /= a[i][i];
+        }
         for (int j = 0; j < JOINTS; j++) {
-            length = fmax(length, fabs(from[j] + aim[j] - change[j]));
-            change[j] = from[j] + aim[j];
+            if (held[j] == 0) {
+                double beyond;
+                change[j] = jacobian[0][j] * a[0][3] + jacobian[1][j] * a[1][3] + jacobian[2][j] * a[2][3];
+                beyond = fmax(low[j] - change[j], change[j] - high[j]);
+                if (beyond > most) {
+                    most = beyond;
+                    worst = j;
+                }
+            }
+        }
+        if (worst < 0) {
+            break;
+        }
+        change[worst] = (change[worst] < low[worst]) ? low[worst] : high[worst];
+        held[worst] = 1;
+    }
+}
+
+/* Add to the change of the joints what brings the tip to its goal, to first order: the smallest change in all that does,
+ * or, where these go round in circles, a further one. Return the largest of any joint. */
+static double aim(const double *q, const double *goal, const double *tip, double jacobian[3][JOINTS], int jump,
+                  double *change)
+{
+    double wanted[3], by[JOINTS] = {0.0}, from[JOINTS], low[JOINTS], high[JOINTS], length = 0.0;
+    for (int j = 0; j < JOINTS; j++) {
+        from[j] = (jump < WHOLE_AIMS) ? 0.0 : ((jump < MOST_AIMS) ? 0.5 * change[j] : change[j]);
+        low[j] = fmin(fmax(-LARGEST_CHANGE, limits[j][0] - q[j]), 0.0) - from[j];
+        high[j] = fmax(fmin(LARGEST_CHANGE, limits[j][1] - q[j]), 0.0) - from[j];
+    }
+    for (int i = 0; i < 3; i++) {
+        wanted[i] = goal[i] - tip[i];
+        for (int j = 0; j < JOINTS; j++) {
+            wanted[i] += jacobian[i][j] * (change[j] - from[j]);
         }
     }
-    return UNREACHED;
+    smallest_change(jacobian, wanted, low, high, by);
+    for (int j = 0; j < JOINTS; j++) {
+        length = fmax(length, fabs(from[j] + by[j] - change[j]));
+        change[j] = from[j] + by[j];
+    }
+    return length;
 }
+
+/* Return whether the tip is at its goal, and the joints need not be moved any more to be the nearest that bring it there:
+ * `last` is their last change. */
+static int arrived(const double *goal, const double *tip, double last, int jump)
+{
+    double left = 0.0;
+    for (int i = 0; i < 3; i++) {
+        left = fmax(left, fabs(goal[i] - tip[i]));
+    }
+    return (left <= REACHED) && ((last <= SETTLED) || (jump > MOST_AIMS));
+}
+
+/*@mechanics*/

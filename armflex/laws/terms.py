@@ -46,7 +46,7 @@ MOST_FACTORS = 2
 
 
 class Kind(IntEnum):
-    """What a feature makes of a load w; engine.c and `arm.c` have the same."""
+    """What a feature makes of a load w; engine.c has the same."""
 
     PART = 0
     """u . w"""
@@ -63,7 +63,7 @@ class Kind(IntEnum):
 
 
 class Of(IntEnum):
-    """What a factor makes of a column x; `a` to `d` are its numbers; engine.c and `arm.c` have the same."""
+    """What a factor makes of a column x; `a` to `d` are its numbers; engine.c has the same."""
 
     ONE = 0
     POWER = 1

@@ -162,7 +162,7 @@ class LawStack:
             if law.constant is not None:
                 compliance[0, i] += law.constant
         for i, _, one in self._known:
-            if isinstance(one, Neurons) and not one.factors:
+            if isinstance(one, Neurons) and not one.factors and one.window is None:
                 neurons.append(np.column_stack([one.units, one.bias, one.gains]))
                 starts[i + 1 :] += len(one.bias)
             elif isinstance(one, Term) and one.linear and not one.factors:
@@ -195,7 +195,7 @@ def _singly(one: Term | Neurons) -> Iterable[Term]:
     """Return a term, and every neuron of those that depend on a column; others are known together."""
     if isinstance(one, Term):
         return (one,)
-    return one.single() if one.factors else ()
+    return one.single() if one.factors or one.window is not None else ()
 
 
 class RowLaws:

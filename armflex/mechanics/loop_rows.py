@@ -18,7 +18,7 @@ from armflex.conventions import Array
 from armflex.errors import ClosureError
 from armflex.laws import Row
 from armflex.mechanics.chain import chain_of
-from armflex.mechanics.engine.binding import Engine
+from armflex.mechanics.engine.binding import Engine, OneRest
 from armflex.mechanics.engine.tables import COIL, FLEXURE, GAS, GEAR, NO_CHANGES, ROD, Laws, Tree
 from armflex.mechanics.laws import RowLaws
 from armflex.mechanics.loaded import LoadedArm
@@ -131,18 +131,27 @@ class LoopSolver:
         places = flex.q_index, flex.free_q, nq + flex.free_v, nq + flexures, nq + flex.size + flexures
         self._places = np.concatenate(places)
         self._single = self._room(self._tree, 1)
+        self._one = OneRest(self._tree, self._single)
+        self._plain: bool | None = None
         self._slots = -mechanics.ties.rows.T  # pyright: ignore[reportOptionalMemberAccess]
 
     def one(self, row: Row) -> Rested | None:
         """Return where it rests in one row, in arrays that the next one overwrites; None where it is not answered."""
-        closing, found, q = self._closing, self._single, row.q[None]
-        known, plain = self._known(q, row)
-        last = closing.last if plain and self._nominal is None else None
-        if last is not None and self._ask(self._engine, known, True, 0, last[1].copy(), found):
-            closing.last = row.q.copy(), found.closed[0].copy()
-            return found
-        self.rest(q, row, into=found)
-        return found if found.fine[0] else None
+        closing, single = self._closing, self._single
+        last = closing.last if self._nominal is None else None
+        if last is not None and self._knows_one(row) and self._one(row.q, last[1]):
+            closing.last = row.q.copy(), single.closed[0].copy()
+            return single
+        self.rest(row.q[None], row, into=single)
+        return single if single.fine[0] else None
+
+    def _knows_one(self, row: Row) -> bool:
+        """Return whether the engine knows laws and loads in a row, which are given to it where they are others."""
+        if self._differs or self._plain is None:
+            known, self._plain = self._known(row.q[None], row)
+            if self._plain:
+                self._one.know(*known[:3])
+        return self._plain
 
     def _known(self, q: Array, row: Row) -> tuple[tuple, bool]:
         """Return laws, loads and positions for the engine, and whether it knows them."""

@@ -144,17 +144,22 @@ class Engine:
         tree, rows = self._tree, len(q)
         self._check_rows(q)
         if into is not self._into:
-            p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
-            shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
-            for name, array, shape in zip(RESTED, into, shapes, strict=False):
-                checked(array, name, REAL, len(into[0]), *shape)
-            self._into, self._rested = into, RestStruct(*addresses(into[: len(RESTED)]))
+            self._look_at(into)
         checked(free, "free", REAL, tree.passive)
         checked(idle, "idle", REAL, len(tree.rows), len(tree.rows))
         if (settled and not self._settled) or first < 0 or len(into[0]) != rows:
             raise ShapeError("expected laws, a first row from 0 on, and room for all")
         given = address(free), address(idle), addressof(self._rested), address(self._work())
         return int(self._library.engine_rest(self._arm, rows, address(q), settled, first, *given))
+
+    def _look_at(self, into: Sequence[np.ndarray]) -> None:
+        """Point to arrays that `rest` fills."""
+        tree = self._tree
+        p, n, m = tree.passive, len(tree.flexures), len(tree.rows)
+        shapes = ((p,), (4, 4), (p,), (n, 6), (n, 6), (m,), (6,), (), (m, m))
+        for name, array, shape in zip(RESTED, into, shapes, strict=False):
+            checked(array, name, REAL, len(into[0]), *shape)
+        self._into, self._rested = into, RestStruct(*addresses(into[: len(RESTED)]))
 
     def respond(
         self,
@@ -282,3 +287,28 @@ class OneRow:
         if not self._ask(*self._where):
             return None
         return self._twists.copy(), self._displacement.copy()
+
+
+class OneRest:
+    """The engine with one mechanism in a control loop: all that C reads and fills is where it was the last time."""
+
+    def __init__(self, tree: Tree, into: Sequence[np.ndarray]) -> None:
+        engine = self._engine = Engine(tree)
+        engine._look_at(into)
+        rows = len(tree.rows)
+        self._q, self._free, self._idle = np.zeros(tree.driven), np.zeros(tree.passive), np.zeros((rows, rows))
+        self._ask, self._where = engine._library.engine_rest, ()
+
+    def know(self, laws: Laws, links: np.ndarray, wrenches: Array) -> None:
+        """Give the laws of the flexures and the loads on links, arrays that may be changed in their place."""
+        engine = self._engine
+        engine.set_laws(laws, 1)
+        engine.set_loads(links, wrenches, NO_CHANGES, 1)
+        self._held = engine._work()
+        given = address(self._free), address(self._idle), addressof(engine._rested), address(self._held)
+        self._where = (engine._arm, 1, address(self._q), True, 0, *given)
+
+    def __call__(self, q: Array, free: Array) -> bool:
+        """Return whether it rests at (d,) positions of the drives, closed from (p,) passive joints; fill `into`."""
+        self._q[:], self._free[:] = q, free
+        return self._ask(*self._where) == 1

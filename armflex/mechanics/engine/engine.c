@@ -4,7 +4,7 @@
 #include <math.h>
 #include <stddef.h>
 #include <string.h>
-#if defined(__x86_64__) && defined(__GNUC__)
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(CONTROLLER)
 #include <cpuid.h>
 enum { LEAF_1 = 0x38401000, LEAF_7 = 0x128, LZCNT = 0x20 }; /* FMA, MOVBE, OSXSAVE, AVX, F16C; BMI1, AVX2, BMI2 */
 #endif
@@ -12,11 +12,13 @@ enum { LEAF_1 = 0x38401000, LEAF_7 = 0x128, LZCNT = 0x20 }; /* FMA, MOVBE, OSXSA
 enum { FLEXURE, TURNS, SLIDES, RIGID, ROTATED };
 enum { ROD = 4, GEAR, COIL, GAS };
 enum { PART, SIZE, CLIPPED, TANH, RAISED, RAMP };
+enum { SPRING = 1, MAGNET };
 enum { ONE, POWER, SINE, COSINE, STEP, BUMP, TENT, CREEP, OVERLAP, CHEBYSHEV, TABLE };
 enum { STEPS = 24, MOST = 50, TIP = 8 };
-static const double SMALL = 0.1 * 0.1, CONVERGED = 1e-24, SLOWEST = 0.1;
-static const double SHARE = 0.1, ALIGNED = 1e-4, ASSEMBLED = 2e-3, CLOSED = 1e-13, LONGEST = 0.5, ROUNDED = 1e-9;
-static const double SHORTEST = 1e-9, NEAR_SINGULAR = 1e-8, ROUNDING = 1e-12, ENDS = 1e-28, SQUARED = 1e-8;
+static const double CONVERGED = 1e-24;
+#if !defined(CHAIN)
+static const double SMALL = 0.1 * 0.1;
+#endif /* CHAIN */
 
 /* A cubic through values at equally spaced knots, with the slope of a parabola at the ends: see laws.terms. */
 static double table_at(const double *values, whole count, int round_, double x)
@@ -75,8 +77,10 @@ static double factor_at(const double *f, const double *knots, double x)
     return value;
 }
 
-#if !defined(CONTROLLER)
-static const double NEXT = 4e-30, LEAST = 1e-300;
+/* ---- Chains ------------------------------------------------------------------------------------------------------ */
+
+#if !defined(LOOPS)
+static const double NEXT = 4e-30, LEAST = 1e-300, NEAREST = 1e-9;
 static const double TURN = 6.283185307179586, TURN_REST = 2.4492935982947064e-16, TURNS_PER_RADIAN = 0.15915494309189535;
 static const double HALVINGS = 1.4426950408889634, LOG_2_ROUND = 0.6931471803691238, LOG_2_REST = 1.9082149292705877e-10;
 static const double LARGE = 1.5 * 4503599627370496.0;
@@ -108,6 +112,51 @@ static inline double power_one(double halvings)
 }
 BOUNDED(bounded_one, double, whole, rint, least_one, copysign, power_one)
 
+/* Fill the force [N] of a pull at a point in base axes: a spring, slack where it is shorter than it wants to be, or a
+ * magnet, whose pull falls with the square of the distance but for a reach. */
+static void pull_at(const double *pull, const double *at, double *force)
+{
+    double way[3], distance, size;
+    for (int i = 0; i < 3; i++) {
+        way[i] = pull[1 + i] - at[i];
+    }
+    distance = sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+    if (pull[0] == SPRING) {
+        size = pull[4] * fmax(distance - pull[5], 0.0) / fmax(distance, NEAREST);
+    } else {
+        size = pull[4] / fmax(distance * distance + pull[5] * pull[5], 1e3 * NEAREST) / fmax(distance, NEAREST);
+    }
+    for (int i = 0; i < 3; i++) {
+        force[i] = size * way[i];
+    }
+}
+
+/* Draw a load in to those under which a correction was learned, and return how much of the correction counts: all where
+ * the load is among those; beyond them the correction is carried on to twice as far, and fades. */
+static double draw_in(const double *window, double *load)
+{
+    const double *mean = window, *precision = window + 6, *energy = window + 42;
+    double off[6], square = 0.0, reach = 0.0, weight = 1.0, faded = window[78];
+    for (int i = 0; i < 6; i++) {
+        off[i] = load[i] - mean[i];
+    }
+    for (int i = 0; i < 36; i++) {
+        square += off[i / 6] * precision[i] * off[i % 6];
+        reach += off[i / 6] * energy[i] * off[i % 6];
+    }
+    if (square > 1.0) {
+        double distance = sqrt(square), share = (1.0 + tanh(distance - 1.0)) / distance;
+        for (int i = 0; i < 6; i++) {
+            load[i] = mean[i] + share * off[i];
+        }
+        if (faded > 1.0) { /* otherwise it never fades */
+            double left = fmin(fmax((faded - sqrt(fmax(reach, 0.0))) / (faded - 1.0), 0.0), 1.0);
+            weight = left * left * left * (10.0 - 15.0 * left + 6.0 * left * left);
+        }
+    }
+    return weight;
+}
+
 #define LANES 1
 #define real double
 #define T(name) name##_one
@@ -120,6 +169,7 @@ BOUNDED(bounded_one, double, whole, rint, least_one, copysign, power_one)
 #undef T
 #undef AT
 
+#if !defined(CONTROLLER)
 #if defined(__GNUC__) && !defined(PLAIN)
 #ifndef MANY
 #define MANY 4
@@ -164,8 +214,13 @@ BOUNDED(bounded_many, lanes, bits, nearest_many, least_many, sign_many, power_ma
 #undef T
 #undef AT
 #endif
-
 #endif /* CONTROLLER */
+#endif /* LOOPS */
+
+#if !defined(CHAIN)
+static const double SLOWEST = 0.1;
+static const double SHARE = 0.1, ALIGNED = 1e-4, ASSEMBLED = 2e-3, CLOSED = 1e-13, LONGEST = 0.5, ROUNDED = 1e-9;
+static const double SHORTEST = 1e-9, NEAR_SINGULAR = 1e-8, ROUNDING = 1e-12, ENDS = 1e-28, SQUARED = 1e-8;
 
 /* ---- Vectors, and packs of four columns ------------------------------------------------------------------------- */
 
@@ -1847,3 +1902,4 @@ int engine_one(const arm *a, const double *q, double *displacement, double *twis
     return fine;
 }
 #endif /* CONTROLLER */
+#endif /* CHAIN */

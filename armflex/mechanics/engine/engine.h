@@ -46,6 +46,9 @@ typedef struct {
     const whole *links;       /* (L, 3) element, flexures inboard, whether it follows */
     const double *wrenches;   /* (1 or N, L, 9) point, force, moment */
     const double *changes;    /* (0, 1 or N, L, 6, 6) */
+    const double *pulls;      /* (L, 6) kind, anchor, size, reach of what pulls at links; NULL of wrenches alone */
+    const whole *windowed;    /* (B) number of a term's window, below 0 for none; NULL for none at all */
+    const double *windows;    /* (W, 79) mean, precision and energy of learned corrections, and where they have faded */
 } arm;
 
 typedef struct { /* (N, ...) where it rests; see engine_rest */
@@ -84,8 +87,10 @@ whole engine_chain(const arm *a, whole rows, const double *q, whole exact, whole
                    double *loads, double *twists, unsigned char *fine, double *room);
 void engine_tips(const arm *a, whole rows, const double *q, double *poses, double *room);
 #endif
+#if !defined(CHAIN)
 API whole engine_rest(const arm *a, whole rows, const double *q, whole settled, whole first, double *free_joints,
                       double *idle, const rested *found, double *room);
 API void engine_respond(const arm *a, whole rows, const double *q, const double *flexed, const double *twists,
                         const double *forces, const double *idle, const asked *found, double *room);
+#endif /* CHAIN */
 #endif

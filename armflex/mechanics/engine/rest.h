@@ -12,7 +12,7 @@ typedef struct {
     T(flexure) *f;
     T(law) *law;
     real *weights, *factor, *hidden, *points, *pushes;
-    real tip[3], pull[3], quaternion[4];
+    real tip[3], tip_turn[9], pull[3], quaternion[4];
 } T(state);
 
 static inline real T(dot)(const real *a, const real *b)
@@ -121,7 +121,8 @@ static void T(place)(const arm *a, T(state) *s, whole rows, const double *q, who
         const double *local = a->elements + 20 * k;
         whole kind = (k < a->count) ? a->kinds[k] : RIGID, own = (k < a->count) ? a->kinds[a->count + k] : -1;
         T(shift)(tip, turn, local + 9, 1.0);
-        if (k == a->count) {
+        if (k == a->count) { /* the tip's own rotation is left out */
+            memcpy(s->tip_turn, turn, sizeof turn);
             break;
         }
         if ((kind & ROTATED) != 0) {
@@ -238,7 +239,7 @@ static void T(weigh)(const arm *a, T(state) *s, int flexed)
     }
     for (whole j = 0; j < a->pushes; j++) {
         whole outmost = a->links[3 * j + 1] - 1;
-        int follows = a->links[3 * j + 2] != 0;
+        int follows = a->links[3 * j + 2] != 0, pulled = (a->pulls != NULL) && (a->pulls[6 * j] > 0.0);
         real wrench[6], here[3];
         memcpy(wrench, s->pushes + 6 * j, sizeof wrench);
         memcpy(here, s->points + 3 * j, sizeof here);
@@ -248,12 +249,20 @@ static void T(weigh)(const arm *a, T(state) *s, int flexed)
             if (follows) {
                 T(bear)(f, wrench);
             }
-            if ((step > 0) && flexed) {
+            if (((step > 0) || pulled) && flexed) {
                 T(carry)(f->screw, 1.0, f->seen, here);
                 if (follows) {
                     T(lean)(f->screw, 1.0, wrench);
                     T(lean)(f->screw, 1.0, wrench + 3);
                 }
+            }
+        }
+        for (int c = 0; (c < LANES) && pulled; c++) {
+            double at[3] = {AT(here[0], c), AT(here[1], c), AT(here[2], c)}, force[3];
+            pull_at(a->pulls + 6 * j, at, force);
+            for (int i = 0; i < 3; i++) {
+                AT(wrench[i], c) = force[i];
+                AT(wrench[3 + i], c) = 0.0;
             }
         }
         for (whole step = 0; (step <= outmost) && !follows; step++) {
@@ -315,7 +324,8 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
 {
     for (whole i = 0; i < a->flexures; i++) {
         const real *load = s->f[i].load;
-        real *twist = begin ? s->f[i].twist : s->f[i].next;
+        real *twist = begin ? s->f[i].twist : s->f[i].next, drawn[6], counts = T(all)(1.0);
+        whole window = -1;
         whole count = a->starts[i + 1] - a->starts[i];
         if ((a->varies[i] != 0) || (a->law_rows > 1)) {
             const T(law) *law = s->law + i;
@@ -344,7 +354,23 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
         }
         for (whole t = a->spans[i]; t < a->spans[i + 1]; t++) {
             const double *bent = a->bent + 43 * t;
+            whole own = (a->windowed != NULL) ? a->windowed[t] : -1;
             real value = s->weights[t];
+            for (int c = 0; (c < LANES) && (own >= 0) && (own != window); c++) {
+                double at[6];
+                for (int b = 0; b < 6; b++) {
+                    at[b] = AT(s->f[i].load[b], c);
+                }
+                AT(counts, c) = draw_in(a->windows + 79 * own, at);
+                for (int b = 0; b < 6; b++) {
+                    AT(drawn[b], c) = at[b];
+                }
+            }
+            load = (own >= 0) ? drawn : s->f[i].load;
+            if (own >= 0) {
+                value *= counts;
+            }
+            window = own;
             for (whole p = a->pieces[t]; p < a->pieces[t + 1]; p++) {
                 const double *shape = a->shapes + 45 * p;
                 real part = T(all)(shape[1]);
@@ -381,6 +407,52 @@ static void T(deform)(const arm *a, T(state) *s, int begin)
     }
 }
 
+/* Leave in `pull` how far the twists move the tip, and in `quaternion` how they turn it. */
+static void T(displace)(const arm *a, T(state) *s)
+{
+    real at[3], *u = s->quaternion;
+    const whole *order = a->kinds + 2 * a->count;
+    memcpy(at, s->tip, sizeof at);
+    u[0] = T(all)(1.0);
+    u[1] = u[2] = u[3] = s->pull[0] = s->pull[1] = s->pull[2] = T(all)(0.0);
+    for (whole step = a->flexures - 1; step >= 0; step--) {
+        T(flexure) *f = s->f + order[step];
+        real from[3], x, y, z, r = u[0], i = u[1], j = u[2], k = u[3], half, whole_, square;
+        T(screw_of)(f);
+        for (int b = 0; b < 3; b++) {
+            from[b] = s->tip[b] + s->pull[b];
+        }
+        T(carry)(f->screw, 1.0, from, s->pull);
+        square = T(dot)(f->twist + 3, f->twist + 3);
+        half = 0.5 - square * (1.0 / 48 - square * (1.0 / 3840 - square * (1.0 / 645120)));
+        whole_ = 1.0 - square * (1.0 / 8 - square * (1.0 / 384 - square * (1.0 / 46080)));
+        x = half * f->screw[3];
+        y = half * f->screw[4];
+        z = half * f->screw[5];
+        u[0] = whole_ * r - (x * i + y * j + z * k);
+        u[1] = whole_ * i + r * x + y * k - z * j;
+        u[2] = whole_ * j + r * y + z * i - x * k;
+        u[3] = whole_ * k + r * z + x * j - y * i;
+    }
+}
+
+static T(state) T(divide)(const arm *a, double *room)
+{
+    T(state) s;
+    real *at = (real *)(((uintptr_t)room + sizeof(real) - 1) / sizeof(real) * sizeof(real));
+    memset(&s, 0, sizeof s);
+    s.f = (T(flexure) *)at;
+    at = (real *)(s.f + a->flexures);
+    s.law = (T(law) *)at;
+    s.weights = (real *)(s.law + a->flexures);
+    s.factor = s.weights + a->terms;
+    s.points = s.factor + a->factors;
+    s.pushes = s.points + 3 * a->pushes;
+    s.hidden = s.pushes + 6 * a->pushes;
+    return s;
+}
+
+#if !defined(CONTROLLER)
 /* Come to rest by the fixed point; fill (LANES) whether that is so. */
 static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
 {
@@ -445,51 +517,6 @@ static void T(solve)(const arm *a, T(state) *s, int exact, unsigned char *fine)
     }
 }
 
-/* Leave in `pull` how far the twists move the tip, and in `quaternion` how they turn it. */
-static void T(displace)(const arm *a, T(state) *s)
-{
-    real at[3], *u = s->quaternion;
-    const whole *order = a->kinds + 2 * a->count;
-    memcpy(at, s->tip, sizeof at);
-    u[0] = T(all)(1.0);
-    u[1] = u[2] = u[3] = s->pull[0] = s->pull[1] = s->pull[2] = T(all)(0.0);
-    for (whole step = a->flexures - 1; step >= 0; step--) {
-        T(flexure) *f = s->f + order[step];
-        real from[3], x, y, z, r = u[0], i = u[1], j = u[2], k = u[3], half, whole_, square;
-        T(screw_of)(f);
-        for (int b = 0; b < 3; b++) {
-            from[b] = s->tip[b] + s->pull[b];
-        }
-        T(carry)(f->screw, 1.0, from, s->pull);
-        square = T(dot)(f->twist + 3, f->twist + 3);
-        half = 0.5 - square * (1.0 / 48 - square * (1.0 / 3840 - square * (1.0 / 645120)));
-        whole_ = 1.0 - square * (1.0 / 8 - square * (1.0 / 384 - square * (1.0 / 46080)));
-        x = half * f->screw[3];
-        y = half * f->screw[4];
-        z = half * f->screw[5];
-        u[0] = whole_ * r - (x * i + y * j + z * k);
-        u[1] = whole_ * i + r * x + y * k - z * j;
-        u[2] = whole_ * j + r * y + z * i - x * k;
-        u[3] = whole_ * k + r * z + x * j - y * i;
-    }
-}
-
-static T(state) T(divide)(const arm *a, double *room)
-{
-    T(state) s;
-    real *at = (real *)(((uintptr_t)room + sizeof(real) - 1) / sizeof(real) * sizeof(real));
-    memset(&s, 0, sizeof s);
-    s.f = (T(flexure) *)at;
-    at = (real *)(s.f + a->flexures);
-    s.law = (T(law) *)at;
-    s.weights = (real *)(s.law + a->flexures);
-    s.factor = s.weights + a->terms;
-    s.points = s.factor + a->factors;
-    s.pushes = s.points + 3 * a->pushes;
-    s.hidden = s.pushes + 6 * a->pushes;
-    return s;
-}
-
 static void T(write)(const T(state) *s, int c, double *displacement)
 {
     double r = AT(s->quaternion[0], c), i = AT(s->quaternion[1], c), j = AT(s->quaternion[2], c), k = AT(s->quaternion[3], c);
@@ -533,3 +560,4 @@ static whole T(chain)(const arm *a, whole rows, const double *q, int exact, doub
     }
     return good;
 }
+#endif /* CONTROLLER */

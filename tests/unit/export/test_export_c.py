@@ -291,7 +291,8 @@ def test_nothing_in_it_changes_but_the_covariates(tmp_path: Path) -> None:
     symbols = [line.split()[-2:] for line in listed]
     assert {name for kind, name in symbols if kind in "bBdDC"} == {"six_covariates"}
     wanted = {name for kind, name in symbols if kind == "U"} - {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
-    assert wanted <= {"sin", "cos", "tanh", "sqrt", "exp", "log1p", "fmin", "fmax", "memcpy", "memset"}
+    mathematics = "sin cos tanh sqrt exp log1p pow floor rint fmin fmax"
+    assert wanted <= {*mathematics.split(), "memcpy", "memset"}
 
 
 @pytest.mark.parametrize("name", ["tarm", "traced", "networks"])
@@ -304,8 +305,11 @@ def test_it_takes_no_more_stack_than_it_says(tmp_path: Path, name: str) -> None:
     subprocess.run([COMPILER, "-std=c99", "-O2", "-fstack-usage", "-c", "arm.c"], cwd=tmp_path, check=True, timeout=600)
     lines = [line.split("\t") for line in (tmp_path / "arm.su").read_text().splitlines()]
     assert {kind for *_, kind in lines} == {"static"}
-    taken = {place.rpartition(":")[2]: int(size) for place, size, _ in lines}
-    asked = {"tip": "arm_tip", "compensate": "arm_compensate"}
+    taken: dict[str, int] = {}
+    for place, size, _ in lines:  # a compiler may part a function in two
+        function = place.rpartition(":")[2].partition(".")[0]
+        taken[function] = taken.get(function, 0) + int(size)
+    asked = {"tip": "arm_tip", "compensate": "arm_compensate", "follow": "arm_follow"}
     below = sum(size for function, size in taken.items() if function not in asked.values())
     for short, function in asked.items():
         assert taken[function] + below <= found.numbers["stack_bytes"][short]

@@ -1,0 +1,262 @@
+enum { MOST_PARTS = 4000 };
+static const double FINEST = 1e-4; /* share of the way to other positions that is one step at least */
+
+/* Where the mechanism is asked about: laws at the positions of its drives, and what the engine says of it there. */
+typedef struct {
+    arm table;
+    double compliance[36 * FLEXURES], offset[6 * FLEXURES], known[1 + COVARIATES], weight[1], bounds[2 * JOINTS];
+    double passive[PASSIVE + 1], tip[16], flexed[PASSIVE + 1], twists[6 * FLEXURES], loads[6 * FLEXURES];
+    double forces[ROWS + 1], displacement[6], distance, idle[ROWS * ROWS + 1], idles[ROWS * ROWS + 1];
+    double room[ROOM];
+} mechanism;
+
+/* ---- Where it rests --------------------------------------------------------------------------------------------- */
+
+/* Fill the tables of the arm with a payload. */
+static void describe(mechanism *m, int payload)
+{
+    static const whole none[FLEXURES + 1] = {0};
+    arm *a = &m->table;
+    memset(a, 0, sizeof *a);
+    a->count = ELEMENTS;
+    a->flexures = FLEXURES;
+    a->driven = JOINTS;
+    a->passive = PASSIVE;
+    a->ties = TIES;
+    a->rows = ROWS;
+    a->law_rows = a->weight_rows = a->wrench_rows = 1;
+    a->elements = elements[payload];
+    a->kinds = kinds;
+    a->parents = parents;
+    a->carried = carried;
+    a->tie = ties;
+    a->joins = joins;
+    a->row = rows;
+    a->way = ways;
+    a->flexure = flexures;
+    a->compliance = m->compliance;
+    a->offset = m->offset;
+    a->starts = a->spans = a->pieces = a->varies = none;
+    a->weights = m->weight;
+    a->wrenches = m->weight;
+    m->weight[0] = 0.0;
+    m->known[0] = masses[payload];
+    for (int i = 0; i < COVARIATES; i++) {
+        m->known[1 + i] = NAME_covariates[i];
+    }
+}
+
+/*@known*/
+/* Fill what the laws are at positions of the drives: all of them are affine in the load. */
+static void know_laws(mechanism *m, const double *q)
+{
+    double value[FACTORS + 1];
+    memcpy(m->compliance, constant_compliance, sizeof m->compliance);
+    memcpy(m->offset, constant_offset, sizeof m->offset);
+    for (int f = 0; f < FACTORS; f++) {
+        int column = (int)factors[f][1];
+        value[f] = factor_at(factors[f], knots, (column < JOINTS) ? q[column] : m->known[column - JOINTS]);
+    }
+    for (int c = 0; c < CHANGING; c++) {
+        const double *part = changing[c];
+        double times = value[(int)part[1]] * value[(int)part[2]];
+        for (int b = 0; b < 6; b++) {
+            m->offset[6 * (int)part[0] + b] += times * part[3 + b];
+        }
+        for (int b = 0; b < 36; b++) {
+            m->compliance[36 * (int)part[0] + b] += times * part[9 + b];
+        }
+    }
+}
+
+/* Move joints without a drive to where the loops close; return whether they do. */
+static int close_at(mechanism *m, const double *q, int jumps, double *passive)
+{
+    double *room = m->room, trial[PASSIVE + 1];
+    here h = memory(&m->table, &room);
+    work w = divided(&m->table, PASSIVE, 0, &room);
+    memcpy(trial, passive, PASSIVE * sizeof *trial);
+    if (!close_loops(&m->table, q, jumps, trial, &h, &w)) {
+        return 0;
+    }
+    memcpy(passive, trial, PASSIVE * sizeof *trial);
+    return 1;
+}
+
+/* Move them as the drives go straight from positions to others; return whether the loops close all along. */
+static int follow_to(mechanism *m, const double *from, const double *q, double *passive)
+{
+    double done = 0.0, size = 1.0, at[JOINTS];
+    for (int part = 0; (part < MOST_PARTS) && (done < 1.0); part++) {
+        size = fmin(size, 1.0 - done);
+        for (int j = 0; j < JOINTS; j++) {
+            at[j] = (done + size < 1.0) ? from[j] + (done + size) * (q[j] - from[j]) : q[j];
+        }
+        if (close_at(m, at, 0, passive)) {
+            done = fmin(done + size, 1.0);
+            size *= 2.0;
+        } else if (size < FINEST) {
+            return 0;
+        } else {
+            size *= 0.5;
+        }
+    }
+    return done >= 1.0;
+}
+
+/* Find them without knowing where they were: of what drives lead to from home, and q0 itself, the nearer to q0. */
+static int close_first(mechanism *m, const double *q, double *passive)
+{
+    double led[PASSIVE + 1], straight[PASSIVE + 1], far[2] = {HUGE_VAL, HUGE_VAL};
+    memcpy(led, home_passive, PASSIVE * sizeof *led);
+    memcpy(straight, start_passive, PASSIVE * sizeof *straight);
+    if ((HOME != 0) && follow_to(m, home, q, led)) {
+        far[0] = 0.0;
+    }
+    if ((STRAIGHT != 0) && close_at(m, q, 1, straight)) {
+        far[1] = 0.0;
+    }
+    for (int i = 0; i < PASSIVE; i++) {
+        far[0] = fmax(far[0], fabs(led[i] - start_passive[i]));
+        far[1] = fmax(far[1], fabs(straight[i] - start_passive[i]));
+    }
+    memcpy(passive, (far[1] < far[0]) ? straight : led, PASSIVE * sizeof *passive);
+    return fmin(far[0], far[1]) < HUGE_VAL;
+}
+
+/* Come to rest from where joints without a drive were at other positions of the drives, NULL where that is not known. */
+static int rest_at(mechanism *m, const double *from, const double *q)
+{
+    rested found = {m->passive, m->tip, m->flexed, m->twists, m->loads, m->forces, m->displacement, &m->distance, m->idles};
+    double start[PASSIVE + 1], own[PASSIVE + 1];
+    memcpy(own, m->passive, PASSIVE * sizeof *own);
+    if (((from == NULL) || !follow_to(m, from, q, own)) && !close_first(m, q, own)) {
+        return NOT_CLOSED;
+    }
+    memcpy(m->passive, own, PASSIVE * sizeof *own);
+    memcpy(start, own, PASSIVE * sizeof *start);
+    know_laws(m, q);
+    memset(m->idle, 0, sizeof m->idle);
+    return (engine_rest(&m->table, 1, q, 1, 0, start, m->idle, &found, m->room) == 1) ? FINE : NO_EQUILIBRIUM;
+}
+
+/* Write where the tip of the rigid arm is. */
+static void rigid_tip(mechanism *m, const double *q, double goal[3])
+{
+    double *room = m->room, turn[9];
+    here h = memory(&m->table, &room);
+    place(&m->table, q, m->passive, 0, &h);
+    frame_at(&h, m->table.elements + 20 * m->table.count, turn, goal);
+}
+
+/* Write the flexed tip's pose. */
+static void flexed_tip(const mechanism *m, double *pose)
+{
+    double twist[6] = {0.0}, frame[12];
+    memcpy(twist + 3, m->displacement + 3, 3 * sizeof *twist);
+    exponential(twist, frame);
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) {
+            pose[4 * i + j] = 0.0;
+            for (int k = 0; k < 3; k++) {
+                pose[4 * i + j] += frame[3 * i + k] * m->tip[4 * k + j];
+            }
+        }
+        pose[4 * i + 3] = m->tip[4 * i + 3] + m->displacement[i];
+    }
+}
+
+/* ---- Tip -------------------------------------------------------------------------------------------------------- */
+
+/* Write where the flexed arm's tip is at positions q of the drives under a payload.
+ *
+ * q: NAME_nq numbers [rad or m], in the order of NAME_joints. payload: its place in NAME_payloads.
+ * state: NAME_nstate numbers: whether it was asked before, the drives and the joints without one then; all 0 to begin
+ * from each passive joint's q0. Written when it returns 0.
+ * pose: 12 numbers, rotation and origin [m] in the base frame as a 3 x 4 matrix row by row.
+ * Returns 0, or one of the codes above; state and pose are then untouched. */
+int NAME_follow(const double *q, int payload, double *state, double *pose)
+{
+    mechanism m;
+    int code = check(q, payload), warm;
+    for (int i = 0; (i < STATE) && (code == FINE); i++) {
+        code = (fabs(state[i]) <= LARGEST) ? FINE : NOT_FINITE;
+    }
+    if (code != FINE) {
+        return code;
+    }
+    warm = (STATE > 0) && (state[0] != 0.0);
+    describe(&m, payload);
+    memset(m.passive, 0, sizeof m.passive);
+    if (warm) {
+        memcpy(m.passive, state + 1 + JOINTS, PASSIVE * sizeof *state);
+    }
+    code = rest_at(&m, warm ? state + 1 : NULL, q);
+    if (code == FINE) {
+        flexed_tip(&m, pose);
+        if (STATE > 0) {
+            state[0] = 1.0;
+            memcpy(state + 1, q, JOINTS * sizeof *state);
+            memcpy(state + 1 + JOINTS, m.passive, PASSIVE * sizeof *state);
+        }
+    }
+    return code;
+}
+
+/* The same without a state: from each passive joint's q0. */
+int NAME_tip(const double *q, int payload, double *pose)
+{
+    double state[STATE + 1] = {0.0};
+    return NAME_follow(q, payload, state, pose);
+}
+
+/* ---- Compensation ----------------------------------------------------------------------------------------------- */
+
+/* Write the positions of the drives nearest to q whose flexed tip is where the rigid arm's is at q, as the controller
+ * knows the rigid arm; the orientation follows. Arguments as of NAME_tip; out: NAME_nq positions [rad or m], untouched
+ * where a code is returned. `out` may be `q`. */
+int NAME_compensate(const double *q, int payload, double *out)
+{
+    mechanism m;
+    double goal[3], pose[12], change[JOINTS] = {0.0}, at[JOINTS], before[JOINTS], length = HUGE_VAL, each[6 * JOINTS];
+    int code = check(q, payload);
+    if (code != FINE) {
+        return code;
+    }
+    describe(&m, payload);
+    memset(m.passive, 0, sizeof m.passive);
+/*@nominal*/
+    if (!close_first(&m, q, m.passive)) {
+        return NOT_CLOSED;
+    }
+    rigid_tip(&m, q, goal);
+    describe(&m, payload);
+    for (int jump = 0; jump <= MOST_JUMPS; jump++) {
+        double jacobian[3][JOINTS], tip[3];
+        asked ask = {0};
+        for (int j = 0; j < JOINTS; j++) {
+            at[j] = q[j] + change[j];
+        }
+        code = rest_at(&m, (jump > 0) ? before : NULL, at);
+        if (code != FINE) {
+            return code;
+        }
+        memcpy(before, at, sizeof before);
+        flexed_tip(&m, pose);
+        for (int i = 0; i < 3; i++) {
+            tip[i] = pose[4 * i + 3];
+        }
+        if (arrived(goal, tip, length, jump)) {
+            memcpy(out, at, sizeof at);
+            return FINE;
+        }
+        ask.end = m.table.elements + 20 * ELEMENTS;
+        ask.joints = each;
+        ask.tangent_rows = 1;
+        ask.tangents = m.compliance;
+        engine_respond(&m.table, 1, at, m.flexed, m.twists, m.forces, m.idles, &ask, m.room);
+        memcpy(jacobian, each, sizeof jacobian);
+        length = aim(q, goal, tip, jacobian, jump, change);
+    }
+    return UNREACHED;
+}
